@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, settings
 from shared_recordings import SHARED_RECORDINGS
 
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("busy")  # a machine that does other things as well fails no property
+settings.load_profile("busy")  # other load on the machine must not fail property tests
 
 
 @pytest.fixture(scope="session")

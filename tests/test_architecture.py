@@ -53,7 +53,7 @@ SINGLE_IMPORTER = {
     "matplotlib": "exports/figure.py",
     "pandas": "exports/pandas_table.py",
     "plotly": "exports/report_html.py",
-    "polars": ("exports/polars_table.py", "recording/tables.py"),  # out and in
+    "polars": ("exports/polars_table.py", "recording/tables.py"),  # output and input
     "pyarrow": "exports/parquet.py",
     "shtab": "cli/completion.py",
     "tqdm": "cli",
@@ -158,7 +158,7 @@ def test_the_core_does_no_io(path: Path) -> None:
 
 @pytest.mark.parametrize("path", [p for p in PARTS if ids(p) not in READS_FILES | {PRINTS}], ids=ids)
 def test_only_one_file_prints(path: Path) -> None:
-    """It makes printable what it is given."""
+    """It escapes control characters."""
     for node in ast.walk(tree(path)):
         match node:
             case ast.Call(func=ast.Name("print")):
@@ -181,7 +181,7 @@ def test_a_file_of_the_core_has_one_too(path: Path) -> None:
 
 
 def test_the_package_itself_imports_nothing_heavy() -> None:
-    """Names for type checkers aside: it imports when one of them is asked for."""
+    """Imports are on first use, except for type checkers."""
     at_once = [
         node for node in tree(PACKAGE / "__init__.py").body if isinstance(node, ast.Import | ast.ImportFrom)
     ]

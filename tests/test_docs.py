@@ -51,7 +51,7 @@ def test_the_calibration_on_the_models_page_runs_as_it_is_written(tmp_path: Path
 
 
 def with_short_recording(folder: Path, name: str) -> Path:
-    """The first two seconds of one of the repository's recordings, by the same name."""
+    """The first two seconds of one of the repository's recordings, under the same name."""
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
     first = Poses.collect(islice(open_log(str(ROOT / name)), 400))
     write_recording(str(folder / name), first, None, {})
@@ -89,7 +89,7 @@ def test_the_page_on_python_runs_from_top_to_bottom(tmp_path: Path) -> None:
 
 
 def test_the_page_on_batches_runs_from_top_to_bottom(tmp_path: Path) -> None:
-    """On short recordings in a folder of the name that it takes, one of them broken."""
+    """With short recordings in the folder of the page, one of them broken."""
     page = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
     for name in ("paper_experiment", "vision_30hz"):
         with_short_recording(tmp_path, f"recordings/{name}.mcap")
@@ -116,7 +116,7 @@ def test_the_page_on_batches_names_every_column() -> None:
 
 
 def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a kernel of its own, where it lies; what it shows is a table and a figure."""
+    """In a separate kernel, in its folder; it shows a table and a figure."""
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tracker"))

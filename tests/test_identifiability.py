@@ -1,4 +1,4 @@
-"""The oracles use the given knowledge, and errors are classified correctly."""
+"""Oracles of the identifiability benchmark, and the classes of errors."""
 
 from dataclasses import replace
 from functools import cache
@@ -17,7 +17,7 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.segmentation import Beliefs
-from identifiability_tables import Class, Judged, Mistake, classes, to_text
+from identifiability_tables import Class, Mistake, RecordingErrors, classes, to_text
 from resampling import Phases
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
@@ -25,33 +25,31 @@ SECOND = 1_000_000_000
 
 
 @cache
-def told():
-    """f-f, then e-f: poses, truth, what the tracker found, phases and what the oracles say."""
+def tracked_and_oracles():
+    """f-f, then e-f: poses, truth, result of the tracker, phases and results of the oracles."""
     simulated = recorded(FACE_TO_EDGE)
     poses = simulated.poses[:1200]
     tracked = tracking.track(poses, MODEL)
     true = oracle.phases(simulated.truth)
-    return poses, simulated.truth, tracked, true, oracle.judge(true, tracked, poses.position_m[0], MODEL)
+    return poses, simulated.truth, tracked, true, oracle.evaluate(true, tracked, poses.position_m[0], MODEL)
 
 
 def test_every_oracle_names_the_true_contact() -> None:
-    *_, true, verdict = told()
+    *_, true, oracles = tracked_and_oracles()
     right = [phase.contact.column for phase in true]
-    assert {o: label.tolist() for o, label in verdict.label.items()} == dict.fromkeys(oracle.ORACLES, right)
-    # true elements fit as well as fitted ones and pay no price
-    given, fitted = (e[range(len(right)), right] for e in (verdict.given, verdict.evidence))
+    assert {o: label.tolist() for o, label in oracles.label.items()} == dict.fromkeys(oracle.ORACLES, right)
+    # true elements fit as well as fitted ones, and have no complexity
+    given, fitted = (e[range(len(right)), right] for e in (oracles.given, oracles.evidence))
     assert (given > fitted + 1.0).all()
     assert (given < fitted + 20.0).all()
 
 
 def test_wrong_elements_do_not_help() -> None:
-    poses, _, tracked, true, verdict = told()
-    moved = oracle.judge(true, tracked, poses.position_m[0] + 0.01, MODEL)
+    poses, _, tracked, true, oracles = tracked_and_oracles()
+    moved = oracle.evaluate(true, tracked, poses.position_m[0] + 0.01, MODEL)
     right = [phase.contact.column for phase in true]
-    assert (moved.given[range(2), right] < verdict.given[range(2), right] - 100.0).all()
-    np.testing.assert_allclose(
-        moved.evidence, verdict.evidence, atol=0.5
-    )  # those that are fitted do not care
+    assert (moved.given[range(2), right] < oracles.given[range(2), right] - 100.0).all()
+    np.testing.assert_allclose(moved.evidence, oracles.evidence, atol=0.5)  # of fitted contacts
 
 
 def test_intervals_with_the_same_elements_are_one_phase() -> None:
@@ -60,8 +58,8 @@ def test_intervals_with_the_same_elements_are_one_phase() -> None:
     middle = (first.start_ns + first.end_ns) // 2
     begin, *rest = simulated.truth.intervals
     parts = replace(begin, end_ns=middle, motion="rest"), replace(begin, start_ns=middle + 1)
-    blip = TruthInterval(begin.end_ns, begin.end_ns, None)
-    split = Truth((*parts, blip, *rest))
+    unknown = TruthInterval(begin.end_ns, begin.end_ns, None)
+    split = Truth((*parts, unknown, *rest))
     assert [(p.start_ns, p.end_ns, p.contact) for p in oracle.phases(split)] == [
         (p.start_ns, p.end_ns, p.contact) for p in (first, second)
     ]
@@ -69,38 +67,38 @@ def test_intervals_with_the_same_elements_are_one_phase() -> None:
 
 def test_each_mistake_has_one_class() -> None:
     """The tracker's labels replaced by e-f throughout: all of f-f is wrong."""
-    poses, truth, tracked, true, verdict = told()
+    poses, truth, tracked, true, oracles = tracked_and_oracles()
     found = tracked.segmentation
     wrong = Beliefs.of(replace(b, contact=Contact.EF) for b in found.beliefs)
-    lying = tracked._replace(segmentation=replace(found, beliefs=wrong))
+    altered = tracked._replace(segmentation=replace(found, beliefs=wrong))
     scored = scoring(poses.stamp_ns, truth)
-    judged = identifiability.compare("short", poses, scored, true, lying, verdict, MODEL)
-    (mistake,) = judged.mistakes
-    held_s = scored.seconds[scored.truth == Contact.FF.column].sum()
+    compared = identifiability.compare("short", poses, scored, true, altered, oracles, MODEL)
+    (mistake,) = compared.mistakes
+    lasted_s = scored.seconds[scored.truth == Contact.FF.column].sum()
     assert mistake.near_s == pytest.approx(0.25, abs=0.02)
-    assert mistake.near_s + mistake.clear_s == pytest.approx(held_s)
+    assert mistake.near_s + mistake.clear_s == pytest.approx(lasted_s)
     assert (mistake.true, mistake.taken, mistake.reason()) == (Contact.FF, Contact.EF, Class.OWN)
     assert not mistake.beside
-    margin = verdict.evidence[0, Contact.FF.column] - verdict.evidence[0, Contact.EF.column]
-    assert mistake.fitted == pytest.approx(margin, abs=5.0)  # the same time but for an end
+    margin = oracles.evidence[0, Contact.FF.column] - oracles.evidence[0, Contact.EF.column]
+    assert mistake.fitted == pytest.approx(margin, abs=5.0)  # the same ticks except at one end
     assert mistake.known > mistake.fitted > 3.0
-    confusion_s = judged.confusion_s[tracking.NAME]
-    assert confusion_s[0, 1] == pytest.approx(held_s)
-    assert np.trace(judged.confusion_s["given"]) == pytest.approx(confusion_s.sum())
+    confusion_s = compared.confusion_s[tracking.NAME]
+    assert confusion_s[0, 1] == pytest.approx(lasted_s)
+    assert np.trace(compared.confusion_s["given"]) == pytest.approx(confusion_s.sum())
 
 
-def test_each_uninterrupted_time_is_classified_separately() -> None:
-    """Two wrong places of one phase, the second with two wrong labels: evidence is of those ticks only."""
-    poses, truth, tracked, true, verdict = told()
+def test_each_interval_of_wrong_labels_is_classified_separately() -> None:
+    """Two wrong intervals in one phase, the second with two labels: evidence is of these ticks only."""
+    poses, truth, tracked, true, oracles = tracked_and_oracles()
     found = tracked.segmentation
     labels = [b.contact for b in found.beliefs]
     labels[10:13] = [Contact.EF] * 3
     labels[16:22] = [Contact.FREE] * 3 + [Contact.VF] * 3
     wrong = Beliefs.of(replace(b, contact=c) for b, c in zip(found.beliefs, labels, strict=True))
-    lying = tracked._replace(segmentation=replace(found, beliefs=wrong))
+    altered = tracked._replace(segmentation=replace(found, beliefs=wrong))
     scored = scoring(poses.stamp_ns, truth)
-    judged = identifiability.compare("short", poses, scored, true, lying, verdict, MODEL)
-    first, second = (m for m in judged.mistakes if m.clear_s > 0.1)
+    compared = identifiability.compare("short", poses, scored, true, altered, oracles, MODEL)
+    first, second = (m for m in compared.mistakes if m.clear_s > 0.1)
     assert (first.taken, first.seconds) == (Contact.EF, pytest.approx(0.3, abs=0.01))
     assert second.seconds == pytest.approx(0.6, abs=0.01)
     assert first.beside
@@ -110,15 +108,15 @@ def test_each_uninterrupted_time_is_classified_separately() -> None:
     f_f = oracle.evidence_within(*span, tracked, MODEL)[Contact.FF.column]
     assert second.fitted == pytest.approx(f_f - v_f)  # free motion has no evidence
     path = np.array([c.column for c in labels])
-    whole = path.copy()
-    whole[16:22] = Contact.FF.column
-    prior = oracle.log_prior(whole, tracked.window, MODEL) - oracle.log_prior(path, tracked.window, MODEL)
+    corrected = path.copy()
+    corrected[16:22] = Contact.FF.column
+    prior = oracle.log_prior(corrected, tracked.window, MODEL) - oracle.log_prior(path, tracked.window, MODEL)
     assert second.prior == pytest.approx(prior)
     assert prior > 5.0, "two changes less"
 
 
-def test_labels_of_all_paths_are_as_probable_as_anything() -> None:
-    *_, tracked, _, _ = told()
+def test_prior_probabilities_of_all_paths_add_up_to_one() -> None:
+    *_, tracked, _, _ = tracked_and_oracles()
     window = tracked.window.cut(10, 13)
     log_prior = [oracle.log_prior(np.array(path), window, MODEL) for path in product(range(7), repeat=3)]
     assert np.exp(log_prior).sum() == pytest.approx(1.0)
@@ -171,11 +169,11 @@ def test_classes_and_tables_by_hand() -> None:
     right = np.diag(np.full(7, 10.0))
     right[1, 5] = 6.0
     confusion_s = {tracking.NAME: right} | dict.fromkeys(oracle.ORACLES, np.diag(np.full(7, 76 / 7)))
-    judged = Judged("some_00", confusion_s, mistakes)
-    assert classes([judged]) == pytest.approx(
+    compared = RecordingErrors("some_00", confusion_s, mistakes)
+    assert classes([compared]) == pytest.approx(
         {Class.NEAR: 0.3, Class.ORACLE: 1.5, Class.LESS: 1.5, Class.TIE: 1.5, Class.OWN: 1.5}
     )
-    lines = [" ".join(line.split()) for line in to_text({"some": [judged], "none": []}).splitlines()]
+    lines = [" ".join(line.split()) for line in to_text({"some": [compared], "none": []}).splitlines()]
     assert lines[1].startswith("some 76.0 0.921 1.000 1.000 1.000")
     assert "some 6.3 0.3 1.5 1.5 1.5 1.5 0.937 0.957 6.0 0.996" in lines
     assert "some e-f e-e 1.5 1 3.0 200 0.30 6.0 15.0 -5.0 near tie" in lines
@@ -186,8 +184,8 @@ def test_classes_and_tables_by_hand() -> None:
 # --- intervals -------------------------------------------------------------------------------------------
 
 
-def answered(seed: int, phases: int):
-    """So many phases of 1 s, every second one f-f; each is right or wrong as a whole, said with 0.9."""
+def scored_phases(seed: int, phases: int):
+    """Phases of 1 s, every second one f-f, each labelled right or wrong as a whole with probability 0.9."""
     rng = np.random.default_rng(seed)
     column = np.arange(phases) % 2
     ends = (1 + np.arange(phases)) * SECOND
@@ -204,17 +202,17 @@ def answered(seed: int, phases: int):
 
 
 def test_phases_add_up_to_the_tally() -> None:
-    scored, answer = answered(1, 30)
+    scored, answer = scored_phases(1, 30)
     whole, parts = tally(scored, *answer), Phases.of(scored, *answer)
     assert len(parts.label_s) == 30
     np.testing.assert_allclose(parts.belief_s.sum(axis=0), whole.calibration, atol=1e-9)
     assert parts.label_s[:, 1].sum() / parts.label_s[:, 0].sum() == pytest.approx(whole.accuracy())
 
 
-def test_the_interval_is_as_wide_as_so_few_phases_leave_it() -> None:
-    """Of a share p of n phases the deviation is sqrt(p (1 - p) / n)."""
+def test_intervals_have_the_width_of_a_binomial_share() -> None:
+    """The standard deviation of a share p of n phases is sqrt(p (1 - p) / n)."""
     for phases in (30, 270):
-        scored, answer = answered(2, phases)
+        scored, answer = scored_phases(2, phases)
         whole, parts = tally(scored, *answer), Phases.of(scored, *answer)
         p = whole.accuracy()
         low, high = parts.accuracy()
@@ -228,16 +226,16 @@ def test_the_interval_is_as_wide_as_so_few_phases_leave_it() -> None:
     assert twice.accuracy()[1] - twice.accuracy()[0] == pytest.approx(width / np.sqrt(2), rel=0.15)
 
 
-def test_exact_probabilities_have_an_error_as_well() -> None:
-    """Of one bin with p = 0.9: the deviation of a binomial share, on average and in the worst of twenty."""
-    scored, answer = answered(4, 270)
+def test_the_calibration_error_of_exact_probabilities_is_that_of_a_binomial_share() -> None:
+    """One bin with p = 0.9: mean absolute deviation, and its 95 % quantile."""
+    scored, answer = scored_phases(4, 270)
     sigma = np.sqrt(0.9 * 0.1 / 270)
     expected = np.sqrt(2 / np.pi) * sigma, 1.96 * sigma
     assert Phases.of(scored, *answer).calibration_error_if_exact() == pytest.approx(expected, rel=0.1)
 
 
 def test_without_phases_there_is_no_interval() -> None:
-    scored, answer = answered(3, 4)
+    scored, answer = scored_phases(3, 4)
     nothing = Phases.of(scored.within(Subset.AMBIGUOUS), *answer)
     bands = nothing.accuracy(), nothing.calibration_error(), nothing.calibration_error_if_exact()
     assert np.isnan(bands).all()
@@ -247,7 +245,7 @@ def test_without_phases_there_is_no_interval() -> None:
 
 
 def test_only_segments_that_are_mostly_right_have_true_elements() -> None:
-    scored, _ = answered(4, 4)  # f-f, e-f, f-f, e-f, 1 s each
+    scored, _ = scored_phases(4, 4)  # f-f, e-f, f-f, e-f, 1 s each
     spans = [(0.0, 1.4), (0.4, 1.9), (1.4, 2.9), (5.0, 6.0)]
     segments = [Segment(round(a * SECOND), round(b * SECOND), Contact.FF, 1.0, None) for a, b in spans]
-    assert geometry.rightly_labelled(segments, scored) == [segments[0], segments[2]]
+    assert geometry.correctly_labelled(segments, scored) == [segments[0], segments[2]]

@@ -1,4 +1,4 @@
-"""The identification benchmark: lags, alternatives and tables against brute force, by hand, on short runs."""
+"""The identification benchmark: lags, alternatives and tables, by brute force or by hand, on short data."""
 
 import json
 from itertools import pairwise, product
@@ -37,9 +37,9 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of one pass, against ``hmm.smooth`` over what it had met so long after each tick.
+    """One pass with lags, against ``hmm.smooth`` over the hypotheses up to that time.
 
-    The trellis lacks what was pruned in the very tick, which weighs next to nothing.
+    The trellis lacks hypotheses pruned in the same tick, which have negligible weights.
     """
     bare = ambiguity.Freedom(False, False)
     monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: bare)  # the bare posterior
@@ -54,8 +54,8 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
             until = min(tick + lag + 1, ticks)
             known = whole._replace(alive=whole.alive[:until], log_likelihood=whole.log_likelihood[:until])
             posterior, _ = hmm.smooth(known, log_initial(MODEL), transition[:until])
-            told = tempered(posterior[tick], MODEL.certainty.posterior_power)
-            np.testing.assert_allclose(tracked.lagged[lag_s][tick], told, atol=1e-5)
+            expected = tempered(posterior[tick], MODEL.certainty.posterior_power)
+            np.testing.assert_allclose(tracked.lagged[lag_s][tick], expected, atol=1e-5)
     online = np.array([belief.probability for belief in tracked.segmentation.filtered])
     assert np.abs(tracked.lagged[0.2] - online).max() > 1e-3  # there is something to know later
 
@@ -112,7 +112,7 @@ def windows_at(end_s: list[float], half_s: float, log_minimum: np.ndarray | None
     return Windows(end_ns, np.exp(values), values, round(half_s * SECOND), 0.1)
 
 
-def test_which_window_stands_for_a_frame() -> None:
+def test_each_frame_is_labelled_by_the_right_window() -> None:
     windows, frame = windows_at([5.0, 6.0, 7.0], 2.5), stamps(8.0, 0.5)
     by_second = {s: i for i, s in enumerate((frame / SECOND).tolist())}
     online, half, offline = (windows.ticks(frame, wait_s) for wait_s in (0.0, 0.5, OFFLINE))
@@ -120,7 +120,7 @@ def test_which_window_stands_for_a_frame() -> None:
     assert [half[by_second[s]] for s in (4.0, 4.5, 5.5, 7.5)] == [-1, 0, 1, 2]
     # offline, the one whose middle (2.5, 3.5 or 4.5 s) is nearest
     assert [offline[by_second[s]] for s in (0.0, 2.5, 3.5, 4.5, 7.5)] == [0, 0, 1, 2, 2]
-    # there is no more to wait for than half a window
+    # the lag is at most half a window
     assert windows.delay_ns(10.0) == windows.delay_ns(OFFLINE) == round(2.5 * SECOND)
 
 
@@ -140,7 +140,7 @@ def test_an_hmm_on_informative_windows_is_right() -> None:
     *scores, nothing = fixed_windows.hmm_scores([*recordings, short], MODEL)
     for wait_s in (1.0, 0.5):
         first, second = (by_method[Method(fixed_windows.HMM, wait_s)] for by_method in scores)
-        # for half a second there is no answer, and then the window's middle is near enough
+        # no label for half a second; then the middle of the window is near enough
         assert (first + second).main.accuracy() == pytest.approx(15 / 16, abs=0.01)
     for by_method in scores:
         offline = by_method[Method(fixed_windows.HMM, OFFLINE)].main
@@ -154,7 +154,7 @@ def test_an_hmm_on_informative_windows_is_right() -> None:
     assert {round(score.main.log_loss, 9) for score in nothing.values()} == {round(np.log(7), 9)}
 
 
-def test_emissions_are_the_densities_of_the_states_that_there_are() -> None:
+def test_emissions_are_the_densities_of_the_states_that_occur() -> None:
     rng = np.random.default_rng(3)
     state = np.repeat([0, 4], 400)
     values = rng.normal(size=(800, 6)) + 3.0 * (state == 4)[:, None]
@@ -175,7 +175,7 @@ def test_the_criterion_by_hand() -> None:
     assert STATES[int(exact.argmax())] is Contact.FF
     assert exact[0] == pytest.approx(-0.5 * (5 + 100 * 3) * np.log(100))
     assert exact[6] == pytest.approx(-0.5 * 100 * 6 * np.log(100))
-    # v-f saves 100 - 6 parameters against free: so much misfit is tolerated, and no more
+    # v-f has 100 - 6 parameters fewer than free: the largest misfit that is tolerated
     saved = (100 - 6) * np.log(100)
     for misfit, best in ((saved - 1, Contact.VF), (saved + 1, Contact.FREE)):
         chi_sq = np.where(np.arange(7) == Contact.VF.column, misfit, np.where(np.arange(7) == 6, 0.0, 1e6))
@@ -198,11 +198,11 @@ def test_a_short_recording_by_every_method() -> None:
         **segment_bic.answers(poses, scored, tracked, MODEL),
     }
     scores = {method: Score.of(answer, scored) for method, answer in answers.items()}
-    judged = evaluate(poses, simulated.truth, tracked.segmentation)
-    for wait_s, whole in ((OFFLINE, judged.offline), (0.0, judged.online)):
+    evaluation = evaluate(poses, simulated.truth, tracked.segmentation)
+    for wait_s, whole in ((OFFLINE, evaluation.offline), (0.0, evaluation.online)):
         mine = scores[Method(tracking.NAME, wait_s)].main
         assert mine.accuracy() == pytest.approx(whole.accuracy(Subset.IDENTIFIABLE))
-        assert mine.log_loss == pytest.approx(whole.log_loss)  # nothing here is scored apart
+        assert mine.log_loss == pytest.approx(whole.log_loss)  # no ambiguous frames
     right = {method: score.main.accuracy() for method, score in scores.items()}
     tracker = {m.wait_s: a for m, a in right.items() if m.name == tracking.NAME and m.wait_s < OFFLINE}
     assert right[Method(segment_bic.SEGMENTS, OFFLINE)] == pytest.approx(1.0)
@@ -223,7 +223,7 @@ METHODS += [Method("labels", OFFLINE, False), Method("labels", 0.0, False)]
 
 
 def measured(path: Path, late_s: float) -> identification.Measured:
-    """2 s f-f, 2 s e-f, and 1 s v-f that cannot be told; all found so late, with 0.9 of the label."""
+    """2 s f-f, 2 s e-f, 1 s unidentifiable v-f; all found ``late_s`` late, with probability 0.9."""
     scored: Scoring = scoring(stamps(5.0), truth_of(("f-f", 2.0), ("e-f", 2.0), ("v-f", 1.0), singular=(2,)))
     late = round(late_s * 100)
     label = np.concatenate([np.zeros(late, np.int64), scored.truth])[:500]
@@ -271,7 +271,7 @@ def test_the_tables_have_each_figure_in_its_place(folder: Path, capsys: pytest.C
     assert online
 
 
-def test_the_summary_is_kept_and_stands_in_a_document(folder: Path) -> None:
+def test_the_summary_is_kept_and_written_to_the_document(folder: Path) -> None:
     out = folder / "identification.json"
     assert identification.main([str(folder), "--set", "other", "--tables", str(out)], fake) == 0
     kept = kept_tables.read(out)

@@ -18,7 +18,7 @@ NAMES = {state.value for state in STATES}
 
 
 def held(poses: Poses) -> Poses:
-    """The first pose all the time."""
+    """The first pose repeated."""
     first = np.zeros(len(poses), int)
     return Poses(poses.stamp_ns, poses.position_m[first], poses.quat_xyzw[first])
 
@@ -31,8 +31,8 @@ def only_turning(poses: Poses) -> Poses:
     return Poses(poses.stamp_ns, held(poses).position_m, poses.quat_xyzw)
 
 
-def torn(poses: Poses, every: int, gap_s: float) -> Poses:
-    """A gap after every so many poses."""
+def with_gaps_every(poses: Poses, every: int, gap_s: float) -> Poses:
+    """A gap after every ``every`` poses."""
     gaps_ns = np.arange(len(poses)) // every * round(gap_s * 1e9)
     return Poses(poses.stamp_ns + gaps_ns, poses.position_m, poses.quat_xyzw)
 
@@ -57,7 +57,7 @@ MOTIONS: dict[str, Callable[[], Poses]] = {
     "10 kHz": lambda: smooth_poses(300, 10_000.0),
     "1 Hz": lambda: smooth_poses(4, 1.0),
     "a pose per hour": lambda: smooth_poses(2, 1 / 3600),
-    "a gap of 5 s": lambda: torn(smooth_poses(60), 30, 5.0),
+    "a gap of 5 s": lambda: with_gaps_every(smooth_poses(60), 30, 5.0),
 }
 
 
@@ -98,18 +98,18 @@ def test_non_finite_poses_are_counted(command: str, tmp_path: Path, capsys: Any)
     nothing = Poses(poses.stamp_ns, np.full((30, 3), np.nan), poses.quat_xyzw)
     log = write_log(tmp_path / "a.mcap", [poses_topic(nothing)])
     code = run([command, str(log)])
-    said = capsys.readouterr()
-    assert "nonfinite 30" in said.out + said.err
+    captured = capsys.readouterr()
+    assert "nonfinite 30" in captured.out + captured.err
     if command != "info":
-        assert (code, said.out) == (1, "")
-        assert "no pose that can be used" in said.err
+        assert (code, captured.out) == (1, "")
+        assert "no pose that can be used" in captured.err
 
 
 def test_a_short_part_of_a_recording_is_segmented(tmp_path: Path, capsys: Any) -> None:
     log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(200))])
     assert run(["segment", str(log), "--start", "0.5", "--duration", "0.02"]) == 0
-    said = capsys.readouterr()
-    _, line, doubt = said.out.splitlines()
+    captured = capsys.readouterr()
+    _, line, doubt = captured.out.splitlines()
     assert line.split()[0] == "0.50"
     assert doubt == "The motion leaves the contact open for 0.02 of 0.02 s."
-    assert "4 poses" in said.err
+    assert "4 poses" in captured.err

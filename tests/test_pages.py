@@ -1,4 +1,4 @@
-"""The pages of the site run as they are written, and the site is built of all of them."""
+"""The pages of the site run as written, and the site contains all of them."""
 
 import re
 import sys
@@ -44,7 +44,7 @@ def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
 
 
 def write_samples(name: str, folder: Path) -> None:
-    """The files that a page supposes its reader to have."""
+    """The files of the reader that a page assumes."""
     if name == "knowledge.md":
         write_recording(str(folder / "LOG"), recorded(3.0), None, {})
         (toml, *_) = re.findall(r"^```toml\n(.*?)^```$", page(name), re.MULTILINE | re.DOTALL)
@@ -58,10 +58,10 @@ def recorded(seconds: float) -> Poses:
     return poses[1000 : 1000 + round(200 * seconds)]
 
 
-def test_the_page_on_the_paper_is_what_its_command_writes(
+def test_the_page_on_the_paper_is_the_output_of_its_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But for the figures, of which fewer recordings give others."""
+    """Except for numbers, which differ with fewer recordings."""
     pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(DOCS / "examples"))
     import paper

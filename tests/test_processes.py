@@ -22,7 +22,7 @@ def prepare() -> None:
 
 
 def square(number: int, fatal: tuple[int, ...], once: str) -> int:
-    """Of a ``fatal`` number the process is killed, and of 100 the first time only."""
+    """The square; the process is killed for a ``fatal`` number, for 100 the first time only."""
     time.sleep(0.01)
     if number in fatal:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -45,7 +45,7 @@ def test_a_job_that_kills_twice_is_given_up_and_no_other_is_lost(processes: int,
 
 
 def slowly(jobs: list[tuple[int, tuple[int, ...], str]]) -> Iterator[tuple[int, tuple[int, ...], str]]:
-    """Kills idle processes."""
+    """Jobs between which idle processes are killed."""
     for job in jobs:
         for process in active_children():
             process.kill()
@@ -54,7 +54,7 @@ def slowly(jobs: list[tuple[int, tuple[int, ...], str]]) -> Iterator[tuple[int, 
         yield job
 
 
-def test_a_process_that_ends_while_it_has_nothing_to_do_is_replaced() -> None:
+def test_a_process_that_ends_while_idle_is_replaced() -> None:
     with local_processes(1, prepare) as call:
         answers = call(square, slowly([(number, (), "") for number in range(3)]))
         assert sorted(answer for _, answer in answers) == [0, 1, 4]
@@ -82,7 +82,7 @@ def test_processes_that_cannot_start_are_reported() -> None:
 
 
 def wait_for_ever(folder: str) -> None:
-    """Clears away what it has begun."""
+    """A job that removes its file when it is interrupted."""
     try:
         (Path(folder) / f"{os.getpid()}").touch()
         time.sleep(600)
@@ -116,7 +116,7 @@ def test_running_jobs_are_ended_at_once_and_clean_up(tmp_path: Path) -> None:
 
 
 def meet(number: int, folder: str) -> bool:
-    """Whether the other one of two is at work at the same time."""
+    """Whether two jobs run at the same time."""
     (Path(folder) / str(number)).touch()
     give_up = time.monotonic() + 20
     while not (Path(folder) / str(1 - number)).exists() and time.monotonic() < give_up:

@@ -19,7 +19,7 @@ PAPER = Path(__file__).parents[1] / "recordings" / "paper_experiment.mcap"
 
 
 def raw(seconds: float) -> Poses:
-    """The beginning of a recording, motion included."""
+    """The beginning of a recording, including motion."""
     return Poses.collect(open_log(str(PAPER)))[800 : 800 + round(200 * seconds)]
 
 
@@ -28,13 +28,13 @@ def millimetres(poses: Poses) -> Poses:
 
 
 def two_bodies(poses: Poses) -> Poses:
-    """Every other pose is that of a body beside."""
+    """Every other pose is of a second body."""
     shifted = poses.position_m + np.where(np.arange(len(poses))[:, None] % 2, 0.2, 0.0)
     return replace(poses, position_m=shifted)
 
 
 def beside(poses: Poses, same_stamp: bool, from_pose: int) -> Poses:
-    """After each pose from this one on comes that of a body beside: at the same stamp, or soon after."""
+    """After each pose from ``from_pose`` on, one of a second body at the same stamp or soon after."""
     row = np.repeat(np.arange(len(poses)), 2)
     other = (np.arange(len(row)) % 2).astype(bool)
     both = poses[row]
@@ -62,7 +62,7 @@ FAULTS: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_no_label_is_certain_while_the_stream_is_in_doubt(fault: str, tmp_path: Path, capsys: Any) -> None:
-    said, distorted = FAULTS[fault]
+    text, distorted = FAULTS[fault]
     log = str(write_log(tmp_path / "a.mcap", [poses_topic(distorted(raw(12.0)))]))
     out = tmp_path / "out.jsonl"
     assert run(["segment", log, "-o", str(out)]) == 0
@@ -73,9 +73,9 @@ def test_no_label_is_certain_while_the_stream_is_in_doubt(fault: str, tmp_path: 
         assert posterior.sum(axis=1) == pytest.approx(np.ones(len(lines)))
         assert posterior[30:].max() <= 0.9
     warnings = [line for line in captured.err.splitlines() if "warning: " in line]
-    assert sum(said in line for line in warnings) == 2, "one line of each run"
+    assert sum(text in line for line in warnings) == 2, "one line of each run"
     assert run(["info", log]) == 0
-    assert any(line.startswith("  warning") and said in line for line in capsys.readouterr().out.splitlines())
+    assert any(line.startswith("  warning") and text in line for line in capsys.readouterr().out.splitlines())
 
 
 def test_the_choice_is_reported(tmp_path: Path, capsys: Any) -> None:
@@ -87,9 +87,9 @@ def test_the_choice_is_reported(tmp_path: Path, capsys: Any) -> None:
     assert tracking["tick_sigma_position_m"] > 3.0 * tracking["sigma_position_m"] / np.sqrt(20.0)
     for command in (["segment", filtered], ["live", filtered]):
         assert run(command) == 0
-        said = capsys.readouterr().err
-        assert "a tick (chosen by the evidence; white noise would leave less)" in said
-        assert "poses look filtered" in said
+        text = capsys.readouterr().err
+        assert "a tick (chosen by the evidence; white noise would leave less)" in text
+        assert "poses look filtered" in text
     slow = thinned(raw(24.0), 10.0, 0.0, np.random.default_rng(0))
     assert run(["segment", str(write_log(tmp_path / "b.mcap", [poses_topic(slow)]))]) == 0
     assert "ticks of 0.15 s instead of 0.1 s" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The recordings in the repository are what the commands in their README make."""
+"""The recordings in the repository are reproduced by the commands in their README."""
 
 import re
 from pathlib import Path
@@ -42,7 +42,7 @@ def test_readme_names_every_recording() -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_committed_recording_is_what_its_command_makes(name: str, tmp_path: Path) -> None:
+def test_committed_recordings_are_reproduced_by_their_commands(name: str, tmp_path: Path) -> None:
     made = tmp_path / name
     assert run([*COMMANDS[name], str(made)]) == 0
     committed = FOLDER / name

@@ -1,4 +1,4 @@
-"""What pyproject.toml requires, and the releases at both ends of it that CI installs, are the same."""
+"""The requirements of pyproject.toml agree with the oldest and latest releases that CI installs."""
 
 import re
 import tomllib
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(not (ROOT / ".ci").is_dir(), reason="a source di
 
 
 def required() -> list[Requirement]:
-    """All but the package itself, which an extra of it names."""
+    """All requirements except the package itself, which is in one of its extras."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     extras = project["project"]["optional-dependencies"].values()
     texts = [*project["build-system"]["requires"], *project["project"]["dependencies"], *chain(*extras)]
@@ -36,7 +36,7 @@ def test_the_oldest_releases_are_the_lower_bounds() -> None:
     releases = locked("oldest")
     for requirement in required():
         (lower,) = [Version(s.version) for s in requirement.specifier if s.operator == ">="]
-        # what has no release of that number begins with the next one
+        # the next release, if there is none of that number
         oldest = min(v for v in releases[canonicalize_name(requirement.name)] if v >= lower)
         assert oldest.release[: len(lower.release)] == lower.release, requirement
 

@@ -26,7 +26,7 @@ def log(tmp_path):
     return path
 
 
-def test_a_long_log_plays_forth_and_back_at_the_rate_of_the_short_one(log, tmp_path):
+def test_a_long_log_plays_forward_and_backward_at_the_same_rate(log, tmp_path):
     short = Poses.collect(open_log(str(log)))
     opened = open_log(str(write_long_log(log, 3.0, tmp_path / "long.mcap")))
     long = Poses.collect(opened)
@@ -54,10 +54,10 @@ def test_truth_is_repeated_with_the_poses(tmp_path):
 
 def test_whole_commands_are_measured_at_each_length(log, capsys, monkeypatch):
     ran = {1: Ran(1.5, 100.0, 0), 2: Ran(2.5, 150.0, 0)}
-    told = []
+    calls = []
 
     def run(*arguments):
-        told.append(arguments)
+        calls.append(arguments)
         return Ran(0.5, 90.0, 0) if "--duration" in arguments else ran[int(Path(arguments[-1]).stem[0])]
 
     monkeypatch.setattr("speeds.commands.run", run)
@@ -65,7 +65,7 @@ def test_whole_commands_are_measured_at_each_length(log, capsys, monkeypatch):
     _, short, long = capsys.readouterr().out.splitlines()
     assert short.split() == ["live", "1", "s", "1.5", "100.00", "100"]
     assert long.split() == ["live", "2", "s", "2.5", "100.00", "1.00", "150", "1.50"]
-    assert [arguments[0] for arguments in told] == ["live"] * 4
+    assert [arguments[0] for arguments in calls] == ["live"] * 4
 
 
 def test_the_table_has_measurements_and_targets(log, capsys):
@@ -96,7 +96,7 @@ def test_lengths_have_their_unit():
 def test_later_minutes_have_the_poses_of_the_first(log):
     early, late, between = growth.minutes(log, 3.0, 0.5)
     assert len(early) == len(late) == 50
-    assert len(between) == 2 * 59 * 3  # whole tours, nearest to what is asked for
+    assert len(between) == 2 * 59 * 3  # whole repetitions, nearest to the requested time
     np.testing.assert_array_equal(early.position_m, late.position_m)
     np.testing.assert_array_equal(early.quat_xyzw, late.quat_xyzw)
     assert late.stamp_ns[0] - between.stamp_ns[-1] == early.stamp_ns[1] - early.stamp_ns[0]

@@ -1,4 +1,4 @@
-"""What the oracle of the field benchmark is given is what the distortions do."""
+"""The error model of the oracle in the field benchmark agrees with the distortions."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +35,7 @@ def test_spoiled_poses_are_left_out_and_no_others(distortion: str, clean: Poses)
     )
 
 
-def test_the_noise_is_that_of_the_recording_and_what_wanders_as_it_does(clean: Poses) -> None:
+def test_noise_and_correlated_errors_are_those_of_the_recording(clean: Poses) -> None:
     model = load_model("default")
     wanders = true_model("slow_wander", PAPER, clean, model)
     assert not wanders.noise.estimated

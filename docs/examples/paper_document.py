@@ -17,20 +17,20 @@ Array = NDArray[np.float64]
 TEXT: Final = """\
 # The paper's experiments
 
-Ishikawa, Shirafuji and Ota move a cube of 0.2 m by hand on a desk, measure it by motion capture, and estimate from its motion what touches
-([theory](theory.md#4-the-papers-objective-functions) has their equations and our errata). This page repeats both of their experiments. It is
-written, with its pictures, by one command, which takes a few minutes:
+Ishikawa, Shirafuji and Ota move a cube of 0.2 m by hand on a desk, measure it by motion capture, and estimate the contact from its motion
+([theory](theory.md#4-the-papers-objective-functions) has their equations and our errata). This page repeats both of their experiments. One
+command writes it, with its pictures, in a few minutes:
 
 ```console
 $ python docs/examples/paper.py
 ```
 
-**What is compared.** The paper's recordings are not published. Ours are simulated: the same cube, desk, contacts, durations and rate, motion like a
-hand's, noise of 0.3 mm and 0.15 deg. So the paper's errors hold what a simulation does not have (how well the true geometry was
-measured, edges that are round, a desk that gives way), and the column *paper* shows an order of magnitude. The column *SLSQP* is the paper's
+**Comparison.** The paper's recordings are not published. Ours are simulated: the same cube, desk, contacts, durations and rate, motion as by
+hand, noise of 0.3 mm and 0.15 deg. The paper's errors also have causes that a simulation does not have (errors of the true geometry,
+rounded edges, compliance of the desk), so the column *paper* is only an order of magnitude. The column *SLSQP* is the paper's
 method on the same poses as the column *tracker*: compare these two.
-*White* is the noise of each pose by itself. *Filtered* is the same recording after a low-pass of 20 Hz (Butterworth, forth and back), which
-correlates the noise, as software of motion capture does.
+*White* noise is independent from pose to pose. *Filtered* is the same recording after a low-pass of 20 Hz (Butterworth, forward and backward),
+which correlates the noise, as motion-capture software does.
 
 ## Set-up (Fig. 1 to 3)
 
@@ -42,16 +42,16 @@ Fig. 1 shows the contacts: see [f-f](contacts/ff.md), [e-f](contacts/ef.md) and 
 | object | cube of 0.2 m, 2.84 kg | cube of 0.2 m |
 | measured | motion capture, 200 Hz | simulated, 200 Hz, 0.3 mm, 0.15 deg |
 | experiment 1 | one motion in each contact | {recordings} motions of 10 s in each contact, medians |
-| its minimiser | SLSQP, 10 random starts, given the contact | the same; and the tracker, which is not given the contact |
-| experiment 2 | 5 s rest, then f-f, e-f, v-f, e-e for 10 s each | the same, and lifted over between v-f and e-e |
-| its windows | 500 frames, 10 apart, SLSQP from 3 random starts | the same; all windows by batched Levenberg-Marquardt, one of {every} by SLSQP as well |
+| minimiser | SLSQP, 10 random starts, given the contact | the same; and the tracker, which is not given the contact |
+| experiment 2 | 5 s rest, then f-f, e-f, v-f, e-e for 10 s each | the same; the cube is lifted between v-f and e-e |
+| windows | 500 frames, 10 apart, SLSQP from 3 random starts | the same; all windows by batched Levenberg-Marquardt, one of {every} by SLSQP as well |
 
 ## Experiment 1: geometry (Fig. 4)
 
 ![The cube in four contacts, with the estimated faces, edges and vertices.](images/paper_geometry.png)
 
-As in Fig. 4: the object's element is red, the surroundings' blue. Estimates, SLSQP's and the tracker's, and true elements differ by less than a line is wide
-in most of them. Where along their normals the faces of f-f lie is not determined by the motion: both methods put them through the origin of the body frame.
+As in Fig. 4, the object's element is red, that of the surroundings blue. Most estimates, of SLSQP and of the tracker, differ from the true elements by less
+than the width of a line. Motion does not determine the position of the faces of f-f along their normals: both methods put them through the origin of the body frame.
 
 Median errors. *Bound* is the median error of an estimator that attains the [Cramér-Rao bound](theory.md#12-how-well-geometry-can-be-known) of
 white noise; no filter lowers it. {labelled}
@@ -77,11 +77,11 @@ Medians of the curves over the windows that lie within one contact, and mean pro
 
 {phases}
 
-What the paper says of its Fig. 5, and what comes out here with white noise:
+The paper's remarks on its Fig. 5, and the results here with white noise:
 
 {remarks}
 
-The share of the windows that are labelled right, by the lowest curve and by the tracker. The lowest curve seldom names the contact: the curves of all
+Share of the windows that are labelled right, by the lowest curve and by the tracker. The lowest curve seldom belongs to the true contact: the curves of all
 contacts that it [contains](theory.md#containment) are as low as its own.
 
 {labels}
@@ -236,7 +236,7 @@ def phase_table(sequences: Mapping[str, ContactSequence]) -> str:
 
 
 def remark_sentence(sequences: Mapping[str, ContactSequence]) -> str:
-    """The paper's remarks, judged by the curves with white noise."""
+    """The paper's remarks, with the curves with white noise."""
     one = sequences["white"]
 
     def level(curve: Contact, inside: Contact) -> float:
@@ -261,10 +261,10 @@ def label_table(sequences: Mapping[str, ContactSequence]) -> str:
     rows = []
     for noise, one in sequences.items():
         last = one.truth[np.searchsorted(one.poses.stamp_ns, one.windows.stamp_ns)]
-        answers = (one.lowest(), one.online_labels(), one.offline_labels())
-        columns = [np.array([STATES.index(label) for label in labels]) for labels in answers]
+        methods = (one.lowest(), one.online_labels(), one.offline_labels())
+        columns = [np.array([STATES.index(label) for label in labels]) for labels in methods]
         for name, truth in (("within one contact", one.window_truth), ("all, by the last pose", last)):
-            judged = truth >= 0
-            shares = [f"{np.mean(column[judged] == truth[judged]):.3f}" for column in columns]
-            rows.append([noise, name, str(int(judged.sum())), *shares])
+            scored = truth >= 0
+            shares = [f"{np.mean(column[scored] == truth[scored]):.3f}" for column in columns]
+            rows.append([noise, name, str(int(scored.sum())), *shares])
     return markdown(header, rows)

@@ -1,4 +1,4 @@
-"""Trackers adapt to their stream: ticks that hold poses, and the noise of a tick by evidence."""
+"""Adaptation to the stream: length of ticks, and the noise of a tick by evidence."""
 
 from dataclasses import replace
 from functools import cache
@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from contact_tracker import adaptation, hmm
 from contact_tracker.adaptation.candidates import candidates, with_ticks_for
 from contact_tracker.adaptation.comparison import TickEvidence, are_compared, relative_evidence
-from contact_tracker.adaptation.mixture import mixture, spread_out
+from contact_tracker.adaptation.mixture import mixed_with_uniform, mixture
 from contact_tracker.adaptation.rest import LASTING_TICKS, SPAN_TICKS, is_moving
 from contact_tracker.adaptation.side_by_side import RATE_POSES, RATIO_POSES
 from contact_tracker.config.loading import load_model
@@ -44,9 +44,9 @@ FILTERS = {
     "interpolated": interpolated,
     "low-passed at 20 Hz": lambda poses: low_pass(poses, 20.0),
 }
-KEPT = np.exp(-0.005 / 2.0)
-"""Of an error that lasts for 2 s, from pose to pose at 200 Hz."""
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+AUTOCORRELATION = np.exp(-0.005 / 2.0)
+"""From pose to pose at 200 Hz, of an error with a correlation time of 2 s."""
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 @cache
@@ -57,26 +57,26 @@ def paper() -> Poses:
 def accuracies(poses: Poses, found) -> tuple[float, float]:
     truth = read_truth(str(PAPER))
     assert truth is not None
-    judged = evaluate(poses, truth, found)
-    return judged.offline.accuracy(), judged.online.accuracy()
+    scores = evaluate(poses, truth, found)
+    return scores.offline.accuracy(), scores.online.accuracy()
 
 
 @needs_kernels
 @pytest.mark.parametrize("name", FILTERS)
 def test_contacts_are_found_in_poses_that_were_filtered(name: str) -> None:
-    """The noise that third differences show is too small by far, and contacts do not fit it."""
+    """The noise estimated from third differences is much too small, so that contacts do not fit."""
     poses = FILTERS[name](paper())
     offline, online = accuracies(poses, adaptation.segment(poses, MODEL))
     assert offline > 0.95
     assert online > 0.8
-    alone, _ = accuracies(poses, segment(poses, MODEL))
-    assert alone < 0.7
+    without_adaptation, _ = accuracies(poses, segment(poses, MODEL))
+    assert without_adaptation < 0.7
 
 
 @needs_kernels
 @pytest.mark.parametrize("rest_s", [30.0, 120.0])
-def test_a_long_rest_decides_nothing(rest_s: float) -> None:
-    """Filtered noise leads away now and then; in two minutes of it that must not add up to motion."""
+def test_a_long_rest_does_not_count_as_motion(rest_s: float) -> None:
+    """Filtered noise sometimes exceeds the threshold of motion; over two minutes that must not add up."""
     poses = FILTERS["low-passed at 20 Hz"](after_rest(paper(), rest_s))
     resting, _ = adaptation.advance(adaptation.start(MODEL), poses[: int(rest_s * 200.0)])
     assert resting.trackers.moved_s < 1.0
@@ -86,7 +86,7 @@ def test_a_long_rest_decides_nothing(rest_s: float) -> None:
 
 
 def after_rest(poses: Poses, rest_s: float) -> Poses:
-    """The same motion after the object has rested where it begins, with the same noise."""
+    """The same motion after a rest at its first pose, with the same noise."""
     rng, rate_hz = np.random.default_rng(1), 1e9 / float(np.median(np.diff(poses.stamp_ns)))
     count = int(rest_s * rate_hz)
     still = Poses(
@@ -100,37 +100,37 @@ def after_rest(poses: Poses, rest_s: float) -> Poses:
 
 
 @needs_kernels
-def test_white_noise_is_left_to_the_model() -> None:
+def test_with_white_noise_the_model_is_kept() -> None:
     poses = paper()
     state, beliefs = adaptation.advance(adaptation.start(MODEL), poses, Detail.SHARED)
     assert state.is_decided
     assert state.best is not None
     assert state.best.model == MODEL
-    alone = segment(poses, MODEL).filtered
-    same = [a.contact is b.contact for a, b in zip(beliefs, alone, strict=False)]
+    expected = segment(poses, MODEL).filtered
+    same = [a.contact is b.contact for a, b in zip(beliefs, expected, strict=False)]
     assert np.mean(same) > 0.97
 
 
 @needs_kernels
-def test_offline_begins_with_what_was_said_online() -> None:
-    """And goes on with what the chosen tracker says: from then on that is what is said online, but for frames
-    that only the tracker of another noise leaves out."""
+def test_offline_starts_with_the_online_beliefs() -> None:
+    """After the choice of the model they are those of the chosen tracker, as online, except for frames that
+    only a tracker with other noise leaves out."""
     poses = moving_average(paper(), 3)[:6000]
     state, online = adaptation.advance(adaptation.start(MODEL), poses, Detail.SHARED)
     assert state.is_decided
     filtered = adaptation.segment(poses, MODEL).filtered
     assert len(online) == len(filtered) - 1  # the last tick is not over
-    off = []
-    for said, now in zip(online, filtered, strict=False):
-        assert (said.stamp_ns, said.contact) == (now.stamp_ns, now.contact)
-        off.append(np.abs(said.probability - now.probability).max())
-    assert off[:100] == [0.0] * 100
-    assert np.mean(np.array(off) > 0.01) < 0.1
+    differences = []
+    for a, b in zip(online, filtered, strict=False):
+        assert (a.stamp_ns, a.contact) == (b.stamp_ns, b.contact)
+        differences.append(np.abs(a.probability - b.probability).max())
+    assert differences[:100] == [0.0] * 100
+    assert np.mean(np.array(differences) > 0.01) < 0.1
 
 
 @settings(max_examples=8)
 @given(st.lists(st.integers(1, 150), min_size=1, max_size=30), st.sampled_from([0.0, 0.5]))
-def test_however_poses_come_the_same_is_said(sizes: list[int], lag_s: float) -> None:
+def test_beliefs_do_not_depend_on_how_poses_are_split(sizes: list[int], lag_s: float) -> None:
     poses = moving_average(recorded(FACE_TO_EDGE).poses, 3)[:500]
     at_once, expected = adaptation.advance(adaptation.start(MODEL, lag_s), poses)
     state, beliefs = adaptation.start(MODEL, lag_s), []
@@ -138,8 +138,8 @@ def test_however_poses_come_the_same_is_said(sizes: list[int], lag_s: float) -> 
     for first, end in pairwise(edges):
         if end > first:
             some = poses[first:end]
-            state, said = adaptation.advance(state, next(iter(some)) if end == first + 1 else some)
-            beliefs += said
+            state, new = adaptation.advance(state, next(iter(some)) if end == first + 1 else some)
+            beliefs += new
     assert [b.stamp_ns for b in beliefs] == [b.stamp_ns for b in expected]
     for one, other in zip(beliefs, expected, strict=True):
         assert one.contact is other.contact
@@ -147,7 +147,7 @@ def test_however_poses_come_the_same_is_said(sizes: list[int], lag_s: float) -> 
     assert state.trackers.log_weight == pytest.approx(at_once.trackers.log_weight, abs=1e-9)
 
 
-def test_a_stream_may_end_before_its_rate_is_known_and_may_go_on_after_its_end() -> None:
+def test_a_stream_may_end_before_its_rate_is_known_and_continue_after_its_end() -> None:
     poses = recorded(FACE_TO_EDGE).poses
     for count in (1, 2, RATE_POSES - 1, RATE_POSES, RATIO_POSES - 1, RATIO_POSES, 200):
         state, beliefs = adaptation.advance(adaptation.start(MODEL), poses[:count])
@@ -160,7 +160,7 @@ def test_a_stream_may_end_before_its_rate_is_known_and_may_go_on_after_its_end()
     assert adaptation.report(adaptation.start(MODEL)) is None
 
 
-def test_a_pose_at_a_time_is_what_the_readme_shows() -> None:
+def test_the_readme_s_loop_over_poses_gives_beliefs() -> None:
     state, stamps = adaptation.start(MODEL), []
     for pose in recorded(FACE_TO_EDGE).poses[:300]:
         state, belief = adaptation.step(state, pose)
@@ -169,7 +169,7 @@ def test_a_pose_at_a_time_is_what_the_readme_shows() -> None:
 
 
 def test_evidence_is_that_of_all_paths() -> None:
-    """As smoothing over all hypotheses counts it, but for those that were dropped."""
+    """As by smoothing over all hypotheses, except for those that were pruned."""
     whole = RecordedPass.over(forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL))
     steps = np.array([tick_transitions(MODEL, exposed).log_transition for exposed in whole.exposure])
     _, expected = hmm.smooth(whole.trellis, log_initial(MODEL), steps)
@@ -177,8 +177,8 @@ def test_evidence_is_that_of_all_paths() -> None:
     assert last.state.log_evidence == pytest.approx(expected, abs=0.05)
 
 
-def test_free_motion_is_the_same_for_all_that_are_compared() -> None:
-    """Two trackers that gain alike, of which one holds much of the motion for noise: it gains more."""
+def test_free_motion_is_the_same_for_all_trackers_of_a_comparison() -> None:
+    """Of two trackers with the same gain, the one with more motion taken for noise has more evidence."""
     face = np.eye(7)[Contact.FF.column]
     small = TickEvidence(1.0, face, np.array([1e-6, 1e-4]), 1.0)
     large = TickEvidence(1.0, face, np.array([1e-8, 1e-6]), 1.0)
@@ -192,28 +192,28 @@ def test_free_motion_is_the_same_for_all_that_are_compared() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1e-2))
-def test_noise_is_no_motion_whatever_its_size(seed: int, sigma: float) -> None:
+def test_noise_of_any_size_is_no_motion(seed: int, sigma: float) -> None:
     rng = np.random.default_rng(seed)
     rest = np.array([[*np.eye(3).ravel(), 0.3, 0.1, 0.2]])
     zeta = np.zeros((200, 25))
     zeta[:, :12] = rest + sigma * rng.normal(size=(200, 12))
-    assert np.mean([is_moving(places(zeta[:i])) for i in range(1, 200)]) < 0.05
+    assert np.mean([is_moving(latest(zeta[:i])) for i in range(1, 200)]) < 0.05
     zeta[:, T] += 4.0 * sigma * np.arange(200)[:, None]
-    assert np.mean([is_moving(places(zeta[:i])) for i in range(SPAN_TICKS + LASTING_TICKS, 200)]) > 0.9
+    assert np.mean([is_moving(latest(zeta[:i])) for i in range(SPAN_TICKS + LASTING_TICKS, 200)]) > 0.9
 
 
-def test_what_has_no_poses_does_not_move() -> None:
+def test_ticks_without_poses_are_no_motion() -> None:
     count = SPAN_TICKS + LASTING_TICKS
     zeta = np.repeat(lift(np.eye(3)[None], np.zeros((1, 3))), count, axis=0)
-    assert not is_moving(places(zeta))
-    assert not is_moving(places(zeta[:4]))
+    assert not is_moving(latest(zeta))
+    assert not is_moving(latest(zeta[:4]))
     for first in range(1, count):  # one step, after a gap
         stepped = zeta.copy()
         stepped[first:, T] += 0.01
-        assert not is_moving(places(stepped))
+        assert not is_moving(latest(stepped))
 
 
-def places(zeta: np.ndarray) -> np.ndarray:
+def latest(zeta: np.ndarray) -> np.ndarray:
     return zeta[-SPAN_TICKS - LASTING_TICKS :]
 
 
@@ -224,10 +224,11 @@ def window(zeta: np.ndarray) -> Window:
 
 @needs_kernels
 @pytest.mark.parametrize("lasting_m", [0.0, 5e-4, 1e-3])
-def test_errors_that_last_are_known_by_the_evidence(lasting_m: float) -> None:
-    """And contacts are found in spite of them; where there are none, none are found."""
+def test_correlated_errors_are_found_by_the_evidence(lasting_m: float) -> None:
+    """Contacts are found in spite of them; without such errors the estimate is zero."""
     poses, rng = paper(), np.random.default_rng(4)
-    errors = lfilter([np.sqrt(1.0 - KEPT**2)], [1.0, -KEPT], rng.normal(size=(len(poses) + 2000, 6)), axis=0)
+    white = np.sqrt(1.0 - AUTOCORRELATION**2) * rng.normal(size=(len(poses) + 2000, 6))
+    errors = lfilter([1.0], [1.0, -AUTOCORRELATION], white, axis=0)
     position, turn = poses.position_m + lasting_m * errors[2000:, :3], 5.0 * lasting_m * errors[2000:, 3:]
     moved = replace(poses, position_m=position, quat_xyzw=turned(poses, turn))
     tracked = adaptation.OfflineTracker(MODEL)
@@ -241,7 +242,7 @@ def test_errors_that_last_are_known_by_the_evidence(lasting_m: float) -> None:
 @needs_kernels
 @pytest.mark.parametrize("rate_hz", [10.0, 5.0])
 def test_contacts_are_found_in_few_poses(rate_hz: float) -> None:
-    """Differences of such poses are motion: noise is less than they show, which the evidence knows."""
+    """Differences of such poses are mostly motion; the evidence finds that the noise is smaller."""
     poses = thinned(paper(), rate_hz, 0.01, np.random.default_rng(5))
     tracked = adaptation.OfflineTracker(MODEL)
     found = Segmentation.join(list(tracked.pieces(poses)))
@@ -269,7 +270,7 @@ def test_candidates_are_larger_than_white_noise_and_in_its_ratio() -> None:
 @pytest.mark.parametrize(
     ("rate_hz", "tick_s"), [(200.0, 0.1), (30.0, 0.1), (16.0, 0.1), (10.0, 0.15), (1.0, 1.5), (0.1, 3.0)]
 )
-def test_a_tick_holds_more_than_a_pose(rate_hz: float, tick_s: float) -> None:
+def test_a_tick_has_more_than_one_pose(rate_hz: float, tick_s: float) -> None:
     assert with_ticks_for(MODEL, 1.0 / rate_hz).tick_s == pytest.approx(tick_s)
     poses = moving(np.random.default_rng(1), 30.0 / rate_hz, rate_hz, 3e-4, 3e-3)
     state, _ = adaptation.finish(adaptation.advance(adaptation.start(MODEL), poses)[0])
@@ -288,36 +289,36 @@ def test_a_mixture_is_a_distribution_and_its_label_the_most_probable(trackers) -
         label = STATES[int(posterior.argmax())]
         beliefs.append(Belief(5, label, posterior, 3, None, np.full(6, np.nan)))
     both = mixture(beliefs, np.array([log_weight for _, log_weight in trackers]))
-    for probability in (both.probability, spread_out(both.probability)):
+    for probability in (both.probability, mixed_with_uniform(both.probability)):
         assert (probability >= 0.0).all()
         assert probability.sum() == pytest.approx(1.0)
     assert both.contact is STATES[int(both.probability.argmax())]
     assert both.onset_ns <= both.stamp_ns
-    assert spread_out(both.probability).max() < 0.6
+    assert mixed_with_uniform(both.probability).max() < 0.6
 
 
-def test_a_mixture_is_no_surer_than_an_open_formation_allows() -> None:
-    surest = np.full(7, 1e-3)
-    surest[Contact.EF.column] = 1.0 - surest[:6].sum()
-    capped = at_most(surest, Contact.EF)
-    own = Belief(5, Contact.EF, capped, 3, None, np.full(6, np.nan), is_open=True)
-    other = Belief(5, Contact.EF, surest, 3, None, np.full(6, np.nan))
+def test_an_open_formation_limits_the_probability_of_the_mixture() -> None:
+    certain = np.full(7, 1e-3)
+    certain[Contact.EF.column] = 1.0 - certain[:6].sum()
+    limited = at_most(certain, Contact.EF)
+    own = Belief(5, Contact.EF, limited, 3, None, np.full(6, np.nan), is_open=True)
+    other = Belief(5, Contact.EF, certain, 3, None, np.full(6, np.nan))
     both = mixture((own, other), np.log([0.6, 0.4]))
     assert both.is_open
     assert both.probability[Contact.EF.column] == pytest.approx(0.9)
     other = replace(
-        other, contact=Contact.VF, probability=np.roll(surest, Contact.VF.column - Contact.EF.column)
+        other, contact=Contact.VF, probability=np.roll(certain, Contact.VF.column - Contact.EF.column)
     )
     both = mixture((own, other), np.log([0.4, 0.6]))
     assert (both.contact, both.is_open) == (Contact.VF, False)
-    freed = mixture(
+    changed = mixture(
         (replace(own, probability=np.full(7, 1 / 7)), replace(own, probability=other.probability)),
         np.zeros(2),
     )
-    assert (freed.contact, freed.is_open, freed.p_restricted) == (Contact.VF, False, 0.0)
+    assert (changed.contact, changed.is_open, changed.p_restricted) == (Contact.VF, False, 0.0)
 
 
-def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
+def test_the_tracker_with_the_best_evidence_remains() -> None:
     state = adaptation.start(MODEL)
     for some in moving_average(recorded(FACE_TO_EDGE).poses, 5).batches():
         before, state = state, adaptation.advance(state, some)[0]
@@ -336,7 +337,7 @@ def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
     assert tracker.start(given).model == known.best.model
 
 
-def test_the_prior_bridges_the_first_seconds_and_does_not_decide() -> None:
+def test_the_prior_has_an_effect_in_the_first_seconds_only() -> None:
     """The prior favours the second by 12 nats, the evidence is 5 against it, and the third is behind."""
     log_prior = np.array([0.0, 12.0, -2.0])
     log_weight = np.array([10.0, 5.0, -45.0]) + log_prior
@@ -354,13 +355,13 @@ def test_the_prior_bridges_the_first_seconds_and_does_not_decide() -> None:
 
 @needs_kernels
 def test_noise_of_filtered_poses_at_rest_is_not_taken_for_motion() -> None:
-    """The first five seconds, in which nothing can be known but that things rest on faces."""
+    """In the first five seconds of rest only the prior, that objects rest on faces, determines the label."""
     rest = low_pass(paper()[:1000], 20.0)
     state, beliefs = adaptation.advance(adaptation.start(MODEL), rest)
     assert not state.is_decided
     assert np.mean([belief.contact is Contact.FF for belief in beliefs]) > 0.7
-    alone = segment(rest, MODEL).filtered
-    assert np.mean([contact is Contact.FF for contact in alone.contacts]) < 0.5
+    without_adaptation = segment(rest, MODEL).filtered
+    assert np.mean([contact is Contact.FF for contact in without_adaptation.contacts]) < 0.5
 
 
 @needs_kernels

@@ -1,4 +1,4 @@
-"""What is given and contradicts the motion is found out and named, and what fits it is not."""
+"""A prior map that contradicts the motion is reported, and one that fits is not."""
 
 from pathlib import Path
 
@@ -20,8 +20,8 @@ from short_recordings import MODEL
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 UP = [0.5657, 0.5557, 0.6092]
-"""Of the faces in all of them."""
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+"""Upward direction, normal to the faces, in all of them."""
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 def up(direction: list[float]) -> PriorMap:
@@ -42,28 +42,30 @@ def tracked(name: str, knowledge: PriorMap) -> tuple[list[str], Segmentation]:
 @needs_kernels
 @pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.7, 0.2, 0.6]])
 @pytest.mark.parametrize("name", ["paper_experiment", "wall_in_between", "robot_1khz"])
-def test_a_wrong_direction_is_named_and_no_label_is_surely_wrong(name: str, direction: list[float]) -> None:
+def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong(
+    name: str, direction: list[float]
+) -> None:
     texts, found = tracked(name, up(direction))
     assert len(texts) == 1
     assert texts[0].startswith("--up does not fit the motion")
     assert "\n" not in texts[0]
     truth = read_truth(str(RECORDINGS / f"{name}.mcap"))
     assert truth is not None
-    judged = evaluate(poses_of(name), truth, found)
-    assert judged.offline.sure_wrong == 0.0
-    assert judged.online.sure_wrong < 0.01, "not even before it is named"
+    scores = evaluate(poses_of(name), truth, found)
+    assert scores.offline.sure_wrong == 0.0
+    assert scores.online.sure_wrong < 0.01, "before it is reported"
 
 
 @needs_kernels
 @pytest.mark.parametrize("name", ["paper_experiment", "all_states", "wall_in_between", "vision_30hz"])
-def test_a_direction_that_is_right_is_not_doubted(name: str) -> None:
+def test_a_correct_direction_is_not_reported(name: str) -> None:
     texts, found = tracked(name, up([*UP[:2], UP[2] + 0.03]))  # a degree and more off
     assert texts == []
     assert found.beliefs.probability.max(axis=1).mean() > 0.8
 
 
 @needs_kernels
-def test_a_box_of_another_size_is_named() -> None:
+def test_a_box_of_another_size_is_reported() -> None:
     box = knowledge_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})
     texts, found = tracked("paper_experiment", box)
     assert texts[0].startswith("what is given does not fit the motion")

@@ -22,7 +22,7 @@ from short_recordings import MODEL
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 SIGMA = {"sigma_position_m": 5e-4, "sigma_rotation_deg": 0.2}
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 def with_quaternions(poses: Poses, order: list[int], sign: float = 1.0) -> Poses:
@@ -137,9 +137,9 @@ def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> No
         assert beliefs
         sure = max(belief.probability.max() for belief in beliefs)
         assert sure <= most
-        assert state.is_in_doubt_yet is (model == "default")
+        assert state.may_be_in_doubt is (model == "default")
         state, _ = online.advance(state, poses[40:90])  # a hundred that never turn are in doubt again
-        assert not state.is_in_doubt_yet
+        assert not state.may_be_in_doubt
 
 
 @pytest.mark.parametrize(("height_m", "is_said"), [(0.05, False), (0.048, False), (0.035, True)])

@@ -56,7 +56,7 @@ def arrays(poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return poses.stamp_ns, poses.position_m, poses.quat_xyzw
 
 
-def test_all_names_are_there_and_nothing_is_imported_before_they_are_asked_for() -> None:
+def test_all_names_exist_and_are_imported_on_first_use() -> None:
     assert all(hasattr(contact_tracker, name) for name in contact_tracker.__all__)
     assert set(contact_tracker.__all__) <= set(dir(contact_tracker))
     with pytest.raises(AttributeError, match="no attribute 'sgement'"):
@@ -181,8 +181,8 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
 def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses, tmp_path: Path) -> None:
     state, expected = start(load_model()), []
     for pose in gate(poses):
-        state, said = advance(state, pose)
-        expected += said[-1:]
+        state, new = advance(state, pose)
+        expected += new[-1:]
     expected += finish(state)[1]
     tracker, beliefs = contact_tracker.Tracker(), []
     for number, pose in enumerate(poses):
@@ -297,7 +297,7 @@ def test_wrenches_of_another_shape_are_one_error() -> None:
 def test_wrenches_have_the_clock_of_the_poses(
     stamped: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is that of the log only where no pose has a stamp, not where most lack theirs."""
+    """Stamps are log times only if no pose has a stamp, not if most have none."""
     poses, logged_later_ns = smooth_poses(800), 5_000_000_000
     topic = poses_topic(poses, offset_ns=logged_later_ns)
     for row, (_, message) in enumerate(topic.messages):

@@ -17,7 +17,7 @@ NODE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "ros2_node.py
 
 
 class Node:
-    """As ``rclpy.node.Node`` where nothing runs it."""
+    """As ``rclpy.node.Node``, but not run."""
 
     parameters: dict[str, Any] = {}  # noqa: RUF012
 

@@ -1,11 +1,11 @@
-"""What ``contact-tracker batch`` does with many recordings: whether all get a row, whatever happens on the
-way, and how long it takes.
+"""Reliability and speed of ``contact-tracker batch`` with many recordings: one row for each, also for broken
+ones and after a killed run, and the time that it takes.
 
     python tests/benchmarks/batch.py                    # 200 simulated recordings and 5 broken ones
     python tests/benchmarks/batch.py --pairs 5 --some 24
 
-Times mean little on a machine that does other things: runs that are compared take turns, and the CPU time of
-all processes of a run is given beside the time that has passed (of a cluster, that of the command alone).
+Wall times mean little on a machine with other load: runs that are compared alternate, and the CPU time of all
+processes of a run is given beside the wall time (for a cluster, the CPU time of the command alone).
 """
 
 import argparse
@@ -36,12 +36,12 @@ BROKEN = 5
 
 
 class Run(NamedTuple):
-    """Seconds that have passed, seconds of CPU of all processes, the exit code and what was said."""
+    """Wall time, CPU time of all processes, exit code and text on stderr."""
 
     wall_s: float
     cpu_s: float
     code: int
-    said: str
+    messages: str
 
 
 def make_recordings(folder: Path, count: int) -> None:
@@ -69,19 +69,19 @@ def batch(*arguments: object) -> Run:
 
 
 def kill_in_the_middle(recordings: Path, dataset: Path, count: int) -> int:
-    """Kill a run once half of the segments are there; how many were there."""
+    """Kill a run once half of the segments are written; returns their number."""
     command = [*PROGRAM, str(recordings), "--output", str(dataset), "--processes", "2"]
     with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.DEVNULL) as process:
-        while (there := len(list(dataset.glob("segments/*/*.parquet")))) < count // 2:
+        while (written := len(list(dataset.glob("segments/*/*.parquet")))) < count // 2:
             assert process.poll() is None, "it ended before it was killed"
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
         process.wait()
-    return there
+    return written
 
 
 def contents(dataset: Path) -> dict[str, bytes]:
-    """All files below a folder."""
+    """The content of all files below a folder, by name."""
     return {
         str(path.relative_to(dataset)): path.read_bytes() for path in dataset.rglob("*") if path.is_file()
     }
@@ -89,7 +89,7 @@ def contents(dataset: Path) -> dict[str, bytes]:
 
 @contextmanager
 def local_cluster(workers: int) -> Iterator[str]:
-    """The address of a Dask scheduler with so many workers of one thread each."""
+    """The address of a Dask scheduler with ``workers`` workers of one thread each."""
     from distributed import LocalCluster
 
     with LocalCluster(  # type: ignore[no-untyped-call]
@@ -98,23 +98,23 @@ def local_cluster(workers: int) -> Iterator[str]:
         yield cluster.scheduler_address
 
 
-def whole_and_again(folder: Path, count: int) -> None:
-    """All rows, the second run, and what is left of one that was killed."""
+def check_runs(folder: Path, count: int) -> None:
+    """A first run, a second one, and the continuation of a killed one."""
     recordings, dataset, killed = folder / "recordings", folder / "dataset", folder / "killed"
     first = batch(recordings, "--output", dataset, "--processes", 2)
     print(f"first run:  {first.wall_s:7.1f} s, {first.cpu_s:7.1f} s of CPU, exit code {first.code}")
-    print(first.said.splitlines()[-1].rpartition("; ")[0])
+    print(first.messages.splitlines()[-1].rpartition("; ")[0])
     rows = list(read_summary(dataset))
     bad = sum(code not in (0, 3) for code in rows)
     print(f"rows {len(rows)} of {count + BROKEN}, {bad} of them of {BROKEN} broken recordings")
     assert (len(rows), bad) == (count + BROKEN, BROKEN)
     again = batch(recordings, "--output", dataset, "--processes", 2)
     print(f"second run: {again.wall_s:7.1f} s, {again.cpu_s:7.1f} s of CPU, exit code {again.code}")
-    print(again.said.splitlines()[-1].rpartition("; ")[0])
-    there = kill_in_the_middle(recordings, killed, count)
+    print(again.messages.splitlines()[-1].rpartition("; ")[0])
+    written = kill_in_the_middle(recordings, killed, count)
     rest = batch(recordings, "--output", killed, "--processes", 2)
-    print(f"killed with {there} of {count} segmented; the rest took {rest.wall_s:.1f} s")
-    print(rest.said.splitlines()[-1].rpartition("; ")[0])
+    print(f"killed with {written} of {count} segmented; the rest took {rest.wall_s:.1f} s")
+    print(rest.messages.splitlines()[-1].rpartition("; ")[0])
     same = contents(dataset) == contents(killed)
     print(f"the same dataset, to the byte: {same}")
     assert same
@@ -129,7 +129,7 @@ def whole_and_again(folder: Path, count: int) -> None:
 
 
 def read_summary(dataset: Path) -> list[int]:
-    """The exit codes in it."""
+    """The exit codes in the summary of a dataset."""
     import duckdb
 
     found = duckdb.execute(f"SELECT exit_code FROM '{dataset}/summary.parquet'").fetchall()
@@ -137,7 +137,7 @@ def read_summary(dataset: Path) -> list[int]:
 
 
 def compare(folder: Path, some: int, pairs: int) -> None:
-    """One process, two, and a cluster of two, by turns on the same recordings."""
+    """One process, two, and a cluster of two, alternately on the same recordings."""
     recordings = sorted((folder / "recordings").glob("[0-9]*.mcap"))[:some]
     some = len(recordings)
     names = [str(path) for path in recordings]
@@ -153,7 +153,7 @@ def compare(folder: Path, some: int, pairs: int) -> None:
             for way in list(ways)[turn % 3 :] + list(ways)[: turn % 3]:
                 dataset = folder / "compared"
                 ways[way].append(batch(*names, "--output", dataset, *options[way]))
-                assert ways[way][-1].code == 0, ways[way][-1].said
+                assert ways[way][-1].code == 0, ways[way][-1].messages
                 results.add(tuple(sorted(contents(dataset).items())))
                 shutil.rmtree(dataset)
     print(f"{some} recordings, {pairs} turns; the datasets of all runs are the same: {len(results) == 1}")
@@ -175,14 +175,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--recordings", type=int, default=200)
-    parser.add_argument("--some", type=int, default=40, help="so many recordings in runs that are compared")
+    parser.add_argument("--some", type=int, default=40, help="number of recordings in runs that are compared")
     parser.add_argument("--pairs", type=int, default=3)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         make_recordings(folder / "recordings", args.recordings)
         print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-        whole_and_again(folder, args.recordings)
+        check_runs(folder, args.recordings)
         compare(folder, args.some, args.pairs)
         print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 

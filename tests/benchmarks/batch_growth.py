@@ -1,10 +1,10 @@
-"""What a dataset of ``contact-tracker batch`` takes when there are very many recordings.
+"""Time and memory of ``contact-tracker batch`` for a dataset of very many recordings.
 
     python tests/benchmarks/batch_growth.py                       # a million rows, 20,000 files
     python tests/benchmarks/batch_growth.py --rows 100000 --files 2000
 
-One recording is segmented. Its row is repeated under other names, and its file is copied: what is measured
-is what the command does beside segmenting.
+One recording is segmented. Its row is repeated under other names, and its file is copied: so everything but
+the segmentation is measured.
 """
 
 import argparse
@@ -38,7 +38,7 @@ SAVE_AFTER: Final = 50_000
 
 
 def timed(text: str, many: int, function: Callable[[], T]) -> T:
-    """What it gives, after saying what it took, in CPU time, which others on the machine hardly change."""
+    """The result of ``function``, after printing its CPU time, in total and per item."""
     begin_s, begin_cpu_s = time.monotonic(), time.process_time()
     found = function()
     cpu_s, took_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
@@ -53,7 +53,7 @@ class Made(NamedTuple):
     segments: bytes
 
     def under(self, name: str, number: int) -> Answer:
-        """The same of another recording."""
+        """The same answer for another recording."""
         digits = hashlib.blake2b(name.encode(), digest_size=16).hexdigest()
         signature = f"{len(digits) + number:x}.{1_700_000_000_000_000_000 + 977 * number:x}.{number:x}"
         assert self.answer.row is not None
@@ -69,7 +69,7 @@ def made() -> Made:
 
 
 def record(folder: Path, names: list[str], one: Made, with_files: bool) -> float:
-    """Record an answer for each name; the seconds of CPU that the last save took."""
+    """Record an answer for each name; returns the CPU time (s) of the last save."""
     with open_dataset(folder) as dataset:
         took_s = 0.0
         for number, name in enumerate(names):
@@ -86,13 +86,14 @@ def record(folder: Path, names: list[str], one: Made, with_files: bool) -> float
         return took_s
 
 
-def look(folder: Path, names: list[str]) -> int:
+def count_known(folder: Path, names: list[str]) -> int:
+    """Number of recordings that the dataset has already."""
     with open_dataset(folder) as dataset:
         return sum(dataset.known(name, SETTINGS) is not None for name in names)
 
 
 def grow(folder: Path, count: int, one: Made) -> None:
-    """The summary, and what is kept in memory."""
+    """Growth of the summary and of memory."""
     names = [f"/archive/robot_{i % 100:02d}/2024-01-01/recording_{i:07d}.mcap" for i in range(count)]
     took_s = timed(f"{count} answers recorded", count, lambda: record(folder, names, one, False))
     print(f"the last of the saves, each after {SAVE_AFTER} answers, took {took_s:.2f} s of CPU")
@@ -105,7 +106,7 @@ def grow(folder: Path, count: int, one: Made) -> None:
 
 
 def many_files(folder: Path, count: int, one: Made) -> None:
-    """The files of segments, and the recordings themselves, as empty ones."""
+    """Many files of segments, and empty files as recordings."""
     archive = folder.parent / "archive"
     names = [str(archive / f"{i:07d}.mcap") for i in range(count)]
     archive.mkdir()
@@ -113,7 +114,7 @@ def many_files(folder: Path, count: int, one: Made) -> None:
         Path(name).touch()
     timed(f"{count} answers recorded with files", count, lambda: record(folder, names, one, True))
     timed("recordings found, with their signatures", count, lambda: list(find([str(archive)])))
-    found = timed("opened, and all found unchanged", count, lambda: look(folder, names))
+    found = timed("opened, and all found unchanged", count, lambda: count_known(folder, names))
     assert found == count
     timed(
         "a query over all files of segments",
@@ -128,11 +129,11 @@ def many_files(folder: Path, count: int, one: Made) -> None:
 
 
 def nothing() -> None:
-    """What a process does first."""
+    """No preparation of worker processes."""
 
 
-def hand_out(count: int) -> None:
-    """Jobs in which nothing is done: what this process takes to hand them out, the scheduler included."""
+def distribute(count: int) -> None:
+    """CPU time of this process, including the scheduler, for the distribution of empty jobs."""
     from distributed import LocalCluster
 
     from contact_tracker.batch.cluster import dask_cluster
@@ -156,7 +157,7 @@ def main() -> None:
     args = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     with tempfile.TemporaryDirectory() as name:
-        hand_out(2000)
+        distribute(2000)
         one = made()
         many_files(Path(name) / "files", args.files, one)
         grow(Path(name) / "rows", args.rows, one)

@@ -1,7 +1,7 @@
-"""What real logs do to poses, done to those of a labelled recording: the truth stays as it is.
+"""Distortions of real logs, applied to the poses of a labelled recording; the truth is unchanged.
 
 Each distortion takes poses and a random generator and returns poses in the order of their arrival, with the
-stamps of their headers: they pass the gate afterwards.
+stamps of their headers: before the gate.
 """
 
 from collections.abc import Callable
@@ -25,11 +25,11 @@ IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
 WANDER_M: Final = 1e-3
 WANDER_DEG: Final = 0.3
 WANDER_S: Final = 2.0
-"""Errors that wander: standard deviations per axis, and the time within which they are correlated by 1/e."""
+"""Correlated errors: standard deviations per axis, and the time after which the autocorrelation is 1/e."""
 
 
 def seconds(poses: Poses) -> Array:
-    """Since the first pose (N,)."""
+    """Times (N,) since the first pose."""
     return np.asarray((poses.stamp_ns - poses.stamp_ns[0]) * 1e-9)
 
 
@@ -38,7 +38,7 @@ def turned(poses: Poses, turn: Array) -> Array:
     return np.asarray((Rotation.from_quat(poses.quat_xyzw) * Rotation.from_rotvec(turn)).as_quat())
 
 
-# Filtered or interpolated before they were recorded: noise is correlated.
+# Filters and interpolation before recording, which correlate the noise.
 
 
 def moving_average(poses: Poses, frames: int) -> Poses:
@@ -50,7 +50,7 @@ def moving_average(poses: Poses, frames: int) -> Poses:
 
 
 def exponential(poses: Poses, share: float) -> Poses:
-    """A causal filter of first order, which takes this share of each new pose."""
+    """A causal filter of first order with the gain ``share``."""
 
     def smooth(rows: Array) -> Array:
         start = (1.0 - share) * rows[:1]
@@ -60,7 +60,7 @@ def exponential(poses: Poses, share: float) -> Poses:
 
 
 def interpolated(poses: Poses) -> Poses:
-    """Every other pose lies between its neighbours, which alone were measured."""
+    """Every other pose is interpolated between its neighbours."""
     kept = np.arange(0, len(poses), 2)
     poses = poses[: kept[-1] + 1]
     at_s, known_s = seconds(poses), seconds(poses)[kept]
@@ -69,11 +69,11 @@ def interpolated(poses: Poses) -> Poses:
     return replace(poses, position_m=np.stack(position, axis=1), quat_xyzw=quat)
 
 
-# Errors that last.
+# Correlated errors.
 
 
 def bent(poses: Poses, rng: Random) -> Poses:
-    """Calibration of cameras: 0.5 mm that vary over 0.3 m, and 0.1 deg that vary with the orientation."""
+    """Errors of camera calibration: 0.5 mm that vary over 0.3 m, 0.1 deg that vary with the orientation."""
     phase = rng.uniform(0.0, 2.0 * np.pi, (3, 3))
     wave = np.sin(2.0 * np.pi * poses.position_m[:, None] / 0.3 + phase).sum(axis=2)
     turn = np.radians(0.1) * np.sin(2.0 * Rotation.from_quat(poses.quat_xyzw).as_rotvec() + phase[0])
@@ -82,7 +82,7 @@ def bent(poses: Poses, rng: Random) -> Poses:
 
 
 def wandering(poses: Poses, rng: Random) -> Poses:
-    """1 mm and 0.3 deg that wander within 2 s, beside the noise."""
+    """Errors of 1 mm and 0.3 deg with a correlation time of 2 s, in addition to the noise."""
     keep = np.exp(-np.diff(seconds(poses), prepend=0.0) / WANDER_S)
     fresh = np.sqrt(1.0 - keep**2)[:, None] * rng.normal(size=(len(poses), 6))
     error = np.zeros(6)
@@ -93,11 +93,11 @@ def wandering(poses: Poses, rng: Random) -> Poses:
     )
 
 
-# The sensor fails now and then.
+# Failures of the sensor.
 
 
-def stretches(poses: Poses, rng: Random, share: float, mean_s: float) -> Bools:
-    """Which poses (N,) lie in stretches of random length that cover this share."""
+def random_intervals(poses: Poses, rng: Random, share: float, mean_s: float) -> Bools:
+    """Which poses (N,) are in intervals of random length that cover this share of the time."""
     at_s, inside = seconds(poses), np.zeros(len(poses), bool)
     while inside.mean() < share:
         begin = rng.uniform(0.0, at_s[-1])
@@ -106,23 +106,23 @@ def stretches(poses: Poses, rng: Random, share: float, mean_s: float) -> Bools:
 
 
 def default_where(poses: Poses, hidden: Bools) -> Poses:
-    """The origin, unturned, while the object is hidden."""
+    """The identity while the object is hidden."""
     position, quat = poses.position_m.copy(), poses.quat_xyzw.copy()
     position[hidden], quat[hidden] = 0.0, IDENTITY
     return replace(poses, position_m=position, quat_xyzw=quat)
 
 
 def frozen(poses: Poses, rng: Random) -> Poses:
-    """The last pose again while the object is lost."""
-    lost = stretches(poses, rng, 0.1, 0.4)
+    """The last pose repeated while the object is lost."""
+    lost = random_intervals(poses, rng, 0.1, 0.4)
     lost[0] = False
     last = np.maximum.accumulate(np.where(lost, 0, np.arange(len(poses))))
     return replace(poses, position_m=poses.position_m[last], quat_xyzw=poses.quat_xyzw[last])
 
 
 def swapped(poses: Poses, rng: Random) -> Poses:
-    """A marker is taken for another: 20 mm and 8 deg off for 0.1 s, in 5 % of the time."""
-    off = stretches(poses, rng, 0.05, 0.1)
+    """Swapped markers: 20 mm and 8 deg off for 0.1 s, in 5 % of the time."""
+    off = random_intervals(poses, rng, 0.05, 0.1)
     number = np.cumsum(np.diff(off, prepend=False) & off) * off  # of the burst, zero outside
     ways = rng.normal(size=(2, number.max() + 1, 3))
     ways /= np.linalg.norm(ways, axis=2, keepdims=True)
@@ -131,11 +131,11 @@ def swapped(poses: Poses, rng: Random) -> Poses:
     return replace(poses, position_m=position, quat_xyzw=turned(poses, np.radians(8.0) * ways[1, number]))
 
 
-# Few, late or missing poses.
+# Low rate, wrong stamps and missing poses.
 
 
 def thinned(poses: Poses, hz: float, jitter_s: float, rng: Random) -> Poses:
-    """As a slower sensor takes them."""
+    """Poses at the rate ``hz``, with jitter."""
     grid = np.arange(poses.stamp_ns[0], poses.stamp_ns[-1], round(1e9 / hz))
     grid = np.sort(grid + (1e9 * rng.normal(0.0, jitter_s, len(grid))).astype(np.int64))
     return poses[np.unique(np.clip(np.searchsorted(poses.stamp_ns, grid), 0, len(poses) - 1))]
@@ -148,7 +148,7 @@ def leading(poses: Poses, rng: Random) -> Poses:
 
 
 def jittering(poses: Poses, rng: Random) -> Poses:
-    """Stamps of receipt: half a period of jitter, the order is kept."""
+    """Stamps of receipt: jitter of half a period, in order."""
     period_ns = 1e9 / rate_hz(poses)
     jitter_ns = (rng.normal(0.0, 0.5, len(poses)) * period_ns).astype(np.int64)
     return replace(poses, stamp_ns=np.sort(poses.stamp_ns + jitter_ns))
@@ -164,13 +164,13 @@ DISTORTIONS: Final[dict[str, Distortion]] = {
     "volume_distortion": bent,
     "slow_wander": wandering,
     "default_pose_8pct": lambda poses, rng: default_where(poses, rng.uniform(size=len(poses)) < 0.08),
-    "default_pose_stretches": lambda poses, rng: default_where(poses, stretches(poses, rng, 0.1, 0.4)),
+    "default_pose_stretches": lambda poses, rng: default_where(poses, random_intervals(poses, rng, 0.1, 0.4)),
     "frozen_stretches": frozen,
     "shifted_bursts": swapped,
     "rate_10hz_jitter": lambda poses, rng: thinned(poses, 10.0, 0.01, rng),
     "rate_5hz": lambda poses, rng: thinned(poses, 5.0, 0.0, rng),
     "dropouts_50pct": lambda poses, rng: poses[rng.uniform(size=len(poses)) < 0.5],
-    "dropout_bursts_30pct": lambda poses, rng: poses[~stretches(poses, rng, 0.3, 0.15)],
+    "dropout_bursts_30pct": lambda poses, rng: poses[~random_intervals(poses, rng, 0.3, 0.15)],
     "stamps_ahead": leading,
     "stamp_jitter": jittering,
 }

@@ -3,7 +3,7 @@
     python tests/benchmarks/document.py
     python tests/benchmarks/document.py --check
 
-A table stands between ``<!-- FILE TABLE: begin -->`` and ``... end -->``, under the command that made it.
+A table is between ``<!-- FILE TABLE: begin -->`` and ``... end -->``, after the command that made it.
 """
 
 import argparse
@@ -20,7 +20,7 @@ SECTION: Final = re.compile(r"(<!-- (\w+) (\w+): begin -->\n)(.*?)(<!-- \2 \3: e
 
 
 def rewritten(text: str, folder: Path) -> str:
-    """The document with its tables as the files in ``folder`` have them."""
+    """The document with the tables of the files in ``folder``."""
 
     def section(match: re.Match[str]) -> str:
         begin, file, name, _, end = match.groups()

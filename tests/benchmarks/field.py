@@ -1,14 +1,13 @@
-"""How right the tracker is on what real logs do to poses: filtered, slow, interrupted, faulty.
+"""Accuracy on poses with the distortions of real logs: filtered, slow, interrupted, faulty.
 
     python tests/benchmarks/field.py recordings
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only none moving_average_3
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only slow_wander --oracle
 
-Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as ``evaluate``
-does, and beside it with the model as it is, adapted to nothing. Figures of a distortion are means over the
-recordings: accuracy, share of the time with a probability above 0.9 on a wrong state, calibration error of
-the most probable state, the accuracy of the worst recording, and the share of the elements within 3
-standard deviations of the truth.
+Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as by ``evaluate``,
+and for comparison without adaptation. Figures of a distortion are means over the recordings: accuracy, share
+of the time with a probability above 0.9 on a wrong state, calibration error of the most probable state, the
+accuracy of the worst recording, and the share of the elements within 3 standard deviations of the truth.
 """
 
 import argparse
@@ -50,15 +49,15 @@ ORACLE_HEADER: Final = ("distortion", "errors", *FIGURES)
 
 
 class Measured(NamedTuple):
-    """One recording under one distortion: by the tracker, and by the one that it is compared with."""
+    """One recording with one distortion: evaluation of the tracker, and of the one for comparison."""
 
     adapted: Evaluation
     other: Evaluation
 
 
 def measure(path: str, distortion: str, model_name: str, oracle: bool) -> Measured:
-    """Distort, pass the gate, track and judge one recording; beside it with the model as it is, or with the
-    true errors given."""
+    """Distort, gate, track and evaluate one recording; for comparison without adaptation, or with the true
+    errors given."""
     truth, clean = read_truth(path), Poses.collect(open_log(path))
     if truth is None:
         raise SystemExit(f"{path}: no truth")
@@ -75,7 +74,7 @@ def measure(path: str, distortion: str, model_name: str, oracle: bool) -> Measur
 
 
 def figures(measured: Sequence[Evaluation]) -> list[str]:
-    """Of one distortion and one tracker, over the recordings."""
+    """Figures of one distortion and one tracker, over the recordings."""
     both = [(one.offline, one.online) for one in measured]
     accuracy = np.array([[tally.accuracy() for tally in pair] for pair in both])
     geometry = reduce(add, [one.geometry for one in measured])
@@ -90,7 +89,7 @@ def figures(measured: Sequence[Evaluation]) -> list[str]:
 
 
 def rows_of(name: str, measured: Sequence[Measured], oracle: bool) -> list[list[str]]:
-    """The lines of the table for one distortion."""
+    """Rows of the table for one distortion."""
     adapted, other = figures([one.adapted for one in measured]), figures([one.other for one in measured])
     if oracle:
         return [[name, "inferred", *adapted], [name, "given", *other]]
@@ -98,7 +97,7 @@ def rows_of(name: str, measured: Sequence[Measured], oracle: bool) -> list[list[
 
 
 def with_others(rows: list[list[str]], kept: list[list[str]]) -> list[list[str]]:
-    """The lines of these distortions, and those ``kept`` of others, in the order of all."""
+    """The rows of these distortions and the ``kept`` ones of others, in the order of ``DISTORTIONS``."""
     lines = {line[0]: line for line in [*kept, *rows]}
     return [lines[name] for name in DISTORTIONS if name in lines]
 
@@ -106,12 +105,12 @@ def with_others(rows: list[list[str]], kept: list[list[str]]) -> list[list[str]]
 def measure_all(
     paths: Sequence[str], names: Sequence[str], model: str, processes: int, oracle: bool
 ) -> Iterator[list[str]]:
-    """The lines of the table, one after the other."""
+    """Rows of the table, one distortion after the other."""
     with worker_pool(processes) as pool:
         jobs = [pool.submit(measure, path, name, model, oracle) for name, path in product(names, paths)]
         for first, name in enumerate(tqdm(names, file=sys.stderr, disable=None)):
-            mine = jobs[first * len(paths) : (first + 1) * len(paths)]
-            yield from rows_of(name, [job.result() for job in mine], oracle)
+            of_distortion = jobs[first * len(paths) : (first + 1) * len(paths)]
+            yield from rows_of(name, [job.result() for job in of_distortion], oracle)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -121,10 +120,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_folder(parser)
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--only", nargs="+", default=[], choices=DISTORTIONS, metavar="NAME")
-    parser.add_argument("--oracle", action="store_true", help="beside it with the true errors given")
+    parser.add_argument("--oracle", action="store_true", help="compare with the true errors given")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument(
-        "--tables", type=Path, metavar="JSON", help="keep the table in this file; what is not run stays"
+        "--tables",
+        type=Path,
+        metavar="JSON",
+        help="keep the table in this file, with its rows of others",
     )
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)

@@ -1,18 +1,18 @@
 """Alternatives on the paper's fixed windows of 500 frames: the smallest normalised objective, and an HMM.
 
-A window advances by 0.1 s, as the tracker's ticks do; 500 frames are 2.5 s at 200 Hz, 0.5 s at 1 kHz and
-17 s at 30 Hz. Before its first window is full, an online method has no answer.
+Windows advance by 0.1 s, as the tracker's ticks; 500 frames are 2.5 s at 200 Hz, 0.5 s at 1 kHz and 17 s at
+30 Hz. Before the end of the first window an online method has no label.
 
-The smallest objective: each of the six curves divided by its largest value, as the paper draws them; the
-lowest names the contact. It never says free; the largest value is that of the whole recording, online too.
+The smallest objective: each of the six curves divided by its maximum, as in the paper's Fig. 5; the label is
+the contact with the lowest one, never free. The maximum is that of the whole recording, also online.
 
-The HMM: ``contact_tracker.hmm`` over windows instead of hypotheses that own their window. It is calibrated
-on the very set that it is scored on, which is generous: emissions are normal densities of the log of the
-six minima, with mean and covariance by true state; states that the set does not have are not possible; the
-rate of leaving is that of the set, and where one goes is the lattice's. Windows overlap, so emissions have an
-exponent: for labels the one that gets most of the set right, for probabilities that of the least log-loss.
-What a window stands for depends on when the answer is due: its middle where there is time, else the latest
-frame that its answer is asked for.
+The HMM: ``contact_tracker.hmm`` over fixed windows instead of hypotheses with windows of their own. It is
+calibrated on the set on which it is scored, to its advantage: emissions are normal densities of the log of
+the six minima, with mean and covariance by true state; states that do not occur in the set are impossible;
+the rate of leaving is that of the set, the distribution of the next state that of the lattice. Windows
+overlap, so emissions have an exponent: for labels the one with the highest accuracy, for probabilities the
+one with the least log-loss. The label of a window is that of its middle if the lag allows it, else of the
+latest frame that is due.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ SMALLEST: Final = "smallest objective"
 HMM: Final = "HMM on windows"
 EXPONENTS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 SHRINKAGE: Final = 0.5
-"""Share of the covariance of all states in that of each: some have few windows."""
+"""Share of the pooled covariance in that of each state, since some states have few windows."""
 LEAST_SD: Final = 0.05
 
 
@@ -67,34 +67,34 @@ class Windows:
         )
 
     def delay_ns(self, wait_s: float) -> int:
-        """How far before its end lies what a window stands for, when the answer may wait so long."""
+        """Time before its end of the frame that a window labels, with the lag ``wait_s``."""
         return round(min(self.half_ns, wait_s * 1e9))
 
     def ticks(self, stamp_ns: Ints, wait_s: float) -> Ints:
-        """Window (N,) that stands for each frame; -1 for none."""
-        meant_ns = self.end_ns - self.delay_ns(wait_s)
-        if wait_s == OFFLINE and len(meant_ns):
-            return np.searchsorted((meant_ns[1:] + meant_ns[:-1]) // 2, stamp_ns).astype(np.int64)
-        return tick_in_force(stamp_ns, meant_ns)
+        """Window (N,) that labels each frame; -1 for none."""
+        labelled_ns = self.end_ns - self.delay_ns(wait_s)
+        if wait_s == OFFLINE and len(labelled_ns):
+            return np.searchsorted((labelled_ns[1:] + labelled_ns[:-1]) // 2, stamp_ns).astype(np.int64)
+        return tick_in_force(stamp_ns, labelled_ns)
 
 
 class Recorded(NamedTuple):
-    """A recording's windows and what of it is scored."""
+    """The windows of a recording, and its scoring."""
 
     windows: Windows
     scored: Scoring
 
     def truth(self, wait_s: float) -> Ints:
-        """True state (W,) of what each window stands for, -1 where that cannot be told."""
+        """True state (W,) of the frame that each window labels, -1 where it is not identifiable."""
         stamp_ns = self.scored.stamp_ns
-        meant_ns = self.windows.end_ns - self.windows.delay_ns(wait_s)
-        frame = np.clip(np.searchsorted(stamp_ns, meant_ns), 0, len(stamp_ns) - 1)
-        told = self.scored.subsets[Subset.IDENTIFIABLE][frame]
-        return np.where(told, self.scored.truth[frame], -1)
+        labelled_ns = self.windows.end_ns - self.windows.delay_ns(wait_s)
+        frame = np.clip(np.searchsorted(stamp_ns, labelled_ns), 0, len(stamp_ns) - 1)
+        is_identifiable = self.scored.subsets[Subset.IDENTIFIABLE][frame]
+        return np.where(is_identifiable, self.scored.truth[frame], -1)
 
 
 def smallest_answers(windows: Windows, stamp_ns: Ints) -> dict[Method, Answer]:
-    """The smallest normalised objective, offline of the window around a frame, online of the last one."""
+    """Labels by the smallest normalised objective: of the window around a frame, online of the last one."""
     label = windows.normalised.argmin(axis=1).astype(np.int64)
     return {
         Method(SMALLEST, wait_s, False): Answer.certain(windows.ticks(stamp_ns, wait_s), label)
@@ -103,7 +103,7 @@ def smallest_answers(windows: Windows, stamp_ns: Ints) -> dict[Method, Answer]:
 
 
 class Emission(NamedTuple):
-    """Normal densities of the states (S,) that a set has: ``mean`` (S, 6), ``covariance`` (S, 6, 6)."""
+    """Normal densities of the states (S,) in a set: ``mean`` (S, 6), ``covariance`` (S, 6, 6)."""
 
     states: Ints
     mean: Array
@@ -111,13 +111,13 @@ class Emission(NamedTuple):
 
     @classmethod
     def fit(cls, values: Array, state: Ints) -> "Emission":
-        """From values (W, 6) and their true states (W,)."""
+        """Fitted to values (W, 6) and their true states (W,)."""
         states = np.unique(state)
         mean = np.array([values[state == s].mean(axis=0) for s in states])
         off = values - mean[np.searchsorted(states, state)]
         pooled = off.T @ off / len(off) + LEAST_SD**2 * np.eye(values.shape[1])
-        own = np.array([off[state == s].T @ off[state == s] / np.sum(state == s) for s in states])
-        return cls(states.astype(np.int64), mean, (1 - SHRINKAGE) * own + SHRINKAGE * pooled)
+        by_state = np.array([off[state == s].T @ off[state == s] / np.sum(state == s) for s in states])
+        return cls(states.astype(np.int64), mean, (1 - SHRINKAGE) * by_state + SHRINKAGE * pooled)
 
     def log_density(self, values: Array) -> Array:
         """(W, S), up to a constant."""
@@ -135,8 +135,8 @@ def hmm_scores(recordings: Sequence[Recorded], model: Model) -> list[Scores]:
 
 
 def _calibrated(recordings: Sequence[Recorded], model: Model, wait_s: float) -> list[Score]:
-    """Scores with labels of the exponent that has most of them right, and probabilities of the one with the
-    least log-loss, over all recordings."""
+    """Scores with the labels of the exponent with the highest accuracy, and the probabilities of the one with
+    the least log-loss, over all recordings."""
     values = np.concatenate([r.windows.log_minimum for r in recordings])
     truth = np.concatenate([r.truth(wait_s) for r in recordings])
     if not (truth >= 0).any():
@@ -153,15 +153,15 @@ def _calibrated(recordings: Sequence[Recorded], model: Model, wait_s: float) -> 
         tried.append(answers)
         right_s.append(sum(float(m.seconds_by_state @ np.nan_to_num(m.recall)) for m in main))
         loss_s.append(sum(m.log_loss_s for m in main))
-    told, believed = tried[int(np.argmax(right_s))], tried[int(np.argmin(loss_s))]
+    best_labels, best_posteriors = tried[int(np.argmax(right_s))], tried[int(np.argmin(loss_s))]
     return [
         Score.of(Answer(a.tick, a.label, b.probability), r.scored)
-        for a, b, r in zip(told, believed, recordings, strict=True)
+        for a, b, r in zip(best_labels, best_posteriors, recordings, strict=True)
     ]
 
 
 def _chain(recordings: Sequence[Recorded], model: Model, states: Ints, step_s: float) -> tuple[Array, Array]:
-    """Log start (S,) and change (S, S) of a chain over windows, from how often the set's contacts change."""
+    """Log initial (S,) and transition (S, S) probabilities over windows, from the changes in the set."""
     main = [r.scored.within(Subset.IDENTIFIABLE) for r in recordings]
     seconds = sum(float(m.seconds[m.subsets[Subset.ALL]].sum()) for m in main)
     leave = min(0.5, step_s * (1 + sum(len(m.changes) for m in main)) / seconds)
@@ -185,8 +185,8 @@ def _answer(
     if wait_s == OFFLINE:
         probability[:, states], label = smoothed(log_density, *chain)
         return Answer(tick, states[label], probability)
-    spare_s = wait_s - windows.delay_ns(wait_s) * 1e-9
-    probability[:, states] = filtered(log_density, *chain, int(spare_s / windows.step_s + 1e-9))
+    lag_s = wait_s - windows.delay_ns(wait_s) * 1e-9
+    probability[:, states] = filtered(log_density, *chain, int(lag_s / windows.step_s + 1e-9))
     return Answer.most_probable(tick, probability)
 
 
@@ -218,7 +218,7 @@ def filtered(log_density: Array, log_initial: Array, log_transition: Array, lag:
         left = left + density
         left = left - hmm.log_sum_exp(left)
         known = np.einsum("j,jls->ls", np.exp(left), past)
-        first = max(0, now - lag)  # what is not yet final is written again
+        first = max(0, now - lag)  # rows that are not final yet are written again
         posterior[first : now + 1] = known[lag - (now - first) :]
     return posterior
 

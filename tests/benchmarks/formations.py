@@ -1,18 +1,17 @@
-"""How well several contacts at once are found.
+"""Accuracy of further contacts, beside the labelled one.
 
     python tests/benchmarks/formations.py --seeds 20
     python tests/benchmarks/formations.py --single recordings --tables formations.json
 
-Each scenario with a further contact is simulated with seeds 1, 2, ... (0.3 mm, 0.15 deg, 200 Hz, 24 s), and
-so are those with the first contact alone. ``found`` is the share of the recordings in which the first
-contact has its label and the further one its kind, or is among the kinds that are said to be inseparable
-from it (``of which open``: only among these); where the first one itself is said to be open, that is
-``ambiguous``. ``within 3 sd`` is the share of all elements of contacts that were named rightly. Errors of
-when a further contact joins and leaves are medians (s) over the recordings in which it does. ``false`` is the
-share of the time in which a further contact is reported that is none, in the simulated recordings and in
-those of ``--single`` folders, offline and online. ``online`` is the share of the time of the further
-contact in which it is reported at once, with its kind or an inseparable one, and ``delay`` the median time
-(s) until then.
+Scenarios with a further contact, and with one contact alone, are simulated with seeds 1, 2, ... (0.3 mm,
+0.15 deg, 200 Hz, 24 s). ``found`` is the share of the recordings in which the first contact is labelled and
+the true kind of the further one is reported, or reported as inseparable (``of which open``: only so); if the
+first one is reported as ambiguous, it counts as ``ambiguous``. ``within 3 sd`` is the share of the elements
+of correctly reported contacts. Errors of the begin and end of a further contact (``joins``, ``leaves``) are
+medians (s) over the recordings that have one. ``false`` is the share of the time with a false further
+contact, in the simulated recordings and in those of ``--single`` folders, offline and online. ``online`` is
+the share of the time of the further contact in which it is reported online, with its kind or an inseparable
+one, and ``delay`` the median time (s) until the first report.
 """
 
 import argparse
@@ -46,7 +45,7 @@ ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")
     for contact in (Contact.FF, Contact.EF, Contact.VF)
 }
-"""Of which two vertices on the table are one edge."""
+"""Scenarios with one contact. (Two vertices on the table would be an edge.)"""
 COLUMNS: Final = (
     *("scenario", "recordings", "found", "of which open", "ambiguous", "within 3 sd"),
     *("joins, s", "leaves, s", "false", "online", "delay, s", "false online"),
@@ -57,7 +56,7 @@ NAN: Final = float("nan")
 
 
 class Measured(NamedTuple):
-    """Of one recording; nan where a figure does not apply."""
+    """Figures of one recording; nan where one does not apply."""
 
     found: float = NAN
     is_open: float = NAN
@@ -74,17 +73,17 @@ class Measured(NamedTuple):
 
 
 def measure(name: str, seed: int, online: bool) -> Measured:
-    """Simulate, segment and judge one recording, and if asked for what is said of it online."""
+    """Simulate, segment and evaluate one recording, with ``online`` also its online beliefs."""
     made = simulate(ALONE.get(name, name), seed)
     found = _segmented(gate(made.poses), online)
     interval = made.truth.intervals[0]
     if not interval.further:
         return single(found, made.poses)
-    return _judged(found, made.poses, interval, interval.further[0])
+    return _evaluated(found, made.poses, interval, interval.further[0])
 
 
 def measure_file(path: str) -> Measured:
-    """Segment a recording of single contacts; nothing is measured of others."""
+    """Segment a recording of single contacts; others have no figures."""
     truth = read_truth(path)
     if truth is not None and any(interval.further for interval in truth.intervals):
         return Measured()
@@ -98,7 +97,7 @@ def _segmented(poses: Poses, online: bool) -> Segmentation:
 
 
 def single(found: Segmentation, poses: Poses) -> Measured:
-    """Of a recording without further contacts all of them are false."""
+    """Figures of a recording without further contacts: all reported ones are false."""
     spans = [(one.start_ns, _end(one)) for segment in found.segments for one in segment.further]
     online = sum(1 for belief in found.filtered if belief.further)
     return Measured(
@@ -109,7 +108,7 @@ def single(found: Segmentation, poses: Poses) -> Measured:
     )
 
 
-def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: FurtherTruth) -> Measured:
+def _evaluated(found: Segmentation, poses: Poses, first: TruthInterval, second: FurtherTruth) -> Measured:
     right = [one for segment in found.segments for one in segment.further if _overlap(one, second) > 0]
     best = max(right, key=lambda one: _overlap(one, second), default=None)
     label = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
@@ -144,7 +143,7 @@ def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: Fur
 
 
 def _false_online(beliefs: Sequence[Belief], second: FurtherTruth) -> int:
-    """Ticks in which a further contact is reported that is not there, or is another one."""
+    """Number of ticks with a false further contact: absent, or of another kind."""
     return sum(
         1
         for belief in beliefs
@@ -163,7 +162,7 @@ def _names(one: FurtherContact, true: FurtherTruth) -> bool:
 def _deviations(
     poses: Poses, true: tuple[TruthInterval, FurtherTruth], found: tuple[Segment, FurtherContact]
 ) -> tuple[float, ...]:
-    """Of all elements, in standard deviations. Two contacts of one kind may be reported in either order."""
+    """Errors of all elements in standard deviations. Two contacts of one kind may be in either order."""
     first, second = true
     label, further = found
     span = second.start_ns, second.end_ns
@@ -203,7 +202,7 @@ def _seconds(poses: Poses) -> float:
 
 
 def row(name: str, measured: Sequence[Measured]) -> list[str]:
-    """A line of the table of scenarios."""
+    """A row of the table of scenarios."""
     seconds = sum(one.seconds for one in measured)
     online_seconds = sum(one.online_seconds for one in measured)
     deviations = np.array([sd for one in measured for sd in one.deviations_sd])
@@ -223,7 +222,7 @@ def row(name: str, measured: Sequence[Measured]) -> list[str]:
 
 
 def single_row(name: str, measured: Sequence[Measured]) -> list[str]:
-    """A line of the table of recordings without further contacts."""
+    """A row of the table of recordings without further contacts."""
     return shares_row(name, [(one.seconds, one.false_s, one.false_online_s) for one in measured])
 
 
@@ -237,11 +236,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     names = [*FORMATIONS, *ALONE]
+    parser.add_argument("--seeds", type=int, default=3, help="number of each scenario (default: %(default)s)")
     parser.add_argument(
-        "--seeds", type=int, default=3, help="so many of each scenario (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--online", type=int, default=1000, metavar="N", help="the first so many also online (default: all)"
+        "--online", type=int, default=1000, metavar="N", help="the first N also online (default: all)"
     )
     parser.add_argument("--only", nargs="+", default=names, choices=names, metavar="NAME")
     parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")

@@ -1,10 +1,10 @@
-"""How good the found geometry is: against the Cramer-Rao bound, the paper's table, and its own covariance.
+"""Accuracy of the geometry, relative to the Cramer-Rao bound, to the paper's table and to its covariance.
 
     python tests/benchmarks/geometry.py --seeds 60
     python tests/benchmarks/geometry.py FOLDER --set paper sequence --noise mocap
 
-Simulated: stretches of one contact, found from all their ticks. FOLDER: sets of labelled recordings as in
-identification.py, segmented by the tracker; without one, only the simulation.
+Simulated: intervals of one known contact, fitted to all their ticks. FOLDER: sets of labelled recordings as
+in identification.py, segmented by the tracker; without one, only the simulation.
 """
 
 import argparse
@@ -35,7 +35,7 @@ from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
 from kept_tables import Table
 from shared_recordings import add_folder
-from stretches import NOISES, Found, find_simulated
+from simulated_fits import NOISES, Fitted, fit_simulated
 from worker_pool import worker_pool
 
 Array = NDArray[np.float64]
@@ -53,9 +53,9 @@ COVARIANCE: Final = ("set", "elements", "n", "nees", "95 % band", "median", "wit
 
 
 def over_bound(error: Array, bound: Array) -> tuple[float, float, float]:
-    """Of errors (n, d) with bounds (n, d, d): their median, that of the bound, and how much worse they are.
+    """Median of errors (n, d), median of their bounds (n, d, d), and the ratio of both.
 
-    The last is the median of |error| / bound, over what it is for errors drawn from the bound itself.
+    The ratio is the median of |error| / bound, relative to that of errors drawn from the bound.
     """
     least = np.sqrt(np.trace(bound, axis1=1, axis2=2))
     size = np.linalg.norm(error, axis=1)
@@ -64,7 +64,7 @@ def over_bound(error: Array, bound: Array) -> tuple[float, float, float]:
 
 
 def mean_deviation(deviations: Iterable[Deviation]) -> tuple[float, float, float]:
-    """Mean normalised error squared per degree of freedom, and the band it is in if covariances are right."""
+    """Mean normalised squared error per degree of freedom, and its band for correct covariances."""
     known = [d for d in deviations if d.freedom]
     freedom = sum(d.freedom for d in known)
     if not freedom:
@@ -73,7 +73,7 @@ def mean_deviation(deviations: Iterable[Deviation]) -> tuple[float, float, float
     return sum(d.squared for d in known) / freedom, float(low), float(high)
 
 
-def simulation_rows(name: str, contact: Contact, found: Sequence[Found]) -> Iterator[list[str]]:
+def simulation_rows(name: str, contact: Contact, found: Sequence[Fitted]) -> Iterator[list[str]]:
     for side, title in enumerate(SIDES):
         error, bound = (np.array([getattr(f, key)[side] for f in found]) for key in ("error", "bound"))
         nees, low, high = mean_deviation(f.deviation[side] for f in found)
@@ -84,15 +84,15 @@ def simulation_rows(name: str, contact: Contact, found: Sequence[Found]) -> Iter
             yield [name, contact.value, title, f"{kind} {unit}", *figures, f"{low:.2f}-{high:.2f}"]
 
 
-class Judged(NamedTuple):
+class RecordingErrors(NamedTuple):
     """The errors of one recording, and the bounds (rms; deg, mm) of its true segments by contact and side."""
 
     rows: tuple[ElementError, ...]
     bounds: dict[tuple[Contact, str], tuple[float, float]]
 
 
-def judge(path: Path) -> Judged:
-    """Segment a recording and compare it; bounds are of the measured motion and the estimated noise."""
+def measure(path: Path) -> RecordingErrors:
+    """Compare the elements found in a recording; bounds are for the measured motion and estimated noise."""
     poses, truth = Poses.collect(open_log(str(path))), read_truth(str(path))
     assert truth is not None, f"{path}: no truth"
     bounds = {}
@@ -113,12 +113,12 @@ def judge(path: Path) -> Judged:
                 1e3 * np.sqrt(square.get("distance", np.nan)),
             )
             bounds[interval.contact, side] = float(rms[0]), float(rms[1])
-    found = rightly_labelled(segment(poses, load_model()).segments, scoring(poses.stamp_ns, truth))
-    return Judged(geometry_errors(poses, truth, found).rows, bounds)
+    found = correctly_labelled(segment(poses, load_model()).segments, scoring(poses.stamp_ns, truth))
+    return RecordingErrors(geometry_errors(poses, truth, found).rows, bounds)
 
 
-def rightly_labelled(segments: Iterable[Segment], scored: Scoring) -> list[Segment]:
-    """Those that are what they say for most of their time: elements of anything else have no true ones."""
+def correctly_labelled(segments: Iterable[Segment], scored: Scoring) -> list[Segment]:
+    """Segments whose label is true for most of their time; elements of others have no true ones."""
 
     def share(segment: Segment) -> float:
         inside = (scored.stamp_ns >= segment.start_ns) & (scored.stamp_ns <= segment.end_ns)
@@ -127,12 +127,12 @@ def rightly_labelled(segments: Iterable[Segment], scored: Scoring) -> list[Segme
     return [segment for segment in segments if share(segment) > MOSTLY]
 
 
-def paper_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
+def paper_rows(recordings: Sequence[RecordingErrors]) -> Iterator[list[str]]:
     for (contact, side), best in REPORTED_ERRORS.items():
-        mine = [row for j in judged for row in j.rows if (row.contact, row.side) == (contact, side)]
-        least = [j.bounds[contact, side] for j in judged if (contact, side) in j.bounds]
+        errors = [row for one in recordings for row in one.rows if (row.contact, row.side) == (contact, side)]
+        least = [one.bounds[contact, side] for one in recordings if (contact, side) in one.bounds]
         for column, kind in enumerate(("angle deg", "distance mm")):
-            values = [(row.angle_deg, row.distance_mm)[column] for row in mine]
+            values = [(row.angle_deg, row.distance_mm)[column] for row in errors]
             if not np.isnan(best[column]) and values:
                 bound = number(float(np.median([b[column] for b in least])), 3)
                 middle, worst = number(float(np.median(values)), 3), number(max(values), 3)
@@ -160,10 +160,10 @@ def covariance_rows(name: str, rows: Sequence[ElementError]) -> Iterator[list[st
 def report(
     folder: Path, sets: Sequence[str], noises: Sequence[str], seeds: int, run: Run
 ) -> dict[str, Table]:
-    """Print the tables, each as soon as it is known; a summary of them."""
+    """Print the tables, each as soon as it is computed; returns a summary of them."""
     rows, kept = list[list[str]](), dict[str, Table]()
     for name, contact in product(noises, CONTACTS):
-        found = list(run(partial(find_simulated, contact, NOISES[name]), range(seeds)))
+        found = list(run(partial(fit_simulated, contact, NOISES[name]), range(seeds)))
         rows += list(simulation_rows(name, contact, found))
     if rows:
         kept["simulated"] = summary(rows)
@@ -172,16 +172,16 @@ def report(
         print(
             f"within {GOAL} x bound: {np.sum(worse <= GOAL)} of {len(rows)} medians", end="\n\n", flush=True
         )
-    judged = {name: list(run(judge, sorted((folder / name).glob("*.mcap")))) for name in sets}
-    judged = {name: some for name, some in judged.items() if some}
-    if "paper" in judged:
-        kept["paper"] = Table(AGAINST_PAPER, list(paper_rows(judged["paper"])))
+    by_set = {name: list(run(measure, sorted((folder / name).glob("*.mcap")))) for name in sets}
+    by_set = {name: some for name, some in by_set.items() if some}
+    if "paper" in by_set:
+        kept["paper"] = Table(AGAINST_PAPER, list(paper_rows(by_set["paper"])))
         print(table(*kept["paper"]), end="\n\n")
-    if judged:
+    if by_set:
         rows = [
             row
-            for name, some in judged.items()
-            for row in covariance_rows(name, [r for j in some for r in j.rows])
+            for name, some in by_set.items()
+            for row in covariance_rows(name, [error for one in some for error in one.rows])
         ]
         kept["covariance"] = Table(COVARIANCE, rows)
         print(table(*kept["covariance"]))
@@ -189,7 +189,7 @@ def report(
 
 
 def summary(rows: Sequence[list[str]]) -> Table:
-    """Of each noise and contact the medians of the errors, over both elements, and their worst ratios."""
+    """Medians of the errors by noise and contact, over both elements, and their worst ratios."""
     columns = "noise", "contact", "angle, deg", "distance, mm", "worst over the bound", "nees"
     kept = list[list[str]]()
     for noise, contact in dict.fromkeys((row[0], row[1]) for row in rows):
@@ -212,7 +212,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         "--set", nargs="*", default=["paper", "sequence"], metavar="NAME", help="default: paper sequence"
     )
     parser.add_argument("--noise", nargs="*", default=list(NOISES), choices=list(NOISES))
-    parser.add_argument("--seeds", type=int, default=60, help="simulated stretches per contact and noise")
+    parser.add_argument("--seeds", type=int, default=60, help="simulated intervals per contact and noise")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep a summary in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)

@@ -1,14 +1,14 @@
-"""Whether two builds of the project give the same answers, and what each takes.
+"""Comparison of two builds of the project: their outputs and their CPU time.
 
     python tests/benchmarks/goldens.py build COMMIT FOLDER
     python tests/benchmarks/goldens.py compare FOLDER recordings
     python tests/benchmarks/goldens.py compare FOLDER recordings OTHER --within 1e-3 0.01
 
-``build`` installs a commit of this repository in a folder of its own. ``compare`` runs the commands of that
-build and of this one in turns over every recording that is found: ``segment`` (smoothed posteriors, geometry
-and segments), ``live`` and ``live --lag`` (filtered and lagged ones). Outputs are compared byte by byte, and
-where they differ number by number. Exit code 1: some label or segment differs, or a probability by more than
-is allowed. The answers and times of the other build are kept in its folder, ``answers``.
+``build`` installs a commit of this repository in a folder. ``compare`` runs the commands of that build and of
+this one alternately on every recording found: ``segment`` (smoothed posteriors, geometry and segments),
+``live`` and ``live --lag`` (filtered and lagged posteriors). Outputs are compared byte by byte, and where
+they differ number by number. Exit code 1: a label or segment differs, or a probability by more than allowed.
+The outputs and times of the other build are kept in its folder, ``answers``.
 """
 
 import argparse
@@ -38,17 +38,17 @@ OFFLINE: Final = ("segments", "smoothed")
 ENVIRONMENT: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-class Answer(NamedTuple):
-    """What a command has written, and the CPU time that it took (s)."""
+class Output(NamedTuple):
+    """The output of a command, and its CPU time (s)."""
 
     text: bytes
     cpu_s: float
 
 
 class Difference(NamedTuple):
-    """Between two outputs of one run: whether they are equal to the byte; of how many ``ticks`` (or segments)
-    how many ``labels`` (or rows) differ; the largest difference of a probability, and of any other number
-    relative to its size."""
+    """Difference of two outputs of one run: whether they are ``identical``; the number of ``ticks`` (or
+    segments), and of those with other ``labels`` (or times); the largest difference of a probability, and the
+    largest relative difference of any other number."""
 
     identical: bool
     ticks: int
@@ -57,8 +57,8 @@ class Difference(NamedTuple):
     other: float
 
 
-def run(command: Path, name: str, log: Path, scratch: Path) -> Answer:
-    """One command of one build on one recording."""
+def run(command: Path, name: str, log: Path, scratch: Path) -> Output:
+    """Run one command of one build on one recording."""
     out = scratch / f"{name}-{os.getpid()}-{abs(hash((command, log)))}"
     arguments = [word.format(out=out) for word in RUNS[name]]
     with (scratch / f"{out.name}.stdout").open("w+b") as stdout:
@@ -69,33 +69,33 @@ def run(command: Path, name: str, log: Path, scratch: Path) -> Answer:
             env=os.environ | ENVIRONMENT,
         )
         assert process.stderr is not None
-        said = process.stderr.read().decode(errors="replace")
+        messages = process.stderr.read().decode(errors="replace")
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode not in (0, 3):
-            raise SystemExit(f"{command} {' '.join(arguments)} {log}: {said}")
+            raise SystemExit(f"{command} {' '.join(arguments)} {log}: {messages}")
         stdout.seek(0)
         text = stdout.read()
     Path(stdout.name).unlink()
     for written in scratch.glob(f"{out.name}.*"):
         text = written.read_bytes()
         written.unlink()
-    return Answer(text, usage.ru_utime + usage.ru_stime)
+    return Output(text, usage.ru_utime + usage.ru_stime)
 
 
-def kept(folder: Path, name: str, log: Path) -> Answer:
-    """The answer of the build in a folder: it is asked once."""
+def kept(folder: Path, name: str, log: Path) -> Output:
+    """The output of the build in a folder, which is run only once."""
     path = folder / "answers" / name / f"{log.parent.parent.name}-{log.parent.name}-{log.stem}"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        answer = run(folder / ".venv" / "bin" / "contact-tracker", name, log, path.parent)
-        path.with_suffix(".seconds").write_text(str(answer.cpu_s))
-        path.write_bytes(answer.text)
-    return Answer(path.read_bytes(), float(path.with_suffix(".seconds").read_text()))
+        output = run(folder / ".venv" / "bin" / "contact-tracker", name, log, path.parent)
+        path.with_suffix(".seconds").write_text(str(output.cpu_s))
+        path.write_bytes(output.text)
+    return Output(path.read_bytes(), float(path.with_suffix(".seconds").read_text()))
 
 
 def difference(name: str, one: bytes, other: bytes) -> Difference:
-    """Between two outputs of one run."""
+    """The difference of two outputs of one run."""
     rows = list(zip_longest(_rows(name, one), _rows(name, other)))
     if one == other:
         return Difference(True, len(rows), 0, 0.0, 0.0)
@@ -142,25 +142,25 @@ def _read(cell: str) -> object:
 
 
 def _label(row: dict[str, Any]) -> tuple[Any, ...]:
-    """What must not differ: the contact, and of a segment when it begins and ends."""
+    """The values that must be equal: the contact, and the times of a tick or segment."""
     return tuple(row.get(key) for key in ("contact", "stamp_ns", "start_ns", "end_ns"))
 
 
 def compare(folder: Path, logs: Sequence[Path], within: tuple[float, float], processes: int) -> int:
-    """Print a line per run and recording that differs, and one per run; the exit code."""
+    """Print a line per run and recording that differs, and one per run; returns the exit code."""
     here = Path(sys.executable).parent / "contact-tracker"
     jobs = [(name, log) for name in RUNS for log in logs]
 
-    def both(job: tuple[str, Path]) -> tuple[Answer, Answer]:
+    def both(job: tuple[str, Path]) -> tuple[Output, Output]:
         return kept(folder, *job), run(here, *job, folder)
 
     wrong = 0
     with ThreadPoolExecutor(processes) as pool:
-        answers = dict(zip(jobs, tqdm(pool.map(both, jobs), total=len(jobs), disable=None), strict=True))
+        outputs = dict(zip(jobs, tqdm(pool.map(both, jobs), total=len(jobs), disable=None), strict=True))
     for name in RUNS:
         allowed, same, cpu = within[0 if name in OFFLINE else 1], 0, list[tuple[float, float]]()
         for log in logs:
-            old, new = answers[name, log]
+            old, new = outputs[name, log]
             cpu.append((new.cpu_s, old.cpu_s))
             found = difference(name, old.text, new.text)
             same += found.identical
@@ -204,7 +204,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     other.add_argument("logs", type=Path, nargs="+", help="recordings, or folders of them")
     other.add_argument(
         "--within", type=float, nargs=2, default=(0.0, 0.0), metavar=("OFFLINE", "ONLINE"),
-        help="how much a probability may differ (default: not at all)",
+        help="largest allowed differences of probabilities (default: 0)",
     )  # fmt: skip
     other.add_argument("--processes", type=int, default=1)
     args = parser.parse_args(argv)

@@ -1,11 +1,11 @@
-"""What a tick takes in a recording's first minute, and in one much later: how it grows with what is known.
+"""Growth of the time per tick with the landmark memory: a recording's first minute, and a later one.
 
     python tests/benchmarks/growth.py
     python tests/benchmarks/growth.py --after 3600
 
-A log is played forth and back, and its first minute is compared with the same poses ``--after`` so many
-seconds, when elements have touched before. The two are followed tick by tick in turns, as the online pass
-of ``segment`` does, several times: a machine that is faster now than a second ago is so for both.
+A log is played forward and backward repeatedly, and its first minute is compared with the same poses
+``--after`` seconds later, when elements have touched before. The two are tracked alternately, tick by tick,
+as in the forward pass of ``segment``, several times: so the load of the machine affects both.
 """
 
 import argparse
@@ -34,15 +34,15 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 COLUMNS: Final = ("minute", "ms per tick", "x", "hypotheses", "x")
 
 
-class Taken(NamedTuple):
-    """CPU time of a tick, and the hypotheses that are left."""
+class TickCost(NamedTuple):
+    """CPU time of a tick, and the number of hypotheses after it."""
 
     cpu_s: float
     hypotheses: int
 
 
-class Grown(NamedTuple):
-    """What a tick takes and how many hypotheses there are (2,): in the first minute, and ``after_s``."""
+class Growth(NamedTuple):
+    """Mean CPU time and number of hypotheses per tick (2,): in the first minute, and ``after_s``."""
 
     after_s: float
     cpu_s: Array
@@ -50,17 +50,17 @@ class Grown(NamedTuple):
 
     @property
     def cpu_growth(self) -> Array:
-        """Times what the first minute takes (2,)."""
+        """CPU time relative to the first minute (2,)."""
         return np.asarray(self.cpu_s / self.cpu_s[0])
 
     @property
     def hypotheses_growth(self) -> Array:
-        """Times those of the first minute (2,)."""
+        """Number of hypotheses relative to the first minute (2,)."""
         return np.asarray(self.hypotheses / self.hypotheses[0])
 
 
-def follow(state: TrackerState, poses: Poses) -> Iterator[tuple[TrackerState, Taken]]:
-    """Each tick that ends within the poses; of what averaging takes all that end in a batch have a share."""
+def track(state: TrackerState, poses: Poses) -> Iterator[tuple[TrackerState, TickCost]]:
+    """The cost of each tick that ends within the poses; ticks of a batch share the time of its averaging."""
     for batch in poses.batches():
         began_s = time.process_time()
         state, closed = tracker.accumulate_poses(state, batch)
@@ -68,11 +68,11 @@ def follow(state: TrackerState, poses: Poses) -> Iterator[tuple[TrackerState, Ta
         for tick in closed:
             began_s = time.process_time()
             state, _ = tracker.update(state, tick, Detail.WEIGHTS)
-            yield state, Taken(share_s + time.process_time() - began_s, sum(map(len, state.banks)))
+            yield state, TickCost(share_s + time.process_time() - began_s, sum(map(len, state.banks)))
 
 
 def minutes(log: Path, after_s: float, seconds: float) -> tuple[Poses, Poses, Poses]:
-    """The first ``seconds``, the same poses about ``after_s`` later, and all that comes before those."""
+    """The first ``seconds``, the same poses about ``after_s`` later, and all poses before those."""
     short = _read(log)
     tour = 2 * (len(short) - 1)
     rate_hz = 1e9 * (len(short) - 1) / float(short.stamp_ns[-1] - short.stamp_ns[0])
@@ -88,21 +88,21 @@ def _read(log: Path) -> Poses:
     return Poses.join(list(open_log(str(log)).batches()))
 
 
-def measure(log: Path, model: str, after_s: float, seconds: float, turns: int) -> Grown:
-    """The same ``seconds`` when nothing has been met yet and ``after_s`` later, median of each tick."""
+def measure(log: Path, model: str, after_s: float, seconds: float, turns: int) -> Growth:
+    """The same ``seconds`` with an empty landmark memory and ``after_s`` later, median of each tick."""
     early, late, between = minutes(log, after_s, seconds)
     start = known = tracker.start(load_model(model))
-    for state, _ in follow(start, between):
+    for state, _ in track(start, between):
         known = state
-    taken = [
+    costs = [
         [
             (first, later)
-            for (_, first), (_, later) in zip(follow(start, early), follow(known, late), strict=False)
+            for (_, first), (_, later) in zip(track(start, early), track(known, late), strict=False)
         ]
         for _ in range(turns)
     ]
-    cost, many = np.median(np.array(taken), axis=0).mean(axis=0).T  # of (turns, ticks, 2, what)
-    return Grown(float(late.stamp_ns[0] - early.stamp_ns[0]) * 1e-9, cost, many)
+    cost, many = np.median(np.array(costs), axis=0).mean(axis=0).T  # of (turns, ticks, 2, 2)
+    return Growth(float(late.stamp_ns[0] - early.stamp_ns[0]) * 1e-9, cost, many)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -116,12 +116,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="of a minute")
     parser.add_argument("--turns", type=int, default=5)
     args = parser.parse_args(argv)
-    grown = measure(args.log, args.model, args.after, args.seconds, args.turns)
-    after = f"after {number(grown.after_s, 0)} s"
-    taken = zip(grown.cpu_s, grown.cpu_growth, grown.hypotheses, grown.hypotheses_growth, strict=True)
+    growth = measure(args.log, args.model, args.after, args.seconds, args.turns)
+    after = f"after {number(growth.after_s, 0)} s"
+    figures = zip(growth.cpu_s, growth.cpu_growth, growth.hypotheses, growth.hypotheses_growth, strict=True)
     rows = [
         [name, number(1e3 * cost, 3), number(x, 2), number(many, 0), number(more, 2)]
-        for name, (cost, x, many, more) in zip(("first", after), taken, strict=True)
+        for name, (cost, x, many, more) in zip(("first", after), figures, strict=True)
     ]
     print(table(COLUMNS, rows, left=1))
     return 0

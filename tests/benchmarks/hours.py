@@ -1,10 +1,10 @@
-"""What whole commands take for a minute, ten minutes, hours: CPU time per tick and peak memory.
+"""CPU time per tick and peak memory of whole commands on logs from a minute to hours.
 
     python tests/benchmarks/hours.py
     python tests/benchmarks/hours.py --only live --lengths 60 600 3600 36000
 
-The poses of a log, played forth and back for so many seconds, are a log on disk; each command reads it in a
-process of its own, whose peak is that of everything in it. ``x`` is the figure of the line above, times what.
+The poses of a log are played forward and backward repeatedly and written to a log of the given length; each
+command reads it in a process of its own. ``x`` is the ratio to the figure in the line above.
 """
 
 import argparse
@@ -26,7 +26,7 @@ HEADER: Final = f"{'command':10}{'log':>8}{'CPU s':>9}{'ms per tick':>13}{'x':>7
 
 
 def command(row: str, scratch: Path) -> tuple[str, ...]:
-    """The command line but for the log."""
+    """The command line without the log."""
     match row:
         case "segment":
             return "segment", "-o", str(scratch / "out.csv")
@@ -36,10 +36,10 @@ def command(row: str, scratch: Path) -> tuple[str, ...]:
 
 
 def lines(row: str, setup: Setup) -> Iterator[str]:
-    """One for each length."""
+    """A line for each length."""
     before: Measured | None = None
     tick_s = load_model(setup.model).tick_s
-    idle = () if row == "evaluate" else IDLE  # it judges whole recordings only
+    idle = () if row == "evaluate" else IDLE  # it has no --duration
     for measured in lengths(setup, command(row, setup.scratch), idle):
         growth, larger = " " * 7, " " * 7
         if before is not None:

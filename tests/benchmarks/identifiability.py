@@ -1,10 +1,10 @@
-"""Which of the tracker's errors are its own, and which nobody could avoid: beside oracles.
+"""Classes of the tracker's errors, avoidable and unavoidable ones, by comparison with oracles.
 
     python tests/benchmarks/identifiability.py FOLDER --set hard robot
 
-Sets of labelled recordings as in identification.py. The tracker's offline labels stand beside those of
-oracles that are told the true boundaries (``oracle.py``), and each second that it was wrong is put into one
-class. What is singular, or at rest before the first motion, is left out.
+Sets of labelled recordings as in identification.py. The tracker's offline labels are compared with those of
+oracles with the true boundaries (``oracle.py``), and the time with wrong labels is divided into classes.
+Singular motion, and rest before the first motion, are left out.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
-from identifiability_tables import Judged, Mistake
+from identifiability_tables import Mistake, RecordingErrors
 from identification import find_sets
 from scores import OFFLINE, Method
 from shared_recordings import add_folder
@@ -39,8 +39,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def measure(path: Path, model_name: str) -> Judged:
-    """Track one recording and ask the oracles; raises ContactTrackerError where it cannot be used."""
+def measure(path: Path, model_name: str) -> RecordingErrors:
+    """Compare tracker and oracles on one recording; raises ContactTrackerError if it cannot be used."""
     model, truth = load_model(model_name), read_truth(str(path))
     if truth is None:
         raise NoTruth(f"{path}: no truth")
@@ -49,8 +49,8 @@ def measure(path: Path, model_name: str) -> Judged:
         raise NoPoses(f"{path}: no pose that can be used")
     tracked = tracking.track(poses, model)
     true = oracle.phases(truth)
-    verdict = oracle.judge(true, tracked, poses.position_m[0], model)
-    return compare(path.stem, poses, scoring(poses.stamp_ns, truth), true, tracked, verdict, model)
+    oracles = oracle.evaluate(true, tracked, poses.position_m[0], model)
+    return compare(path.stem, poses, scoring(poses.stamp_ns, truth), true, tracked, oracles, model)
 
 
 def compare(
@@ -59,22 +59,22 @@ def compare(
     scored: Scoring,
     true: Sequence[oracle.Phase],
     tracked: tracking.Tracked,
-    verdict: oracle.Verdict,
+    oracles: oracle.OracleResults,
     model: Model,
-) -> Judged:
-    """Labels of tracker and oracles over the frames whose motion can tell, and the tracker's mistakes."""
+) -> RecordingErrors:
+    """Labels of tracker and oracles over identifiable frames, and the tracker's mistakes."""
     answer = tracking.answers(poses, tracked)[Method(tracking.NAME, OFFLINE)]
     label = answer.label[answer.tick]
     taken = scored.subsets[Subset.IDENTIFIABLE]
     phase = np.searchsorted([p.start_ns for p in true], poses.stamp_ns, side="right") - 1
     weight = np.where(taken, scored.seconds, 0.0)
-    said = {tracking.NAME: label} | {o: verdict.label[o][phase] for o in oracle.ORACLES}
-    confusion_s = {who: _confusion(scored.truth, column, weight) for who, column in said.items()}
+    labels = {tracking.NAME: label} | {o: oracles.label[o][phase] for o in oracle.ORACLES}
+    confusion_s = {name: _confusion(scored.truth, column, weight) for name, column in labels.items()}
     wrong = np.where(label != scored.truth, weight, 0.0)
     clear = np.where(scored.subsets[Subset.CLEAR], wrong, 0.0)
     stamp_s = (poses.stamp_ns - poses.stamp_ns[0]) * 1e-9
     rate_hz, sigma_mm = 1.0 / float(np.median(np.diff(stamp_s))), 1e3 * estimate_noise(poses)[0]
-    judge = partial(_odds, poses, label, answer.tick, tracked, model)
+    log_odds = partial(_log_odds, poses, label, answer.tick, tracked, model)
     mistakes = []
     for run in _runs(wrong > 0, phase):
         row = int(phase[run[0]])
@@ -92,22 +92,22 @@ def compare(
                 taken=STATES[int(np.argmax(seconds))],
                 near_s=float((wrong - clear)[run].sum()),
                 clear_s=float(clear[run].sum()),
-                oracles={o: STATES[verdict.label[o][row]] for o in oracle.ORACLES},
+                oracles={o: STATES[oracles.label[o][row]] for o in oracle.ORACLES},
                 beside=bool(right.any()),
-                **judge(run, true[row]),
+                **log_odds(run, true[row]),
             )
         )
-    return Judged(name, confusion_s, tuple(mistakes))
+    return RecordingErrors(name, confusion_s, tuple(mistakes))
 
 
 def _runs(wrong: NDArray[np.bool_], phase: Ints) -> list[Ints]:
-    """Frames without a break in which the label is wrong, each within one true phase."""
+    """Runs of consecutive frames with wrong labels, each within one true phase."""
     frames = np.flatnonzero(wrong)
     ends = np.flatnonzero((np.diff(frames) > 1) | (np.diff(phase[frames]) != 0)) + 1
     return [run for run in np.split(frames, ends) if len(run)]
 
 
-def _odds(
+def _log_odds(
     poses: Poses,
     label: Ints,
     tick: Ints,
@@ -116,20 +116,20 @@ def _odds(
     run: Ints,
     phase: oracle.Phase,
 ) -> dict[str, float]:
-    """Evidence and prior of the true contact in a run of wrong labels (frames), over those of the labels."""
+    """Evidence and prior (nats) of the true contact in a run of frames, relative to those of the labels."""
     stamp_ns, column = poses.stamp_ns[run], phase.contact.column
-    evidence = cache(partial(oracle.evidence_within, tracked=tracked, model=model))  # often of one span
+    evidence = cache(partial(oracle.evidence_within, tracked=tracked, model=model))  # spans may repeat
     pieces = np.split(np.arange(len(run)), np.flatnonzero(np.diff(label[run])) + 1)
     ends = [(int(stamp_ns[p[0]]), int(stamp_ns[p[-1]])) for p in pieces]
-    told = sum(float(evidence(*end)[label[run[p[0]]]]) for end, p in zip(ends, pieces, strict=True))
+    of_labels = sum(float(evidence(*end)[label[run[p[0]]]]) for end, p in zip(ends, pieces, strict=True))
     span = ends[0][0], ends[-1][1]
     fitted = float(evidence(*span)[column])
     known = oracle.evidence_of_truth(phase, oracle.within(*span, tracked), poses.position_m[0], model)
     path = tracked.segmentation.beliefs.rows["contact"].astype(np.int64)
-    mended = path.copy()
-    mended[np.unique(tick[run])] = column
-    prior = oracle.log_prior(mended, tracked.window, model) - oracle.log_prior(path, tracked.window, model)
-    return {"fitted": fitted - told, "known": known - told, "prior": prior}
+    corrected = path.copy()
+    corrected[np.unique(tick[run])] = column
+    prior = oracle.log_prior(corrected, tracked.window, model) - oracle.log_prior(path, tracked.window, model)
+    return {"fitted": fitted - of_labels, "known": known - of_labels, "prior": prior}
 
 
 def _confusion(truth: Columns, label: Ints, weight: Array) -> Array:
@@ -140,14 +140,16 @@ def _confusion(truth: Columns, label: Ints, weight: Array) -> Array:
     return confusion
 
 
-def measure_sets(sets: dict[str, list[Path]], model_name: str, processes: int) -> dict[str, list[Judged]]:
-    """All that could be measured, by set; what could not is said on stderr, one line each."""
+def measure_sets(
+    sets: dict[str, list[Path]], model_name: str, processes: int
+) -> dict[str, list[RecordingErrors]]:
+    """The recordings that can be used, by set; the others are reported on stderr, one line each."""
     paths = [path for some in sets.values() for path in some]
-    done: dict[Path, Judged] = {}
+    done: dict[Path, RecordingErrors] = {}
     with worker_pool(processes) as pool:
-        waiting = {pool.submit(measure, path, model_name): path for path in paths}
-        for future in tqdm(as_completed(waiting), total=len(waiting), unit="recording"):
-            path = waiting[future]
+        jobs = {pool.submit(measure, path, model_name): path for path in paths}
+        for future in tqdm(as_completed(jobs), total=len(jobs), unit="recording"):
+            path = jobs[future]
             try:
                 done[path] = future.result()
             except ContactTrackerError as error:
@@ -165,9 +167,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
     sets = find_sets(args.folder, args.set)
-    judged = measure_sets(sets, args.model, args.processes)
-    print(identifiability_tables.to_text(judged))
-    return 0 if sum(map(len, judged.values())) == sum(map(len, sets.values())) else 1
+    measured = measure_sets(sets, args.model, args.processes)
+    print(identifiability_tables.to_text(measured))
+    return 0 if sum(map(len, measured.values())) == sum(map(len, sets.values())) else 1
 
 
 if __name__ == "__main__":

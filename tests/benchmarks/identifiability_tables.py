@@ -24,32 +24,32 @@ PAIRS: Final = ("set", "true", "taken for", "s", "times", "phase s", "Hz", "mm",
 OWN: Final = ("recording", "from s", "to s", "true", "taken for", "s", *MARGINS)
 TICK_S: Final = 0.1
 SHOWN_S: Final = 0.3
-"""Pairs that were mistaken for less time are not listed."""
+"""Pairs that were confused for less time are not listed."""
 LEGEND: Final = f"""\
 {TRACKER}        the label, offline; share of the time, and mean F1 over the states
 fitted         oracle: the true boundaries, all contacts fitted (the true one from the true elements as well)
-given          oracle: the true boundaries, and the true elements of the true contact at no price
-rule           the true boundaries, the most constrained contact that fits, whatever the evidence
+given          oracle: the true boundaries, and the true elements of the true contact without complexity
+rule           the true boundaries, the most constrained contact that fits, without evidence
 
 near a change  wrong within 0.25 s of a true change and for no more than a tick beyond
 oracle wrong   the oracle "fitted" is wrong in this phase as well
 less probable  the truth in place of the label would be less probable than the label
 near tie       it would be more probable, but less than 20 times
-own            the rest, what the {TRACKER} could still gain; "at best" is its accuracy without these, and
-               "ties won" without near ties, too
-known          the same when the truth pays nothing for its elements, as if all had been met before (the
-               oracle is then "given"): its own errors, and its accuracy at best
+own            the rest, avoidable errors of the {TRACKER}; "at best" is its accuracy without these, and
+               "ties won" without near ties as well
+known          the same without the complexity of the true elements, as if all had touched before (the
+               oracle is then "given"): avoidable errors, and accuracy without them
 
-Of each time without a break that the label was wrong, nats for the truth against the label:
-fitted         evidence, all contacts fitted to just that time
-known          evidence, the truth with its true elements at no price; that counts where it is more, and the
+For each interval with wrong labels, nats of the truth relative to the labels:
+fitted         evidence, all contacts fitted to this interval only
+known          evidence, with the true elements without complexity; used where it is larger and the
                {TRACKER} has found the contact in the rest of the phase
-prior          log chance of all labels with the truth there, over that of the labels: changes are rare
+prior          log prior probability of all labels with the truth in this interval: changes are rare
 phase s (length), Hz, mm (noise of a pose) and nats of pairs are medians"""
 
 
 class Class(StrEnum):
-    """Why a label was wrong."""
+    """Class of an error."""
 
     NEAR = "near a change"
     ORACLE = "oracle wrong"
@@ -60,13 +60,13 @@ class Class(StrEnum):
 
 @dataclass(frozen=True)
 class Mistake:
-    """A time without a break in which the labels were wrong, within one true phase of ``phase_s``.
+    """An interval with wrong labels, within one true phase of ``phase_s``.
 
-    ``start_s`` to ``end_s`` since the first pose, its first and last frame; of that ``near_s`` within 0.25 s
-    of a true change and ``clear_s`` not; ``taken`` is the label of most of it. Nats for the truth: evidence
-    over that of the labels, ``fitted`` to just that time, and with the true elements ``known``; ``prior``,
-    the chance of all labels with the truth there, over that of the labels as they are. ``beside``: whether
-    the rest of the phase, or some of it, has the true label.
+    ``start_s`` and ``end_s`` are the times of its first and last frame since the first pose; ``near_s`` of it
+    are within 0.25 s of a true change, ``clear_s`` are not; ``taken`` is its most frequent label. Nats of the
+    truth relative to the labels: evidence, ``fitted`` to the interval only and with the true elements
+    ``known``; ``prior`` probability of all labels. ``beside``: whether some of the rest of the phase has the
+    true label.
     """
 
     recording: str
@@ -90,8 +90,8 @@ class Mistake:
         return self.near_s + self.clear_s
 
     def log_odds(self, known: bool = False) -> float:
-        """How much more probable (nats) the truth is in place of the labels; the true elements are ``known``
-        at no price, or where the contact was found beside."""
+        """Log odds (nats) of the truth against the labels; the true elements count without complexity if they
+        are ``known``, or if the contact was found in the rest of the phase."""
         evidence = max(self.fitted, self.known) if known or self.beside else self.fitted
         return evidence + self.prior
 
@@ -108,42 +108,43 @@ class Mistake:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """One recording: ``confusion_s`` (7, 7) by who answers, truth by label, and the tracker's mistakes."""
+class RecordingErrors:
+    """One recording: ``confusion_s`` (7, 7), truth by label, of each method, and the tracker's mistakes."""
 
     name: str
     confusion_s: Mapping[str, Array]
     mistakes: tuple[Mistake, ...]
 
 
-def classes(judged: Iterable[Judged], known: bool = False) -> dict[Class, float]:
+def classes(recordings: Iterable[RecordingErrors], known: bool = False) -> dict[Class, float]:
     """Seconds in each class of the tracker's errors."""
     seconds = dict.fromkeys(Class, 0.0)
-    for mistake in (m for j in judged for m in j.mistakes):
+    for mistake in (m for one in recordings for m in one.mistakes):
         seconds[mistake.reason(known)] += mistake.seconds
     return seconds
 
 
-def to_text(sets: Mapping[str, Sequence[Judged]]) -> str:
+def to_text(sets: Mapping[str, Sequence[RecordingErrors]]) -> str:
     """All tables."""
-    named = [(name, judged) for name, judged in sets.items() if judged]
+    named = [(name, recordings) for name, recordings in sets.items() if recordings]
     wrong = ("set", "wrong s", *Class, "at best", "ties won", "| known: own", "at best")
-    own = [row for _, judged in named for row in _own_rows(judged)]
+    own = [row for _, recordings in named for row in _own_rows(recordings)]
     parts = [
-        table(ACCURACY, [_accuracy_row(name, judged) for name, judged in named]),
-        table(wrong, [_class_row(name, judged) for name, judged in named]),
-        table(PAIRS, [row for name, judged in named for row in _pair_rows(name, judged)], left=3),
-        "Own errors:\n" + table(OWN, own) if own else "No error of its own.",
+        table(ACCURACY, [_accuracy_row(name, recordings) for name, recordings in named]),
+        table(wrong, [_class_row(name, recordings) for name, recordings in named]),
+        table(PAIRS, [row for name, recordings in named for row in _pair_rows(name, recordings)], left=3),
+        "Avoidable errors:\n" + table(OWN, own) if own else "No avoidable errors.",
         LEGEND,
     ]
     return "\n\n".join(parts)
 
 
-def _accuracy_row(name: str, judged: Sequence[Judged]) -> list[str]:
-    who = (TRACKER, *ORACLES)
-    total = {w: sum((j.confusion_s[w] for j in judged), np.zeros((7, 7))) for w in who}
-    right = [number(float(np.trace(total[w]) / total[w].sum())) for w in who]
-    return [name, number(float(total[TRACKER].sum()), 1), *right, *(number(_macro_f1(total[w])) for w in who)]
+def _accuracy_row(name: str, recordings: Sequence[RecordingErrors]) -> list[str]:
+    methods = (TRACKER, *ORACLES)
+    total = {w: sum((one.confusion_s[w] for one in recordings), np.zeros((7, 7))) for w in methods}
+    right = [number(float(np.trace(total[w]) / total[w].sum())) for w in methods]
+    f1 = [number(_macro_f1(total[w])) for w in methods]
+    return [name, number(float(total[TRACKER].sum()), 1), *right, *f1]
 
 
 def _macro_f1(confusion_s: Array) -> float:
@@ -152,9 +153,9 @@ def _macro_f1(confusion_s: Array) -> float:
     return float(np.mean(2.0 * np.diag(confusion_s)[known] / (true_s + found_s)[known]))
 
 
-def _class_row(name: str, judged: Sequence[Judged]) -> list[str]:
-    seconds, known = classes(judged), classes(judged, known=True)
-    total_s = sum(float(j.confusion_s[TRACKER].sum()) for j in judged)
+def _class_row(name: str, recordings: Sequence[RecordingErrors]) -> list[str]:
+    seconds, known = classes(recordings), classes(recordings, known=True)
+    total_s = sum(float(one.confusion_s[TRACKER].sum()) for one in recordings)
     wrong_s = sum(seconds.values())
 
     def without(seconds: float) -> str:
@@ -165,13 +166,15 @@ def _class_row(name: str, judged: Sequence[Judged]) -> list[str]:
     return [name, number(wrong_s, 1), *(number(s, 1) for s in seconds.values()), best, won, *own_known]
 
 
-def _pair_rows(name: str, judged: Sequence[Judged]) -> Iterator[list[str]]:
-    """What was taken for what, the longest first."""
+def _pair_rows(name: str, recordings: Sequence[RecordingErrors]) -> Iterator[list[str]]:
+    """Confused pairs, the longest first."""
 
     def key(mistake: Mistake) -> tuple[str, str, str]:
         return mistake.true, mistake.taken, mistake.reason()
 
-    mistakes = sorted((m for j in judged for m in j.mistakes if m.reason() is not Class.NEAR), key=key)
+    mistakes = sorted(
+        (m for one in recordings for m in one.mistakes if m.reason() is not Class.NEAR), key=key
+    )
     groups = [list(group) for _, group in groupby(mistakes, key)]
     for group in sorted(groups, key=lambda g: -sum(m.seconds for m in g)):
         seconds = sum(m.seconds for m in group)
@@ -182,8 +185,8 @@ def _pair_rows(name: str, judged: Sequence[Judged]) -> Iterator[list[str]]:
             yield [name, first.true, first.taken, number(seconds, 1), count, *shown, first.reason()]
 
 
-def _own_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
-    for m in sorted((m for j in judged for m in j.mistakes), key=lambda m: (m.recording, m.start_s)):
+def _own_rows(recordings: Sequence[RecordingErrors]) -> Iterator[list[str]]:
+    for m in sorted((m for one in recordings for m in one.mistakes), key=lambda m: (m.recording, m.start_s)):
         if m.reason() is Class.OWN:
             figures = map(partial(number, decimals=1), (m.start_s, m.end_s, m.seconds, *_margins(m)))
             from_s, to_s, *others = figures

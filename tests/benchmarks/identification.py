@@ -1,10 +1,10 @@
-"""How well contacts are identified in sets of labelled recordings: by the tracker, and by alternatives.
+"""Accuracy of identification on sets of labelled recordings: of the tracker, and of alternatives.
 
     python tests/benchmarks/identification.py --set paper sequence --json figures.json
     python tests/benchmarks/identification.py FOLDER --tables docs/benchmarks/identification.json
 
-A set is a folder with .mcap files. Figures of a set derive from the sum over its recordings. The tracker
-passes over each recording once; the alternatives are described in ``fixed_windows`` and ``segment_bic``.
+A set is a folder with .mcap files; its figures are computed from the sum over its recordings. The tracker
+makes one pass over each recording; the alternatives are described in ``fixed_windows`` and ``segment_bic``.
 """
 
 import argparse
@@ -39,10 +39,10 @@ from worker_pool import worker_pool
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One recording judged.
+    """Results on one recording.
 
-    ``scores`` by method; ``geometry`` of the tracker's segments, where motion can tell; ``cpu_s`` of the
-    tracker's pass; ``recorded`` is what a method needs that is calibrated on the whole set.
+    ``scores`` by method; ``geometry`` of the tracker's segments, without singular motion; ``cpu_s`` of the
+    tracker's pass; ``recorded`` is the input of the method that is calibrated on the whole set.
     """
 
     path: Path
@@ -54,7 +54,7 @@ class Measured:
 
 
 def measure(path: Path, model_name: str) -> Measured:
-    """Track and judge one recording; raises ContactTrackerError where it cannot be used."""
+    """Track and evaluate one recording; raises ContactTrackerError if it cannot be used."""
     model = load_model(model_name)
     truth = read_truth(str(path))
     if truth is None:
@@ -74,57 +74,57 @@ def measure(path: Path, model_name: str) -> Measured:
     return Measured(
         path,
         {method: Score.of(answer, scored) for method, answer in answers.items()},
-        geometry_errors(poses, tellable(truth), tracked.segmentation.segments),
+        geometry_errors(poses, identifiable(truth), tracked.segmentation.segments),
         Recorded(windows, scored),
         cpu_s,
         float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9,
     )
 
 
-def tellable(truth: Truth) -> Truth:
-    """The truth without the elements of what is singular: its motion cannot tell them."""
+def identifiable(truth: Truth) -> Truth:
+    """The truth without the elements of singular intervals, whose motion does not determine them."""
     return Truth(tuple(replace(i, geometry=None) if i.singular else i for i in truth.intervals))
 
 
 def measure_sets(sets: dict[str, list[Path]], model_name: str, processes: int) -> dict[str, list[Measured]]:
-    """All that could be measured, by set; what could not is said on stderr, one line each."""
+    """Results on the recordings that can be used, by set; the others are reported on stderr."""
     with worker_pool(processes) as pool:
         done = measure_all([path for paths in sets.values() for path in paths], model_name, pool)
-        some = {name: [done[path] for path in paths if path in done] for name, paths in sets.items()}
-        some = {name: measured for name, measured in some.items() if measured}
-        waiting = [
+        by_set = {name: [done[path] for path in paths if path in done] for name, paths in sets.items()}
+        by_set = {name: measured for name, measured in by_set.items() if measured}
+        jobs = [
             pool.submit(fixed_windows.hmm_scores, [m.recorded for m in measured], load_model(model_name))
-            for measured in some.values()
+            for measured in by_set.values()
         ]
         return {
             name: [replace(m, scores=m.scores | more) for m, more in zip(measured, job.result(), strict=True)]
-            for (name, measured), job in zip(some.items(), waiting, strict=True)
+            for (name, measured), job in zip(by_set.items(), jobs, strict=True)
         }
 
 
 def measure_all(paths: Sequence[Path], model_name: str, pool: Executor) -> dict[Path, Measured]:
     done: dict[Path, Measured] = {}
-    waiting = {pool.submit(measure, path, model_name): path for path in paths}
-    for future in tqdm(as_completed(waiting), total=len(waiting), unit="recording"):
-        path = waiting[future]
+    jobs = {pool.submit(measure, path, model_name): path for path in paths}
+    for future in tqdm(as_completed(jobs), total=len(jobs), unit="recording"):
+        path = jobs[future]
         try:
             done[path] = future.result()
         except ContactTrackerError as error:
             tqdm.write(f"{path.name}: {error}", file=sys.stderr)
             continue
-        said = (
+        accuracies = (
             f"{number(score.main.accuracy())} {method.when}"
             for method, score in done[path].scores.items()
             if method.name == tracking.NAME
         )
-        tqdm.write(f"{path.name}: {', '.join(said)}", file=sys.stderr)
+        tqdm.write(f"{path.name}: {', '.join(accuracies)}", file=sys.stderr)
     return done
 
 
 def find_sets(folder: Path, wanted: Sequence[str]) -> dict[str, list[Path]]:
-    """Recordings by the name of the folder they lie in; only the ``wanted`` ones where some are named.
+    """Recordings by the name of their folder; only the ``wanted`` sets, if any are named.
 
-    Instead of a folder it may be one recording.
+    ``folder`` may also be one recording.
     """
     sets: dict[str, list[Path]] = {}
     for path in [folder] if folder.is_file() else sorted(folder.rglob("*.mcap")):
@@ -166,7 +166,7 @@ def main(
 
 
 def command_of(benchmark: str, sets: Sequence[str], model_name: str) -> str:
-    """The command that gives the same figures anywhere."""
+    """The command that reproduces the figures."""
     chosen = [*(["--set", *sets] if sets else [])]
     chosen += ["--model", Path(model_name).name] if model_name != "default" else []
     return " ".join([f"python tests/benchmarks/{benchmark}.py FOLDER", *chosen])

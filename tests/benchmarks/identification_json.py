@@ -1,4 +1,4 @@
-"""All figures of the identification benchmark as JSON: by method, and in each by contact."""
+"""All figures of the identification benchmark as JSON: by method, then by contact."""
 
 import json
 import math
@@ -7,12 +7,12 @@ from typing import Any
 
 from contact_tracker.evaluation.metrics import Tally, quantile
 from contact_tracker.states import CONTACTS, STATES, Contact
-from identification_tables import Judged, Sum, in_order, quantiles, summed
+from identification_tables import MeasuredRecording, Sum, in_order, quantiles, summed
 from scores import OFFLINE, Method, Score
 
 
-def to_json(sets: Mapping[str, Sequence[Judged]]) -> str:
-    """Per set the figures of its recordings and of their sum: by method, and in each by contact."""
+def to_json(sets: Mapping[str, Sequence[MeasuredRecording]]) -> str:
+    """For each set the figures of its recordings and of their sum: by method, then by contact."""
     data = {
         name: {
             "cpu_s": {m.path.name: m.cpu_s for m in measured},
@@ -50,21 +50,21 @@ def _score_figures(method: Method, score: Score) -> dict[str, Any]:
         if score.main.seconds_by_state[state.column]
     }
     bands = {"right_5_95": score.phases.accuracy()}
-    if method.believes:
+    if method.has_posterior:
         bands["calibration_error_5_95"] = score.phases.calibration_error()
     mean, most = map(_finite, score.phases.calibration_error_if_exact())
     exact = {"calibration_error_if_exact": mean, "calibration_error_if_exact_95": most}
     return {
         **_tally_figures(method, score.main),
         **{name: [_finite(end) for end in band] for name, band in bands.items()},
-        **(exact if method.believes else {}),
+        **(exact if method.has_posterior else {}),
         "contacts": contacts,
         "apart": _tally_figures(method, score.apart),
     }
 
 
 def _tally_figures(method: Method, tally: Tally, state: Contact | None = None) -> dict[str, Any]:
-    """Of all states, or of one."""
+    """Figures of all states, or of one."""
     into = slice(None) if state is None else tally.into == state.column
     if state is None:
         label = tally.seconds(), tally.accuracy(), tally.macro_f1
@@ -83,7 +83,7 @@ def _tally_figures(method: Method, tally: Tally, state: Contact | None = None) -
     if method.wait_s != OFFLINE:
         delays = quantiles(tally.detection_delay_s[into] + method.wait_s)
         figures |= {f"delay_s_{name}": _finite(value) for name, value in zip(names, delays, strict=True)}
-    if method.believes:
+    if method.has_posterior:
         keys = ("log_loss", "brier", "calibration_error", "sure_wrong")
         figures |= dict(zip(keys, map(_finite, belief), strict=True))
     return figures

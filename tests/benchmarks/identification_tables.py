@@ -1,4 +1,4 @@
-"""The tables of the identification benchmark, and a summary to be kept."""
+"""Tables of the identification benchmark, and their summary."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,36 +28,36 @@ SUMMARY: Final = {
     "": 1, "right": 2, "5-95 %": 3, "F1": 4, "delay, s": 8, "log-loss": 11, "ECE": 13, "sure and wrong": 16,
     "angle, deg": 17, "distance, mm": 18, "within 3 sd": 19,
 }  # fmt: skip
-"""What is kept of a row of ``BY_METHOD``: by its title there, and where it is."""
+"""Columns of the summary, with their index in a row of ``BY_METHOD``."""
 SHOWN: Final = ("offline", "lag 1 s", "online")
 BY_CONTACT: Final = ("contact", "s", "method", "", "right", "F1", *CHANGES, *BELIEFS, *GEOMETRY)
 LEGEND: Final = """\
 right       share of the time in which the label was right; by contact: of the time in which it was true
 5-95 %      interval of the figure before it: bootstrap over the true phases
-exact       ECE that exact probabilities would show in so few phases, if each is right or wrong as a whole:
-            on average, and what it would be below in 95 of 100 such sets
+exact       ECE of exact probabilities with so few phases, if each is right or wrong as a whole: mean and
+            95 % quantile
 F1          by contact; of a set the mean over the contacts that occur in it
 bound. s    from a true change to the nearest found one, median and 90 %; missed: share without one
-delay s     from a true onset until the label stays right for 0.3 s, and the lag, median and 90 %;
-            never: share where it does not
+delay s     from a true onset until the label is right for 0.3 s, plus the lag, median and 90 %;
+            never: share without such a time
 log-loss    of the posterior, nats: offline smoothed, online filtered; by contact: while it was true
-Brier       squared distance of posterior and truth, 0 to 2; by contact: what it adds to the sum
+Brier       squared distance of posterior and truth, 0 to 2; by contact: its contribution to the sum
 ECE         expected calibration error, 15 bins: of the top probability; by contact: of the contact's own
 sure&wrong  share of the time (by contact: in which it was true) with more than 0.9 on a wrong state
 deg, mm     angle and distance of the found elements from the true ones, median; in 3 sd: share of the
             elements within 3 standard deviations of their covariance
-after |     the same of what is scored apart: singular motion, and rest before the first motion
+after |     the same for time that is scored separately: singular motion, and rest before the first motion
 
 smallest objective   windows of 500 frames, the smallest of the paper's six objectives, each over its
-                     largest value; it never says free and gives no probability
-HMM on windows       hidden Markov model over the six minima of such windows, calibrated on the very set
+                     maximum; its label is never free, and it has no probabilities
+HMM on windows       hidden Markov model over the six minima of such windows, calibrated on the same set
 BIC on windows       log-likelihood - (parameters + samples x degrees of freedom) / 2 x log(samples) of
                      such windows
-BIC, true segments   the same of the true segments: it is told the boundaries"""
+BIC, true segments   the same for the true segments, with known boundaries"""
 
 
-class Judged(Protocol):
-    """What the tables need of a recording."""
+class MeasuredRecording(Protocol):
+    """Input of the tables for one recording."""
 
     @property
     def path(self) -> Path: ...
@@ -80,31 +80,31 @@ class Block(NamedTuple):
 
 
 class Sum(NamedTuple):
-    """Recordings summed up."""
+    """Sums over recordings."""
 
     scores: Scores
     geometry: GeometryErrors
 
 
-def summed(measured: Sequence[Judged]) -> Sum:
-    """Of at least one recording."""
+def summed(measured: Sequence[MeasuredRecording]) -> Sum:
+    """Sums over at least one recording."""
     methods = measured[0].scores
     scores = {method: reduce(add, (m.scores[method] for m in measured)) for method in methods}
     return Sum(scores, reduce(add, (m.geometry for m in measured)))
 
 
-def blocks(sets: Mapping[str, Sequence[Judged]]) -> list[Block]:
-    """The tables of each set, and of all together where there are several."""
+def blocks(sets: Mapping[str, Sequence[MeasuredRecording]]) -> list[Block]:
+    """The tables of each set, and of all together if there are several."""
     return [_block(name, measured) for name, measured in _with_all(sets).items()]
 
 
-def _with_all(sets: Mapping[str, Sequence[Judged]]) -> dict[str, Sequence[Judged]]:
-    """The sets, and all together where there are several."""
+def _with_all(sets: Mapping[str, Sequence[MeasuredRecording]]) -> dict[str, Sequence[MeasuredRecording]]:
+    """The sets, and all together if there are several."""
     everything = [m for measured in sets.values() for m in measured]
     return dict(sets) | ({TOTAL: everything} if len(sets) > 1 else {})
 
 
-def _block(name: str, measured: Sequence[Judged]) -> Block:
+def _block(name: str, measured: Sequence[MeasuredRecording]) -> Block:
     total = summed(measured)
     first = next(iter(total.scores.values()))
     cpu_s, duration_s = sum(m.cpu_s for m in measured), sum(m.duration_s for m in measured)
@@ -139,9 +139,9 @@ def _up_to(figures: tuple[float, float]) -> str:
 def _method_row(method: Method, total: Sum) -> list[str]:
     main, apart = total.scores[method].main, total.scores[method].apart
     phases = total.scores[method].phases
-    believed = [number(main.log_loss), number(main.brier), number(main.calibration_error)]
-    believed += [_between(phases.calibration_error()), _up_to(phases.calibration_error_if_exact())]
-    believed += [number(main.sure_wrong)]
+    posterior = [number(main.log_loss), number(main.brier), number(main.calibration_error)]
+    posterior += [_between(phases.calibration_error()), _up_to(phases.calibration_error_if_exact())]
+    posterior += [number(main.sure_wrong)]
     geometry = total.geometry if _has_geometry(method) else None
     return [
         method.name,
@@ -150,23 +150,23 @@ def _method_row(method: Method, total: Sum) -> list[str]:
         _between(phases.accuracy()),
         number(main.macro_f1),
         *_changes(method, main.boundary_error_s, main.detection_delay_s),
-        *(believed if method.believes else ["-"] * len(believed)),
+        *(posterior if method.has_posterior else ["-"] * len(posterior)),
         *_geometry(geometry),
         number(geometry.within_3_sd if geometry else math.nan, 2),
         number(apart.accuracy()),
-        number(apart.sure_wrong) if method.believes else "-",
+        number(apart.sure_wrong) if method.has_posterior else "-",
     ]
 
 
 def _contact_rows(contact: Contact, total: Sum) -> list[list[str]]:
-    """A contact's lines, one per method; none where the contact does not occur."""
+    """Rows of a contact, one per method; none if the contact does not occur."""
     rows: list[list[str]] = []
     for method in in_order(total.scores):
         main, column = total.scores[method].main, contact.column
         if not main.seconds_by_state[column]:
             return []
         into = main.into == column
-        believed = (
+        posterior = (
             main.log_loss_by_state,
             main.brier_by_state,
             main.calibration_error_by_state,
@@ -182,7 +182,7 @@ def _contact_rows(contact: Contact, total: Sum) -> list[list[str]]:
                 number(float(main.recall[column])),
                 number(float(main.f1[column])),
                 *_changes(method, main.boundary_error_s[into], main.detection_delay_s[into]),
-                *(number(float(value[column])) if method.believes else "-" for value in believed),
+                *(number(float(value[column])) if method.has_posterior else "-" for value in posterior),
                 *_geometry(geometry),
             ]
         )
@@ -194,7 +194,7 @@ def _has_geometry(method: Method) -> bool:
 
 
 def _changes(method: Method, boundary_s: Array, delay_s: Array) -> list[str]:
-    """Boundary errors and delays with nan for those missed; there is no delay offline."""
+    """Figures of boundary errors and delays, in which nan is a missed one; offline there are no delays."""
     shown = [*quantiles(boundary_s)]
     if method.wait_s == OFFLINE:
         return [*(number(v, 2) for v in shown), "-", "-", "-"]
@@ -202,7 +202,7 @@ def _changes(method: Method, boundary_s: Array, delay_s: Array) -> list[str]:
 
 
 def quantiles(values: Array) -> tuple[float, float, float]:
-    """Median and 90 % of what is known, and the share of what is not."""
+    """Median and 90 % quantile of the known values, and the share of unknown ones (nan)."""
     known = values[values == values]
     unknown = 1 - len(known) / len(values) if len(values) else math.nan
     return quantile(known, 0.5), quantile(known, 0.9), unknown
@@ -220,16 +220,16 @@ def _geometry(errors: GeometryErrors | None) -> list[str]:
 
 
 def to_text(shown: Sequence[Block]) -> str:
-    """All by contact, then all by method, so that what matters most is last on the screen."""
+    """First the tables by contact, then those by method: the most important ones last on the screen."""
     by_contact = [f"{block.title}\n\n{block.by_contact}" for block in shown]
     by_method = [f"{block.title}\n\n{block.by_method}" for block in shown]
     return "\n\n".join([*by_contact, *by_method, LEGEND])
 
 
-def summary(sets: Mapping[str, Sequence[Judged]]) -> dict[str, Table]:
-    """What a reader wants to know first: the tracker by set, and beside the alternatives."""
+def summary(sets: Mapping[str, Sequence[MeasuredRecording]]) -> dict[str, Table]:
+    """Main figures: those of the tracker by set, and its accuracy beside the alternatives."""
     totals = {name: summed(measured) for name, measured in _with_all(sets).items()}
-    by_set, beside = list[list[str]](), list[list[str]]()
+    by_set, compared = list[list[str]](), list[list[str]]()
     columns = ["set", "scored, s"]
     for name, total in totals.items():
         for method in in_order(total.scores):
@@ -240,8 +240,8 @@ def summary(sets: Mapping[str, Sequence[Judged]]) -> dict[str, Table]:
         columns[2:] = [f"{method.name} {method.when}" for method in others]
         seconds = next(iter(total.scores.values())).main.seconds()
         accuracies = (number(total.scores[method].main.accuracy()) for method in others)
-        beside.append([name, f"{seconds:.0f}", *accuracies])
+        compared.append([name, f"{seconds:.0f}", *accuracies])
     return {
         "tracker": Table(("set", *SUMMARY), by_set),
-        "alternatives": Table(tuple(columns), beside),
+        "alternatives": Table(tuple(columns), compared),
     }

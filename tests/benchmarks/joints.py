@@ -1,17 +1,17 @@
-"""How well joints are named, and how often one is named that is none.
+"""Accuracy of joints, and false ones.
 
     python tests/benchmarks/joints.py --seeds 20
     python tests/benchmarks/joints.py --single FOLDER/physics/robot --tables docs/benchmarks/joints.json
 
 An object in each joint is simulated for some seconds with seeds 1, 2, ... (0.3 mm, 0.15 deg, 200 Hz), and
-segmented. ``named`` is the share of the time in which the joint has its kind, ``other kind`` that in which it
-has another one. Angle, distance and pitch are medians of the errors of axes and centres, in the body and in
-the world, where the body's origin is nearest to them, and ``within 3 sd`` is the share of these elements, in
-the longest stretch of the right kind.
+segmented. ``named`` is the share of the time with a reported joint of the true kind, ``other kind`` with one
+of another kind. Angle, distance and pitch are medians of the errors of axes and centres, in the body and in
+the world, at their points nearest to the body's origin; ``within 3 sd`` is the share of these elements; both
+in the longest segment with the true kind.
 
-``false`` is the share of the time in which a joint is named though the object is in one contact, or free: in
+``false`` is the share of the time with a reported joint although the object is in one contact, or free: in
 simulated motion by hand, and in the recordings of ``--single`` folders. In these an object may turn about one
-axis or move along one direction, as in a joint; ``of which singular`` is where the truth says so.
+axis or move along one direction, as in a joint; ``of which singular`` is the share where the truth says so.
 """
 
 import argparse
@@ -55,7 +55,7 @@ NAN: Final = float("nan")
 
 
 class Measured(NamedTuple):
-    """Of one recording with a joint; nan where there is no figure."""
+    """Figures of one recording with a joint; nan where there is none."""
 
     named: float
     other: float
@@ -66,7 +66,7 @@ class Measured(NamedTuple):
 
 
 class Without(NamedTuple):
-    """Of one recording without a joint (s)."""
+    """Times (s) in one recording without a joint: its duration, with a reported joint, and singular ones."""
 
     seconds: float
     named_s: float
@@ -74,7 +74,7 @@ class Without(NamedTuple):
 
 
 def measure(kind: JointKind, seconds: float, seed: int) -> Measured:
-    """Simulate an object in a joint, segment and judge."""
+    """Simulate an object in a joint, segment and evaluate."""
     scenario = named_scenario(kind.value, seed)
     made = simulate(_lasting(scenario, seconds), seed)
     assert made.joint is not None
@@ -89,10 +89,10 @@ def measure(kind: JointKind, seconds: float, seed: int) -> Measured:
     best = max(right, key=_seconds)
     assert best.joint is not None
     inside = (poses.stamp_ns >= best.start_ns) & (poses.stamp_ns <= best.end_ns)
-    return _judged(best.joint, made.joint, poses[inside])._replace(named=named, other=other)
+    return _errors(best.joint, made.joint, poses[inside])._replace(named=named, other=other)
 
 
-def _judged(found: Joint, true: TrueJoint, poses: Poses) -> Measured:
+def _errors(found: Joint, true: TrueJoint, poses: Poses) -> Measured:
     pairs = zip(
         (found.object, found.environment),
         (true.object, true.environment),
@@ -118,7 +118,7 @@ def measure_alone(name: str, seed: int) -> Without:
 
 
 def measure_file(path: str) -> Without:
-    """Segment a recording; what its truth calls singular is counted by itself."""
+    """Segment a recording; singular motion is also counted separately."""
     return _false(gate(Poses.collect(open_log(path))), read_truth(path))
 
 
@@ -148,7 +148,7 @@ def _seconds(segment: Segment) -> float:
 
 
 def row(kind: JointKind, seconds: float, measured: Sequence[Measured]) -> list[str]:
-    """A line of the table of joints."""
+    """A row of the table of joints."""
     sd = np.array([one for each in measured for one in each.deviations_sd])
     sd = sd[np.isfinite(sd)]
     figures = (
@@ -163,7 +163,7 @@ def row(kind: JointKind, seconds: float, measured: Sequence[Measured]) -> list[s
 
 
 def false_row(name: str, measured: Sequence[Without]) -> list[str]:
-    """A line of the table of recordings without a joint."""
+    """A row of the table of recordings without a joint."""
     return shares_row(name, [(one.seconds, one.named_s, one.singular_s) for one in measured])
 
 
@@ -171,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", type=int, default=3, help="so many of each (default: %(default)s)")
+    parser.add_argument("--seeds", type=int, default=3, help="number of each (default: %(default)s)")
     parser.add_argument("--seconds", type=float, nargs="+", default=[2.5, 5.0, 24.0], metavar="S")
     parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")

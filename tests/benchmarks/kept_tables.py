@@ -1,4 +1,4 @@
-"""Tables of figures that a benchmark keeps as JSON beside docs/benchmarks.md."""
+"""Tables of benchmarks, kept as JSON in docs/benchmarks/."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,14 +10,14 @@ FOLDER: Final = ROOT / "docs" / "benchmarks"
 
 
 class Table(NamedTuple):
-    """Named ``columns``, and ``rows`` of as many cells, written as they are to be read."""
+    """Named ``columns``, and ``rows`` of as many formatted cells."""
 
     columns: tuple[str, ...]
     rows: list[list[str]]
 
 
 class Kept(NamedTuple):
-    """The ``tables`` of one run by their names, and the ``command`` that gives them again."""
+    """The ``tables`` of one run by name, and the ``command`` that reproduces them."""
 
     command: str
     tables: dict[str, Table]
@@ -34,13 +34,13 @@ def keep(path: Path, command: str, tables: Mapping[str, Table]) -> None:
 
 
 def read(path: Path) -> Kept:
-    """What ``keep`` has written."""
+    """Read the tables written by ``keep``."""
     data = json.loads(path.read_text(encoding="utf-8"))
     tables = {name: Table(tuple(one["columns"]), one["rows"]) for name, one in data["tables"].items()}
     return Kept(data["command"], tables)
 
 
 def to_markdown(table: Table) -> str:
-    """As it stands in a document."""
+    """The table in Markdown."""
     rows: list[Sequence[str]] = [table.columns, ["---"] * len(table.columns), *table.rows]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)

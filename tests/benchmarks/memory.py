@@ -1,8 +1,8 @@
-"""What takes memory online: what is resident after each step, in MB.
+"""Resident memory online after each step, in MB.
 
     python tests/benchmarks/memory.py
 
-It reads /proc, as Linux has it. One thread: others have buffers of their own.
+It reads /proc (Linux), and uses one thread, since each thread has buffers of its own.
 """
 
 import os
@@ -20,17 +20,17 @@ LIBRARIES: Final = ("numpy", "scipy.linalg", "scipy.spatial")
 
 
 def steps() -> Iterator[tuple[str, Callable[[], object]]]:
-    """What is done one after the other."""
+    """The steps, in order."""
     yield "Python", lambda: None
     for name in LIBRARIES:
         yield name, partial(import_module, name)
     yield "contact_tracker", partial(import_module, "contact_tracker.tracking.forward_pass")
     yield "kernels", partial(import_module, "contact_tracker.hypotheses.compiled.kernels")
-    yield f"{POSES} poses", follow
+    yield f"{POSES} poses", track
 
 
-def follow() -> int:
-    """The first poses of a recording, online."""
+def track() -> int:
+    """Track the first poses of a recording online."""
     from contact_tracker.config.loading import load_model
     from contact_tracker.recording import open_log
     from contact_tracker.tracking.forward_pass import forward

@@ -1,10 +1,10 @@
-"""How long minimising the paper's objectives on fixed windows takes, against SLSQP from three random starts.
+"""Time of minimising the paper's objectives on fixed windows, against SLSQP from three random starts.
 
-cold: from the relaxed problems, coarsely, and on from the best until a step gains less than a billionth;
-warm: from the minimum of the window before, to the same end; all: as ``minimise_windows``
-does, which is cold, but from neighbours back and forth before it goes on. x: by how many times less time
-than SLSQP, which starts at random, takes. Lower: on how many of the windows compared SLSQP's best is lower by
-more than a ten-thousandth. Sums over windows are no part of it.
+cold: from the relaxed problems with a coarse tolerance, then from the best one until a step gains less than a
+billionth; warm: from the minimum of the window before, with the same tolerance; all: as ``minimise_windows``,
+which is cold with the minima of neighbouring windows as further starts. x: time of SLSQP over this time.
+lower: share of the compared windows on which SLSQP's best minimum is lower by more than a ten-thousandth. The
+sums over windows are not included.
 
 python tests/benchmarks/minimisation.py recordings/paper_experiment.mcap
 """
@@ -32,7 +32,7 @@ Found = TypeVar("Found")
 
 
 def timed(work: Callable[[], Found], runs: int = RUNS) -> tuple[float, Found]:
-    """Median CPU time (s), and what came of it."""
+    """Median CPU time (s), and the result."""
     spent = []
     for _ in range(runs):
         begin = time.process_time()
@@ -42,7 +42,7 @@ def timed(work: Callable[[], Found], runs: int = RUNS) -> tuple[float, Found]:
 
 
 def cold(model: ContactModel, k: np.ndarray, moments: np.ndarray) -> Batch:
-    """The best that comes of the relaxed problems."""
+    """The best minima from the relaxed problems."""
     best = from_relaxed(model, k, moments)
     return minimise_batched(model.contact, k, best.x, best.y, *FINE)
 
@@ -74,7 +74,7 @@ def main() -> None:
             {"minima": kept_tables.Table(header, [list(row) for row in rows])},
         )
     spent, _ = timed(lambda: curves(poses, FRAMES, STEP))
-    print(f"all six curves of {len(poses)} poses, sums over windows and all: {spent:.2f} s")
+    print(f"all six curves of {len(poses)} poses, including sums over windows: {spent:.2f} s")
 
 
 def measured(model: ContactModel, poses: Poses, sample: np.ndarray) -> tuple[str, ...]:

@@ -1,12 +1,12 @@
-"""What the tracker's evidence could tell at best: with the true boundaries given, and the true geometry.
+"""Oracles: labels by the tracker's evidence with the true boundaries, and with the true geometry.
 
-Each true phase is judged as a whole, by the ticks that lie within it and with the noise that the tracker
+Each true phase is labelled as a whole, from the ticks within it and with the noise that the tracker
 estimates:
 
-- *fitted*: every contact is fitted to the phase, the true one from the true elements as well; the hidden
-  Markov model of the tracker, whose changes are allowed at the true boundaries only, gives the label.
-- *given*: the same, but the true contact has its true elements, and pays nothing for them.
-- *rule*: the most constrained contact that fits, whatever the evidence.
+- *fitted*: every contact is fitted to the phase, the true one from the true elements as well; the label is by
+  the tracker's hidden Markov model with changes at the true boundaries only.
+- *given*: the same, but the true contact has its true elements, without complexity.
+- *rule*: the most constrained contact that fits, without evidence.
 """
 
 from dataclasses import dataclass, replace
@@ -41,12 +41,12 @@ Ints = NDArray[np.int64]
 
 ORACLES: Final = ("fitted", "given", "rule")
 FEWEST: Final = 2
-"""A phase with fewer whole ticks tells nothing."""
+"""Least number of whole ticks in a phase."""
 ROUNDS: Final = 4
-"""Of a few steps each from the true elements to the minimum next to them."""
+"""Rounds of a few steps from the true elements to the nearest minimum."""
 RARE: Final = 1e-3
 AS_WELL: Final = 1.2
-"""A contact fits unless its residuals are so improbable and as many times the noise."""
+"""A contact fits unless its residuals are less probable than ``RARE`` and exceed the noise by this factor."""
 FREE: Final = Contact.FREE.column
 
 
@@ -61,10 +61,10 @@ class Phase:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
-    """What the oracles say of P phases.
+class OracleResults:
+    """Results of the oracles for P phases.
 
-    ``label`` (P,) columns by oracle; ``evidence`` (P, 7) against free motion, of what is fitted, and
+    ``label`` (P,) columns by oracle; ``evidence`` (P, 7) of fitted contacts against free motion, and
     ``given`` (P, 7) with the true elements; ``ticks`` (P,) in each phase.
     """
 
@@ -75,27 +75,27 @@ class Verdict:
 
 
 def phases(truth: Truth) -> list[Phase]:
-    """The true phases in order: intervals that follow each other with the same elements are one."""
+    """The true phases in order; successive intervals with the same elements are one phase."""
     found: list[Phase] = []
-    told = [i for i in truth.intervals if i.contact is not None]
-    for before, interval in pairwise([None, *told]):
+    known = [i for i in truth.intervals if i.contact is not None]
+    for before, interval in pairwise([None, *known]):
         assert interval is not None
         assert interval.contact is not None
-        if before is not None and _goes_on(before, interval):
+        if before is not None and _is_same(before, interval):
             found[-1] = replace(found[-1], end_ns=interval.end_ns)
         else:
             found.append(Phase(interval.start_ns, interval.end_ns, interval.contact, interval.geometry))
     return found
 
 
-def _goes_on(before: TruthInterval, after: TruthInterval) -> bool:
+def _is_same(before: TruthInterval, after: TruthInterval) -> bool:
     if before.geometry is None or after.geometry is None:
         return before.contact is after.contact
     return before.contact is after.contact and before.geometry.to_json() == after.geometry.to_json()
 
 
-def judge(true: list[Phase], tracked: Tracked, origin_m: Array, model: Model) -> Verdict:
-    """Ask the oracles about the phases; ``origin_m`` (3,) is where the tracker put the world's origin."""
+def evaluate(true: list[Phase], tracked: Tracked, origin_m: Array, model: Model) -> OracleResults:
+    """Evaluate the oracles; ``origin_m`` (3,) is the origin of the tracker's coordinates in the world."""
     scales, windows = scales_of(model), [within(phase.start_ns, phase.end_ns, tracked) for phase in true]
     fitted, at_truth = np.zeros((2, len(true), len(STATES)))
     rule = np.full(len(true), FREE)
@@ -105,14 +105,16 @@ def judge(true: list[Phase], tracked: Tracked, origin_m: Array, model: Model) ->
         x = _true_x(phase, window, origin_m)
         fitted[row], rule[row] = _fit_all(phase.contact, x, window, scales)
         at_truth[row] = fitted[row]
-        if x is not None:  # the first tick is given, as it is to what is fitted
+        if x is not None:  # without the first tick, as for fitted contacts
             at_truth[row, phase.contact.column] = evidence_of_truth(phase, window, origin_m, model, first=1)
     label = {"fitted": _chain(fitted, windows, model), "given": _chain(at_truth, windows, model)}
-    return Verdict(label | {"rule": rule}, fitted, at_truth, np.array([len(w) for w in windows], np.int64))
+    return OracleResults(
+        label | {"rule": rule}, fitted, at_truth, np.array([len(w) for w in windows], np.int64)
+    )
 
 
 def evidence_within(start_ns: int, end_ns: int, tracked: Tracked, model: Model) -> Array:
-    """Evidence (7,) of the states for any span of time alone; all zero where there are too few ticks."""
+    """Evidence (7,) of the states in a span of time only; zero with too few ticks."""
     window = within(start_ns, end_ns, tracked)
     if len(window) < FEWEST:
         return np.zeros(len(STATES))
@@ -120,20 +122,20 @@ def evidence_within(start_ns: int, end_ns: int, tracked: Tracked, model: Model) 
 
 
 def evidence_of_truth(phase: Phase, window: Window, origin_m: Array, model: Model, first: int = 0) -> float:
-    """Evidence of the true elements at no price, in the ticks of the window from row ``first`` on.
+    """Evidence of the true elements without complexity, in the ticks of the window from row ``first`` on.
 
-    Zero where they are not told, and for free motion.
+    Zero if they are unknown, and for free motion.
     """
     x = _true_x(phase, window, origin_m) if len(window) else None
     if x is None:
         return 0.0
     scales = scales_of(model)
-    seen = evidence.log_ratio(CONTACT_MODELS[phase.contact.column], x[None], window, scales)
-    return scales.likelihood_exponent * float(seen.log_ratio[0, first:].sum())
+    ratio = evidence.log_ratio(CONTACT_MODELS[phase.contact.column], x[None], window, scales)
+    return scales.likelihood_exponent * float(ratio.log_ratio[0, first:].sum())
 
 
 def log_prior(label: Ints, window: Window, model: Model) -> float:
-    """Log probability of the labels (W,) of ticks, if nothing was known but how much the object moves."""
+    """Log prior probability of the labels (W,) of ticks, given only the activity."""
     log_probability, contacts = float(log_initial(model)[label[0]]), np.arange(FREE)
     for before, now, activity in zip(label[:-1], label[1:], window.motion_ratio[1:], strict=True):
         exposed = hazard_exposure(float(activity))
@@ -144,7 +146,7 @@ def log_prior(label: Ints, window: Window, model: Model) -> float:
 
 
 def within(start_ns: int, end_ns: int, tracked: Tracked) -> Window:
-    """The ticks with frames of this span only."""
+    """The ticks with frames in this span."""
     inside = (tracked.start_ns >= start_ns) & (tracked.stamp_ns <= end_ns) & (tracked.frames > 0)
     ticks = tracked.window
     return Window(
@@ -153,7 +155,7 @@ def within(start_ns: int, end_ns: int, tracked: Tracked) -> Window:
 
 
 def _true_x(phase: Phase, window: Window, origin_m: Array) -> Array | None:
-    """The true elements as the parameters (S,) of the true contact; None where they are not told."""
+    """The true elements as the parameters (S,) of the true contact; None if they are unknown."""
     if phase.geometry is None or phase.contact is Contact.FREE:
         return None
     contact = CONTACT_MODELS[phase.contact.column]
@@ -164,7 +166,7 @@ def _true_x(phase: Phase, window: Window, origin_m: Array) -> Array | None:
 
 
 def _fit_all(true: Contact, x: Array | None, window: Window, scales: EvidenceParameters) -> tuple[Array, int]:
-    """Evidence (7,) of the states, and the most constrained of them that fits."""
+    """Evidence (7,) of the states, and the column of the most constrained one that fits."""
     log_evidence, excess = np.zeros(len(STATES)), np.full(len(STATES), np.inf)
     excess[FREE] = 0.0
     for contact in CONTACT_MODELS:
@@ -184,7 +186,7 @@ def _fit_all(true: Contact, x: Array | None, window: Window, scales: EvidencePar
 
 
 def _from_truth(contact: ContactModel, x: Array, window: Window, scales: EvidenceParameters) -> Bank:
-    """The minimum next to x."""
+    """The fit at the minimum nearest to x."""
     new = uninformed_proposal(contact)
     for _ in range(ROUNDS):
         begin = BirthProposals(
@@ -196,7 +198,7 @@ def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Evidenc
 
 
 def _chain(log_evidence: Array, windows: list[Window], model: Model) -> Ints:
-    """The most probable label (P,) of each phase, whose evidence is (P, 7), in the chain of all of them."""
+    """The most probable label (P,) of each phase in the chain of all, given their evidence (P, 7)."""
     stay, change = np.zeros(log_evidence.shape), np.zeros((*log_evidence.shape, len(STATES)))
     for row, window in enumerate(windows):
         activity = window.motion_ratio

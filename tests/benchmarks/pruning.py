@@ -1,12 +1,12 @@
-"""What dropping hopeless hypotheses changes in what is said online: beside wider margins, and without one.
+"""Effect of pruning on online posteriors: comparison with wider margins, and with none.
 
     python tests/benchmarks/pruning.py
     python tests/benchmarks/pruning.py FOLDER/sequence/*.mcap --margins 40
 
-Each recording is followed with the model's own margin and with others. ``labels`` is the share of ticks with
-the same label, ``median`` to ``most`` how far apart the probabilities are (of the state that differs most, in
-the median tick, the 90th and 99th percentile and the worst), ``rows`` the hypotheses per tick and ``CPU`` the
-time, both as a multiple. Without a margin (``none``) old onsets still get sparser.
+Each recording is tracked with the margin of the model and with others. ``labels`` is the share of ticks with
+the same label; ``median`` to ``most`` are quantiles over ticks (median, 90 %, 99 %, maximum) of the largest
+difference of a probability; ``rows`` is the number of hypotheses per tick and ``CPU`` the time, both relative
+to the model's margin. Without a margin (``none``) old onsets are still thinned.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from contact_tracker.tracking.forward_pass import forward
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 WARM_UP: Final = 400
-"""Poses that are followed before time is taken."""
+"""Poses that are tracked before the measurement."""
 COLUMNS: Final = ("recording", "nats", "labels", "median", "90 %", "99 %", "most", "rows", "CPU")
 
 
@@ -48,22 +48,23 @@ def with_margin(model: Model, margin_nats: float) -> Model:
     return replace(model, search=replace(model.search, margin_nats=margin_nats))
 
 
-def follow(poses: Poses, model: Model) -> Run:
-    """Of at least one pose."""
-    began_s, said, living = time.process_time(), [], 0
-    for seen in forward(poses, model, detail=Detail.SHARED):
-        said.append(seen.belief.probability)
-        living += sum(map(len, seen.state.banks))
-    return Run(np.array(said), living / len(said), time.process_time() - began_s)
+def track(poses: Poses, model: Model) -> Run:
+    """Track at least one pose."""
+    began_s, probabilities, hypotheses = time.process_time(), [], 0
+    for tick in forward(poses, model, detail=Detail.SHARED):
+        probabilities.append(tick.belief.probability)
+        hypotheses += sum(map(len, tick.state.banks))
+    cpu_s = time.process_time() - began_s
+    return Run(np.array(probabilities), hypotheses / len(probabilities), cpu_s)
 
 
 def row(name: str, margin_nats: float, own: Run, other: Run) -> list[str]:
     same = own.probability.argmax(axis=1) == other.probability.argmax(axis=1)
-    apart = np.abs(own.probability - other.probability).max(axis=1)
-    told = "none" if math.isinf(margin_nats) else number(margin_nats, 0)
-    by_share = [number(float(np.quantile(apart, share)), 4) for share in (0.5, 0.9, 0.99, 1.0)]
-    times = other.hypotheses / own.hypotheses, other.cpu_s / own.cpu_s
-    return [name, told, number(float(same.mean())), *by_share, *(number(t, 2) for t in times)]
+    difference = np.abs(own.probability - other.probability).max(axis=1)
+    margin = "none" if math.isinf(margin_nats) else number(margin_nats, 0)
+    quantiles = [number(float(np.quantile(difference, share)), 4) for share in (0.5, 0.9, 0.99, 1.0)]
+    ratios = other.hypotheses / own.hypotheses, other.cpu_s / own.cpu_s
+    return [name, margin, number(float(same.mean())), *quantiles, *(number(one, 2) for one in ratios)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -81,10 +82,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     rows = []
     for path in tqdm(args.logs, unit="recording"):
         poses = Poses.collect(open_log(str(path)))
-        follow(poses[:WARM_UP], model)  # kernels are loaded
-        own = follow(poses, model)
-        rows += [row(path.stem, m, own, follow(poses, with_margin(model, m))) for m in args.margins]
-    print(f"beside {model.search.margin_nats:g} nats:\n{table(COLUMNS, rows, left=2)}")
+        track(poses[:WARM_UP], model)  # loads the kernels
+        own = track(poses, model)
+        rows += [row(path.stem, m, own, track(poses, with_margin(model, m))) for m in args.margins]
+    print(f"relative to {model.search.margin_nats:g} nats:\n{table(COLUMNS, rows, left=2)}")
     return 0
 
 

@@ -1,8 +1,8 @@
-"""How far figures of so few recordings can be trusted: the bootstrap over true phases.
+"""Confidence intervals of figures from few recordings: bootstrap over true phases.
 
-Frames of one phase are right or wrong together, so phases are what is drawn again, with replacement. Errors
-of calibration are sums of absolute values: resamples tend to be larger, and the interval may begin above the
-figure itself.
+Frames of one phase are right or wrong together, so whole phases are resampled, with replacement. Calibration
+errors are sums of absolute values, which tend to be larger in resamples, so that the interval may lie above
+the figure.
 """
 
 from dataclasses import dataclass
@@ -25,8 +25,9 @@ UNKNOWN: Final = (float("nan"), float("nan"))
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """Of Q true phases: ``label_s`` (Q, 2), seconds and those in which the label was right; ``belief_s``
-    (Q, 15, 3) by bin of the top probability: seconds, seconds x probability, those in which it was right."""
+    """Statistics of Q true phases: ``label_s`` (Q, 2), seconds and those with the right label; ``belief_s``
+    (Q, 15, 3) by bin of the top probability: seconds, seconds x probability, seconds with the top state
+    true."""
 
     label_s: Array
     belief_s: Array
@@ -38,19 +39,21 @@ class Phases:
 
     @classmethod
     def of(cls, scored: Scoring, tick: Ints, label: Ints, probability: Array) -> "Phases":
-        """The phases of a recording: each time one state lasts. Arguments as of ``tallying.tally``."""
+        """The phases of a recording, in each of which one state lasts. Arguments as of ``tallying.tally``."""
         every = np.cumsum(np.append(0, np.diff(scored.truth) != 0))
         taken = scored.subsets[Subset.ALL]
         phase = np.unique(every[taken], return_inverse=True)[1]
         tick, truth, seconds = tick[taken], scored.truth[taken], scored.seconds[taken]
-        said = np.append(label, -1)[tick]
+        frame_label = np.append(label, -1)[tick]
         belief = np.vstack([probability, np.full(len(STATES), 1 / len(STATES))])[tick]
         top, top_p = belief.argmax(axis=1), belief.max(axis=1, initial=0.0)
         bins = np.clip((top_p * CALIBRATION_BINS).astype(int), 0, CALIBRATION_BINS - 1)
         count = int(phase.max(initial=-1)) + 1
         label_s, belief_s = np.zeros((count, 2)), np.zeros((count, CALIBRATION_BINS, 3))
         right = (top == truth) & (tick >= 0)
-        np.add.at(label_s, phase, seconds[:, None] * np.stack([np.ones(len(truth)), said == truth], axis=1))
+        np.add.at(
+            label_s, phase, seconds[:, None] * np.stack([np.ones(len(truth)), frame_label == truth], axis=1)
+        )
         np.add.at(
             belief_s,
             (phase, bins),
@@ -70,22 +73,22 @@ class Phases:
         return _band(np.abs(sums[..., 2] - sums[..., 1]).sum(axis=1), sums[..., 0].sum(axis=1))
 
     def calibration_error_if_exact(self) -> tuple[float, float]:
-        """The error that these probabilities would show if they were exact, on average and at the upper end
-        of the ``BAND``; nan without phases.
+        """The calibration error of exact probabilities: mean, and upper end of the ``BAND``; nan without
+        phases.
 
-        Frames of one phase in one bin are right together with that probability, or wrong together.
+        Frames of one phase in one bin are all right, with that probability, or all wrong.
         """
-        seconds, weighed_s = self.belief_s[..., 0], self.belief_s[..., 1]
+        seconds, weighted_s = self.belief_s[..., 0], self.belief_s[..., 1]
         if not seconds.sum():
             return UNKNOWN
-        probability = weighed_s / np.where(seconds > 0, seconds, 1.0)
+        probability = weighted_s / np.where(seconds > 0, seconds, 1.0)
         drawn = np.random.default_rng(0).random((RESAMPLES, *seconds.shape)) < probability
-        off_s = np.einsum("qk,bqk->bk", seconds, drawn) - weighed_s.sum(axis=0)
+        off_s = np.einsum("qk,bqk->bk", seconds, drawn) - weighted_s.sum(axis=0)
         error = np.abs(off_s).sum(axis=1) / seconds.sum()
         return float(error.mean()), float(np.quantile(error, BAND[1]))
 
     def _resampled(self, of_phase: Array) -> Array:
-        """Sums (B, n) over the phases drawn, of what each has (Q, n); the draws are always the same."""
+        """Sums (B, n) of rows (Q, n) over resampled phases; the resamples are always the same."""
         count = len(of_phase)
         if not count:
             return np.zeros((0, of_phase.shape[1]))

@@ -1,10 +1,11 @@
-"""What is said of motion that none of the six contacts explains: curved surfaces, hinges, drawers, screws.
+"""Labels of motion that none of the six contacts explains: curved surfaces, hinges, drawers, screws.
 
     python tests/benchmarks/restricted.py
     python tests/benchmarks/restricted.py --seeds 3 --tables docs/benchmarks/restricted.json
 
 24 s of each motion with the noise of the shipped recordings. Shares of the time after the first 2 s in which
-free motion, or a contact, has a probability above 0.9, and in which any other state is said to be possible.
+free motion, or a contact, has a probability above 0.9, and in which all other states are reported as
+possible.
 """
 
 import argparse
@@ -34,7 +35,7 @@ SETTLING_TICKS: Final = 20
 
 
 def shares(beliefs: Beliefs) -> list[float]:
-    """Of one recording: surely free, surely a contact, any other."""
+    """Shares of one recording: free above 0.9, a contact above 0.9, any other possible."""
     rows = beliefs.rows[SETTLING_TICKS:]
     free, contact = rows["probability"][:, Contact.FREE.column], rows["probability"][:, :-1].max(axis=1)
     others = rows["inseparable"].sum(axis=1) == len(STATES) - 1
@@ -42,7 +43,7 @@ def shares(beliefs: Beliefs) -> list[float]:
 
 
 def row(name: str, motion: Motion, seeds: int) -> list[str]:
-    """A line of the table."""
+    """A row of the table."""
     measured, labels = [], np.zeros(len(STATES))
     for seed in range(seeds):
         poses = gate(poses_of(motion, np.random.default_rng(seed)))

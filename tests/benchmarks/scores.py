@@ -1,4 +1,4 @@
-"""What a method answers about a recording, and how that scores."""
+"""Labels and posteriors of a method for a recording, and their scores."""
 
 import math
 from dataclasses import dataclass
@@ -21,25 +21,25 @@ LAGS_S: Final = (1.0, 0.5)
 
 
 class Method(NamedTuple):
-    """Who answers, and when: ``wait_s`` after the frame, infinite at the end of the recording.
+    """A method and its lag: ``wait_s`` after the frame, infinite at the end of the recording.
 
-    One that does not ``believe`` gives labels without probabilities.
+    Without ``has_posterior`` it gives labels only.
     """
 
     name: str
     wait_s: float
-    believes: bool = True
+    has_posterior: bool = True
 
     @property
     def when(self) -> str:
-        """The wait in words."""
+        """The lag in words."""
         if self.wait_s == OFFLINE:
             return "offline"
         return f"lag {self.wait_s:g} s" if self.wait_s else "online"
 
 
 class Answer(NamedTuple):
-    """``tick`` (N,) that holds at each frame (-1: no answer), ``label`` (T,) and ``probability`` (T, 7)."""
+    """Index ``tick`` (N,) of the tick of each frame (-1: none), ``label`` (T,) and ``probability`` (T, 7)."""
 
     tick: Ints
     label: Ints
@@ -47,20 +47,20 @@ class Answer(NamedTuple):
 
     @classmethod
     def most_probable(cls, tick: Ints, probability: Array) -> "Answer":
-        """The label is the most probable state."""
+        """With the most probable states as labels."""
         return cls(tick, probability.argmax(axis=1).astype(np.int64), probability)
 
     @classmethod
     def certain(cls, tick: Ints, label: Ints) -> "Answer":
-        """Only labels."""
+        """With probability 1 for the labels."""
         return cls(tick, label, np.eye(len(STATES))[label])
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Tallies of what can be told, and ``apart`` of what cannot: singular, or at rest before any motion.
+    """Tallies of identifiable frames, and ``apart`` of the others: singular, or at rest before any motion.
 
-    ``phases`` of what can be told, for the intervals.
+    ``phases`` are those of identifiable frames, for confidence intervals.
     """
 
     main: Tally
@@ -72,9 +72,9 @@ class Score:
 
     @classmethod
     def of(cls, answer: Answer, scored: Scoring) -> "Score":
-        """Score an answer about all frames of a recording."""
-        told, untold = (scored.within(s) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
-        return cls(tally(told, *answer), tally(untold, *answer), Phases.of(told, *answer))
+        """Score an answer for all frames of a recording."""
+        clear, ambiguous = (scored.within(s) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
+        return cls(tally(clear, *answer), tally(ambiguous, *answer), Phases.of(clear, *answer))
 
 
 Scores = dict[Method, Score]

@@ -1,16 +1,16 @@
-"""Alternative: the Bayesian information criterion per segment, as models of articulation are selected.
+"""Alternative: the Bayesian information criterion per segment, as in the selection of articulation models.
 
 For n samples of a segment and contact j with k_j parameters and d_j degrees of freedom,
 
     log p(samples | j) - 1/2 (k_j + n d_j) log n
 
-where log p is that of the whitened residuals of the constraints, -1/2 sum chi^2: where the object stands in
-its freedom is estimated for each sample and leaves no residual, so its n d_j coordinates count as
-parameters. Free has k = 0, d = 6 and no residual. exp of it, normalised, is the posterior. Samples are the
-tracker's ticks of 0.1 s, outliers left out, with the noise estimated from the recording; fits are the
-tracker's own.
+where log p is that of the whitened residuals of the constraints, -1/2 sum chi^2: the configuration in the d_j
+degrees of freedom is estimated for each sample without residual, so these n d_j coordinates count as
+parameters. Free has k = 0, d = 6 and no residual. The posterior is its normalised exponential. Samples are
+the tracker's ticks of 0.1 s without outliers, with the noise estimated from the recording; fits are those of
+the tracker.
 
-Segments are the paper's windows of 500 frames, every 100 frames; and, generously, the true ones.
+Segments are the paper's windows of 500 frames, every 100 frames; and, to its advantage, the true ones.
 """
 
 from typing import Final
@@ -58,15 +58,15 @@ def answers(poses: Poses, scored: Scoring, tracked: Tracked, model: Model) -> di
 
 
 def _true_segments(scored: Scoring, tracked: Tracked, scales: EvidenceParameters) -> Answer:
-    """Each true phase is judged by the ticks within it."""
+    """Labels of the true phases by the ticks within each."""
     begins = np.append(True, np.diff(scored.truth) != 0)
     run = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
     last = np.append(first[1:], len(run)) - 1
-    told = scored.truth[first] != UNSCORED
+    is_known = scored.truth[first] != UNSCORED
     spans = [(int(scored.stamp_ns[a]), int(scored.stamp_ns[b])) for a, b in zip(first, last, strict=True)]
     probability, row = _posteriors(
-        [s if t else (1, 0) for s, t in zip(spans, told, strict=True)], tracked, scales
+        [s if known else (1, 0) for s, known in zip(spans, is_known, strict=True)], tracked, scales
     )
     return Answer.most_probable(row[run], probability)
 
@@ -74,7 +74,7 @@ def _true_segments(scored: Scoring, tracked: Tracked, scales: EvidenceParameters
 def _posteriors(
     spans: list[tuple[int, int]], tracked: Tracked, scales: EvidenceParameters
 ) -> tuple[Array, Ints]:
-    """Posterior (P, 7) of the spans of time with ticks enough, and each span's row in it (-1: none)."""
+    """Posterior (P, 7) of the spans with enough ticks, and the row of each span (-1: none)."""
     found: list[Array] = []
     row: list[int] = []
     for start_ns, end_ns in spans:
@@ -87,7 +87,7 @@ def _posteriors(
 
 
 def posterior(window: Window, scales: EvidenceParameters) -> Array:
-    """Posterior (7,) of the states for the samples of a window, by their criteria."""
+    """Posterior (7,) of the states for the samples of a window, by BIC."""
     chi_sq, parameters = np.zeros(len(STATES)), np.zeros(len(STATES))
     for model in CONTACT_MODELS:
         column, family = model.contact.column, model.family

@@ -1,9 +1,9 @@
-"""How well the recordings that come with the project are labelled.
+"""Accuracy on the recordings of this repository.
 
     python tests/benchmarks/shipped.py
     python tests/benchmarks/shipped.py --tables docs/benchmarks/shipped.json
 
-As ``contact-tracker evaluate recordings/*.mcap``, which says more.
+As ``contact-tracker evaluate recordings/*.mcap``, which gives more details.
 """
 
 import argparse
@@ -30,16 +30,16 @@ COLUMNS: Final = (
 
 
 def measure(path: Path) -> Evaluation:
-    """Segment one recording, adapted to its stream, and judge it."""
+    """Segment one recording, adapted to its stream, and evaluate it."""
     truth = read_truth(str(path))
     assert truth is not None, f"{path}: no truth"
     poses = gate(Poses.collect(open_log(str(path))))
     return evaluate(poses, truth, adaptation.segment(poses, load_model()))
 
 
-def row(name: str, judged: Evaluation) -> list[str]:
-    """A line of the table."""
-    tallies, geometry = (judged.offline, judged.online), judged.geometry
+def row(name: str, evaluation: Evaluation) -> list[str]:
+    """A row of the table."""
+    tallies, geometry = (evaluation.offline, evaluation.online), evaluation.geometry
     figures = [
         *(tally.accuracy() for tally in tallies),
         *(tally.log_loss for tally in tallies),

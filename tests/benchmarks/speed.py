@@ -1,11 +1,11 @@
-"""How fast it is, and how much memory it takes: one table, medians over runs, against what is to be reached.
+"""Speed and memory in one table: medians over runs, with targets.
 
     python tests/benchmarks/speed.py
     python tests/benchmarks/speed.py --only reading averaging
     python tests/benchmarks/speed.py --only offline live --long
 
-Times are CPU time (of start-up: wall time). Each part runs in a process of its own, of which the peak memory
-is told too. What minimising the paper's functions costs is measured by minimisation.py.
+Times are CPU time (of start-up: wall time). Each part runs in a process of its own, whose peak memory is
+reported too. The time of minimising the paper's functions is measured by minimisation.py.
 """
 
 import argparse
@@ -25,14 +25,14 @@ from speeds.figures import Figure, Setup, length, peak_mb
 ROWS: Final = ("reading", "averaging", "online", "offline", "live", "growing", "viewing", "starting")
 COLUMNS: Final = ("what", "figure", "unit", "target", "")
 IN_COMMANDS: Final = ("offline", "live", "starting")
-"""These measure the command line, whose memory they tell themselves."""
+"""Rows that measure the command line, including its memory."""
 LENGTHS_S: Final = (60, 600)
 LONG_S: Final = (*LENGTHS_S, 3600, 36000)
 ROOT: Final = Path(__file__).resolve().parents[2]
 
 
 def measure(row: str, setup: Setup) -> list[Figure]:
-    """The figures of one row, and the memory that measuring them took."""
+    """The figures of one row, and the peak memory of this process."""
     figures: list[Figure] = importlib.import_module(f"speeds.{row}").measure(setup)
     if row in IN_COMMANDS:
         return figures
@@ -41,7 +41,7 @@ def measure(row: str, setup: Setup) -> list[Figure]:
 
 
 def measure_apart(row: str, setup: Setup) -> list[Figure]:
-    """The same in a new process: this one imports nothing, because its memory would be counted there."""
+    """``measure`` in a new process. This one imports little, as its peak memory would be counted there."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(measure, row, setup).result()
 
@@ -52,7 +52,7 @@ def line(figure: Figure) -> tuple[str, ...]:
 
 
 def verdict(figure: Figure) -> str:
-    """``ok`` or ``no``, where something is to be reached."""
+    """``ok`` or ``no`` if there is a target, else empty."""
     if not figure.target:
         return ""
     sign, bound = figure.target.split()
@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--fast-log", type=Path, default=recordings / "robot_1khz.mcap", metavar="MCAP")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep what has a target in this file")
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep figures with a target in this file")
     parser.add_argument("--long", action="store_true", help=f"logs up to {length(LONG_S[-1])}")
     args = parser.parse_args(argv)
     for library in ("OMP", "OPENBLAS", "MKL"):
@@ -87,9 +87,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     print(table(COLUMNS, [line(figure) for figure in rows]))
     if args.tables:
-        aims = [list(line(figure)) for figure in rows if figure.target]
+        targets = [list(line(figure)) for figure in rows if figure.target]
         kept_tables.keep(
-            args.tables, "python tests/benchmarks/speed.py", {"aims": kept_tables.Table(COLUMNS, aims)}
+            args.tables, "python tests/benchmarks/speed.py", {"aims": kept_tables.Table(COLUMNS, targets)}
         )
     return 0
 

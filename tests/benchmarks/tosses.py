@@ -1,10 +1,10 @@
-"""Real tosses of a cube on a table: what knowing the table and the cube is worth.
+"""Real tosses of a cube on a table: accuracy with and without known table and cube.
 
     python tests/benchmarks/tosses.py --model impacts
 
-Share of the frames with sure truth, the cube in motion, whose label is right: offline and online, with
-nothing known, with the table's plane and with plane and cube, both from the metadata of each recording.
-Figures are of every second recording (``--half checked``); what was chosen, was chosen on the others.
+Share of the frames with certain truth and the cube in motion that are labelled right: offline and online,
+with nothing known, with the table's plane, and with plane and cube, both from the metadata of each recording.
+Figures are of every second recording (``--half checked``); the model was tuned on the others.
 """
 
 import argparse
@@ -35,7 +35,7 @@ from worker_pool import worker_pool
 MOVING_M_S: Final = 0.05
 """The cube is in motion while its fastest corner is faster than this."""
 SIGMA: Final = {"sigma_position_m": 0.5e-3, "sigma_rotation_deg": 0.2}
-"""How exactly the metadata are taken to tell plane and cube."""
+"""Assumed accuracy of plane and cube in the metadata."""
 COLUMNS: Final = ("known", "frames", "offline", "online")
 LEVELS: Final = ("nothing", "plane", "plane and cube")
 
@@ -48,7 +48,7 @@ class Scores(NamedTuple):
 
 
 def known(level: str, metadata: dict[str, str]) -> PriorMap:
-    """What ``level`` knows of a recording with this metadata."""
+    """The prior map of ``level`` for a recording with this metadata."""
     if level == "nothing":
         return EMPTY_MAP
     *normal, offset_m = map(float, metadata["table_plane_n_h"].split())
@@ -66,7 +66,7 @@ def measure(path: Path, model_name: str) -> dict[str, Scores]:
     metadata = read_metadata(str(path))["recording"]
     assert truth is not None
     scored = scoring(poses.stamp_ns, truth)
-    sure = (scored.truth != UNSCORED) & in_motion(poses, float(metadata["cube_side_m"]))
+    counted = (scored.truth != UNSCORED) & in_motion(poses, float(metadata["cube_side_m"]))
     results = {}
     for level in LEVELS:
         found = segment(poses, load_model(model_name), knowledge=known(level, dict(metadata)))
@@ -75,9 +75,9 @@ def measure(path: Path, model_name: str) -> dict[str, Scores]:
             tick = tick_of(poses.stamp_ns, np.array([b.stamp_ns for b in beliefs], np.int64))
             label = np.array([b.contact.column for b in beliefs])[tick]
             confusion = np.zeros((len(STATES), len(STATES)), np.int64)
-            told = sure & (tick >= 0)
-            np.add.at(confusion, (scored.truth[told], label[told]), 1)
-            np.add.at(confusion, (scored.truth[sure & (tick < 0)], STATES.index(STATES[-1])), 1)
+            has_label = counted & (tick >= 0)
+            np.add.at(confusion, (scored.truth[has_label], label[has_label]), 1)
+            np.add.at(confusion, (scored.truth[counted & (tick < 0)], STATES.index(STATES[-1])), 1)
             rows.append(confusion)
         results[level] = Scores(*rows)
     return results
@@ -92,7 +92,7 @@ def in_motion(poses: Poses, side_m: float) -> NDArray[np.bool_]:
 
 
 def accuracies(total: dict[str, Scores]) -> list[list[str]]:
-    """Rows of the table: a line for each level of knowledge."""
+    """Rows of the table, one for each level of knowledge."""
     return [
         [level, str(scores.offline.sum()), *(number(c.trace() / c.sum()) for c in scores)]
         for level, scores in total.items()
@@ -100,7 +100,7 @@ def accuracies(total: dict[str, Scores]) -> list[list[str]]:
 
 
 def lines(total: dict[str, Scores]) -> Iterator[str]:
-    """The table of accuracies, then what was taken for what with everything known."""
+    """The table of accuracies, then the confusion with everything known."""
     yield table(COLUMNS, accuracies(total))
     confusion = total[LEVELS[-1]].offline
     yield f"\noffline with {LEVELS[-1]} known: truth by row, label by column"

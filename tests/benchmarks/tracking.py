@@ -1,4 +1,4 @@
-"""The tracker over a recording, in one pass: online, with a lag, and offline."""
+"""One pass of the tracker over a recording: online, with a lag, and offline."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -26,10 +26,10 @@ NAME: Final = "tracker"
 
 
 class Tracked(NamedTuple):
-    """What the tracker found.
+    """Results of the tracker.
 
-    ``lagged`` (T, 7) posterior by lag (s): each tick's, from data up to that long after it. ``window`` of all
-    T ticks, ``frames`` (T,) in each, ``start_ns`` and ``stamp_ns`` (T,) of their first and last frame.
+    ``lagged``: by lag (s), the posterior (T, 7) of each tick from data up to that long after it. ``window``
+    of all T ticks, ``frames`` (T,) in each, ``start_ns`` and ``stamp_ns`` (T,) of their first and last frame.
     """
 
     segmentation: Segmentation
@@ -41,40 +41,40 @@ class Tracked(NamedTuple):
 
 
 def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Tracked:
-    """One pass over at least one pose, which looks back as far as the longest lag."""
-    state, seen, segmenter = tracker.start(model, max(lags_s)), RecordedPass(), Segmenter()
+    """One pass over at least one pose, with the longest of the lags."""
+    state, recorded, segmenter = tracker.start(model, max(lags_s)), RecordedPass(), Segmenter()
     lags = {lag_s: round(lag_s / model.tick_s) for lag_s in lags_s}
     lagged: dict[float, list[Array]] = {lag_s: [] for lag_s in lags_s}
 
-    def follow(state: TrackerState, closed: list[Tick]) -> TrackerState:
+    def update(state: TrackerState, closed: list[Tick]) -> TrackerState:
         for tick in closed:
             state, belief = tracker.update(state, tick)
-            now = FilteredTick(state, tick, belief)
-            seen.note(now)
-            segmenter.note(state, now.tick_result, belief)
+            filtered = FilteredTick(state, tick, belief)
+            recorded.note(filtered)
+            segmenter.note(state, filtered.tick_result, belief)
             for lag_s, lag in lags.items():
-                if len(seen.beliefs) > lag:
+                if len(recorded.beliefs) > lag:
                     lagged[lag_s].append(lagged_belief(state, len(state.recent) - 1 - lag).probability)
         return state
 
     for pose in poses:
-        state = follow(*tracker.accumulate_pose(state, pose))
-    state = follow(*tracker.close_tick(state))
-    for lag_s, lag in lags.items():  # the stream has ended: the last ticks are known as well as they will be
+        state = update(*tracker.accumulate_pose(state, pose))
+    state = update(*tracker.close_tick(state))
+    for lag_s, lag in lags.items():  # at the end of the stream the last ticks have a shorter lag
         rows = range(max(len(state.recent) - lag, 0), len(state.recent))
         lagged[lag_s] += [lagged_belief(state, row).probability for row in rows]
     return Tracked(
         segmenter.finish(),
-        {lag_s: np.array(told) for lag_s, told in lagged.items()},
-        seen.window(state),
-        np.array(seen.frames, np.int64),
-        np.array(seen.start_ns, np.int64),
-        np.array([b.stamp_ns for b in seen.beliefs], np.int64),
+        {lag_s: np.array(posteriors) for lag_s, posteriors in lagged.items()},
+        recorded.window(state),
+        np.array(recorded.frames, np.int64),
+        np.array(recorded.start_ns, np.int64),
+        np.array([b.stamp_ns for b in recorded.beliefs], np.int64),
     )
 
 
 def answers(poses: Poses, tracked: Tracked) -> dict[Method, Answer]:
-    """The tracker's answers: a frame takes the tick that contains it, online the last reported one."""
+    """Labels and posteriors of the tracker: of the tick that contains a frame, online of the latest one."""
     found = tracked.segmentation
     containing = tick_containing(poses.stamp_ns, tracked.stamp_ns)
     by_lag = {
@@ -82,11 +82,11 @@ def answers(poses: Poses, tracked: Tracked) -> dict[Method, Answer]:
         for lag_s, probability in tracked.lagged.items()
     }
     return {
-        Method(NAME, OFFLINE): _told(containing, found.beliefs),
+        Method(NAME, OFFLINE): _answer(containing, found.beliefs),
         **by_lag,
-        Method(NAME, 0.0): _told(tick_in_force(poses.stamp_ns, tracked.stamp_ns), found.filtered),
+        Method(NAME, 0.0): _answer(tick_in_force(poses.stamp_ns, tracked.stamp_ns), found.filtered),
     }
 
 
-def _told(tick: Ints, beliefs: Beliefs) -> Answer:
+def _answer(tick: Ints, beliefs: Beliefs) -> Answer:
     return Answer(tick, beliefs.rows["contact"].astype(np.int64), beliefs.probability)

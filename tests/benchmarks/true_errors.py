@@ -1,7 +1,7 @@
-"""The true error model of distorted poses, for trackers that have nothing to infer from the stream.
+"""The true error model of distorted poses, for trackers that do not adapt to the stream.
 
-Known are the sensor's noise, with which the recording was simulated, the parameters of errors that last, and
-which poses the sensor spoiled. There is such a model only where what the distortion does is one of these.
+Known are the noise of the simulated sensor, the parameters of correlated errors, and the poses that are not
+measured. Only some distortions have such a model.
 """
 
 import json
@@ -17,19 +17,19 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import read_metadata
 from distortions import WANDER_DEG, WANDER_M, WANDER_S
 
-LASTING: Final = {"slow_wander": (WANDER_M, radians(WANDER_DEG), WANDER_S)}
-"""Standard deviations (m, rad) and correlation time (s) of errors that last."""
+CORRELATED: Final = {"slow_wander": (WANDER_M, radians(WANDER_DEG), WANDER_S)}
+"""Standard deviations (m, rad) and correlation time (s) of correlated errors."""
 SPOILED: Final = frozenset(
     {"default_pose_8pct", "default_pose_stretches", "frozen_stretches", "shifted_bursts"}
 )
-"""Some of the poses are not measured."""
+"""Distortions in which some poses are not measured."""
 WHITE: Final = frozenset({"none", "rate_10hz_jitter", "rate_5hz", "dropouts_50pct", "dropout_bursts_30pct"})
-"""Poses are missing, but those that come are as they were measured."""
-KNOWN: Final = (*LASTING, *SPOILED, *WHITE)
+"""Distortions in which poses are missing, but the others are as measured."""
+KNOWN: Final = (*CORRELATED, *SPOILED, *WHITE)
 
 
 def measured_poses(distortion: str, clean: Poses, distorted: Poses) -> Poses:
-    """Without those that the sensor spoiled, by comparison with the ``clean`` ones at the same time."""
+    """The measured poses: those that equal the ``clean`` ones at the same time."""
     if distortion not in SPOILED:
         return distorted
     same = np.searchsorted(clean.stamp_ns, distorted.stamp_ns)
@@ -39,11 +39,10 @@ def measured_poses(distortion: str, clean: Poses, distorted: Poses) -> Poses:
 
 
 def true_model(distortion: str, path: str, poses: Poses, model: Model) -> Model:
-    """The model with the noise that the recording's metadata say, and the errors of the distortion, for the
-    ``poses``."""
+    """The model for ``poses`` with the noise in the recording's metadata and the errors of the distortion."""
     stated = json.loads(read_metadata(path)["recording"]["noise"])
     known = model.with_noise(stated["pos_std_m"], radians(stated["rot_std_deg"]))
-    position_m, rotation_rad, within_s = LASTING.get(distortion, (0.0, 0.0, model.noise.wander_s))
+    position_m, rotation_rad, within_s = CORRELATED.get(distortion, (0.0, 0.0, model.noise.wander_s))
     noise = replace(
         known.noise, wander_position_m=position_m, wander_rotation_rad=rotation_rad, wander_s=within_s
     )

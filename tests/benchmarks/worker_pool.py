@@ -1,4 +1,4 @@
-"""The processes that a benchmark runs in."""
+"""Worker processes of a benchmark."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 @contextmanager
 def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """So many processes whose numerics use one thread each, as those of the others would disturb."""
+    """A pool of ``processes`` whose numerics use one thread each."""
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:

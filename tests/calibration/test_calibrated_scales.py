@@ -30,8 +30,8 @@ def with_floors(position_m, rotation_rad):
     return replace(MODEL, noise=noise)
 
 
-def contact_stretches(contact, floor_m, floor_rad, ticks=120, bounced=0.0, seed=0):
-    """Ticks of a true contact whose poses are off by the sensor's noise and by the floors."""
+def contact_segments(contact, floor_m, floor_rad, ticks=120, bounced=0.0, seed=0):
+    """Segments of ticks of a true contact, with errors of the sensor's noise and the floors."""
     rng = np.random.default_rng(seed)
     true = touching(contact, rng, ticks)
     position = true.position_m - true.position_m[0]
@@ -57,28 +57,28 @@ def test_the_noise_of_a_recording_is_the_estimate_at_its_end():
 
 
 def of_all_contacts(floor_m, floor_rad, **options):
-    made = [contact_stretches(c, floor_m, floor_rad, seed=s, **options) for c in CONTACTS for s in range(3)]
-    return [stretch for some in made for stretch in some]
+    made = [contact_segments(c, floor_m, floor_rad, seed=s, **options) for c in CONTACTS for s in range(3)]
+    return [segment for some in made for segment in some]
 
 
-def floors_of(model, stretches):
-    learned, _ = learn_floors(model, stretches, [POSITION, ROTATION])
+def floors_of(model, segments):
+    learned, _ = learn_floors(model, segments, [POSITION, ROTATION])
     return learned.noise.floor_position_m, learned.noise.floor_rotation_rad
 
 
 @pytest.mark.parametrize("bounced", [0.0, 0.01])
 def test_floors_of_simulated_contacts_are_recovered(bounced):
-    stretches = of_all_contacts(0.2e-3, 1e-3, bounced=bounced)
-    assert len(stretches) == 18
-    position, rotation = floors_of(MODEL, stretches)
+    segments = of_all_contacts(0.2e-3, 1e-3, bounced=bounced)
+    assert len(segments) == 18
+    position, rotation = floors_of(MODEL, segments)
     assert position == pytest.approx(0.2e-3, rel=0.15 if bounced else 0.06)
     assert rotation == pytest.approx(1e-3, rel=0.15 if bounced else 0.06)
 
 
 def test_floors_do_not_depend_on_where_the_search_began():
-    stretches = of_all_contacts(0.2e-3, 1e-3)
-    low = floors_of(with_floors(1e-6, 1e-6), stretches)
-    high = floors_of(with_floors(5e-3, 20e-3), stretches)
+    segments = of_all_contacts(0.2e-3, 1e-3)
+    low = floors_of(with_floors(1e-6, 1e-6), segments)
+    high = floors_of(with_floors(5e-3, 20e-3), segments)
     np.testing.assert_allclose(low, high, rtol=5e-3)
 
 
@@ -89,44 +89,44 @@ def test_ideal_contacts_have_next_to_no_floor():
 
 
 def test_a_floor_is_learned_alone_and_reported_by_contact():
-    stretches = of_all_contacts(0.2e-3, 0.0)
-    model, told = learn_floors(with_floors(1e-4, 1e-5), stretches, [POSITION])
+    segments = of_all_contacts(0.2e-3, 0.0)
+    model, learned = learn_floors(with_floors(1e-4, 1e-5), segments, [POSITION])
     assert model.noise.floor_rotation_rad == 1e-5
-    assert [f.contacts for f in told] == ["all", *CONTACTS]
-    assert all(f.key == POSITION for f in told)
-    assert all(f.value == pytest.approx(0.2e-3, rel=0.2) for f in told)
+    assert [f.contacts for f in learned] == ["all", *CONTACTS]
+    assert all(f.key == POSITION for f in learned)
+    assert all(f.value == pytest.approx(0.2e-3, rel=0.2) for f in learned)
 
 
 def test_an_error_of_one_contact_is_learned_for_it_alone():
     keys = ["noise.contact_position_m", "noise.contact_rotation_rad"]
-    loose = [s for seed in range(3) for s in contact_stretches(Contact.EF, 0.6e-3, 4e-3, seed=seed)]
-    stretches = loose + [s for s in of_all_contacts(0.05e-3, 0.5e-3) if s.column != Contact.EF.column]
+    loose = [s for seed in range(3) for s in contact_segments(Contact.EF, 0.6e-3, 4e-3, seed=seed)]
+    segments = loose + [s for s in of_all_contacts(0.05e-3, 0.5e-3) if s.column != Contact.EF.column]
     start = with_value(with_floors(0.05e-3, 0.5e-3), keys[0], (1e-3, *(0.0,) * 6))  # forgotten
-    noise = learn_contact_errors(start, stretches, keys).noise
+    noise = learn_contact_errors(start, segments, keys).noise
     own = noise.contact_position_m[Contact.EF.column], noise.contact_rotation_rad[Contact.EF.column]
     assert own == pytest.approx((0.6e-3, 4e-3), rel=0.2)
     assert sum(noise.contact_position_m) == own[0]
     assert sum(noise.contact_rotation_rad) == own[1]
     # with it, the floor of all is that of the others
-    position, rotation = floors_of(replace(MODEL, noise=noise), stretches)
+    position, rotation = floors_of(replace(MODEL, noise=noise), segments)
     assert (position, rotation) == pytest.approx((0.05e-3, 0.5e-3), rel=0.3)
     assert learn_contact_errors(start, loose[:0], keys).noise.contact_position_m == (0.0,) * 7
 
 
-def test_too_little_contact_leaves_the_floor_as_it_was():
-    few = contact_stretches(Contact.VF, 0.2e-3, 1e-3, ticks=40)
-    for stretches in ([], few):
-        model, told = learn_floors(MODEL, stretches, [POSITION, ROTATION])
+def test_too_few_residuals_leave_the_floor_unchanged():
+    few = contact_segments(Contact.VF, 0.2e-3, 1e-3, ticks=40)
+    for segments in ([], few):
+        model, learned = learn_floors(MODEL, segments, [POSITION, ROTATION])
         assert model == MODEL
-        assert all(f.value is None for f in told)
-    assert contact_stretches(Contact.VF, 0.0, 0.0, ticks=SHORTEST_TICKS) == []
+        assert all(f.value is None for f in learned)
+    assert contact_segments(Contact.VF, 0.0, 0.0, ticks=SHORTEST_TICKS) == []
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_the_fit_takes_as_many_degrees_of_freedom_as_it_has_parameters(contact):
-    """Less where the prior holds a direction that the motion does not show."""
-    (stretch,) = contact_stretches(contact, 0.0, 0.0)
-    _, found = refined(stretch, with_floors(1e-6, 1e-6), 6)
+def test_leverages_add_up_to_the_number_of_parameters(contact):
+    """Fewer if a direction is determined by the prior only."""
+    (segment,) = contact_segments(contact, 0.0, 0.0)
+    _, found = refined(segment, with_floors(1e-6, 1e-6), 6)
     taken = (1.0 - found.free).sum()
     parameters = {"f-f": 5, "e-f": 7, "f-e": 7, "v-f": 6, "f-v": 6, "e-e": 8}[contact.value]
     assert parameters - 0.5 < taken <= parameters + 1e-6
@@ -145,7 +145,7 @@ def test_a_search_finds_the_least_loss_along_each_parameter():
         asked.append(model)
         return 1.0 + sum(np.log(value_of(model, key) / value) ** 2 for key, value in wanted.items())
 
-    model, told = coordinate_search(MODEL, list(wanted), loss)
+    model, learned = coordinate_search(MODEL, list(wanted), loss)
     for key, value in wanted.items():
         assert value_of(model, key) == pytest.approx(value, rel=0.2)
     assert model == with_value(
@@ -154,9 +154,9 @@ def test_a_search_finds_the_least_loss_along_each_parameter():
         model.geometry.reach_m,
     )
     assert len(asked) <= 1 + 2 * (EVALUATIONS + 1)
-    assert told[0].before == loss(MODEL)
-    assert told[0].after == told[1].before
-    assert told[1].after == loss(model) < told[1].before
+    assert learned[0].before == loss(MODEL)
+    assert learned[0].after == learned[1].before
+    assert learned[1].after == loss(model) < learned[1].before
 
 
 def test_parameters_change_only_for_a_lower_loss_and_within_range():

@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from chain_oracle import NOTHING, N, believed, prior, some_model, walk
-from contact_tracker.calibration.e_step import BelievedStates, KnownStates
+from chain_oracle import NOTHING, N, noisy_trellis, prior, random_model, walk
+from contact_tracker.calibration.e_step import EstimatedStates, KnownStates
 from contact_tracker.calibration.tick_stream import UNKNOWN, labels, runs
 from contact_tracker.calibration.transition_em import count, learn_transitions, log_prior
 from contact_tracker.config.parameters import TransitionCounts
@@ -37,7 +37,7 @@ def chains(rng, model, count_, ticks, silence=0.0):
 @pytest.mark.parametrize(("silence", "runs_", "least"), [(0.0, 40, 30.0), (0.15, 10, 5.0)])
 def test_rates_and_splits_of_a_simulated_chain_are_recovered(silence, runs_, least):
     rng = np.random.default_rng(4)
-    true = some_model(rng, new_elements=False)
+    true = random_model(rng, new_elements=False)
     learned = learn_transitions(prior(1e-3), chains(rng, true, runs_, 300, silence)).model.transitions
     changes = np.array(learned.counts.changes).sum(axis=1)
     assert changes.min() > least
@@ -61,8 +61,8 @@ def test_counts_of_known_states_are_counts():
     np.testing.assert_allclose(seen.moving_s, expected, rtol=5e-3)
 
 
-def test_a_state_left_within_a_tick_lasted_for_the_mean_of_what_is_left_of_the_exponential():
-    model = some_model(np.random.default_rng(0), leave_per_s=9.0)
+def test_a_state_left_within_a_tick_lasted_for_the_mean_of_the_truncated_exponential():
+    model = random_model(np.random.default_rng(0), leave_per_s=9.0)
     chain = KnownStates(np.array([0, 1]), np.ones(2))
     lasted = count(model, [chain], [chain.expect(model)]).moving_s[0]
     times = (np.arange(100_000) + 0.5) / 100_000 * model.tick_s
@@ -71,7 +71,7 @@ def test_a_state_left_within_a_tick_lasted_for_the_mean_of_what_is_left_of_the_e
 
 
 def test_gaps_in_the_truth_sum_over_all_paths():
-    model, exposure = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, REST_EXPOSURE, 0.7])
+    model, exposure = random_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, REST_EXPOSURE, 0.7])
     label = np.array([3, UNKNOWN, UNKNOWN, UNKNOWN, 1])
     steps = np.exp([tick_transitions(model, a).log_transition for a in exposure])
     for step, a in zip(steps, exposure, strict=True):
@@ -94,7 +94,7 @@ def test_gaps_in_the_truth_sum_over_all_paths():
 
 def test_partial_truth_is_learned_from_in_its_part_only():
     rng = np.random.default_rng(5)
-    whole = chains(rng, some_model(rng), 1, 60)[0]
+    whole = chains(rng, random_model(rng), 1, 60)[0]
     part = whole.label.copy()
     part[:20] = part[45:] = UNKNOWN
     model = prior()
@@ -103,7 +103,7 @@ def test_partial_truth_is_learned_from_in_its_part_only():
     np.testing.assert_array_equal(expected.changes[21:45], inner.changes[1:])
     assert expected.changes.sum() == inner.changes.sum()
     assert expected.stays.sum() == inner.stays.sum()
-    assert not expected.begins.any()  # nobody knows how it began
+    assert not expected.begins.any()  # how it began is unknown
 
 
 @pytest.mark.parametrize("label", [[], [UNKNOWN], [2], [UNKNOWN] * 30], ids=str)
@@ -117,16 +117,16 @@ def test_uninformative_data_keep_the_prior(label):
 def believed_chains(rng, true, start, blur, count_=6, ticks=60):
     made = []
     for known in chains(rng, true, count_, ticks):
-        trellis = believed(known.label, start, known.exposure, rng, blur)
-        made.append(BelievedStates.of(trellis, known.exposure, start))
+        trellis = noisy_trellis(known.label, start, known.exposure, rng, blur)
+        made.append(EstimatedStates.of(trellis, known.exposure, start))
     return made
 
 
 @pytest.mark.parametrize("prior_changes", [1.0, 20.0])
-def test_em_never_lowers_the_posterior_and_ends_at_its_maximum(prior_changes):
+def test_em_increases_the_posterior_up_to_its_maximum(prior_changes):
     rng = np.random.default_rng(6)
     start = prior(prior_changes)
-    some = [*believed_chains(rng, some_model(rng), start, 0.7), *chains(rng, some_model(rng), 2, 60, 0.3)]
+    some = [*believed_chains(rng, random_model(rng), start, 0.7), *chains(rng, random_model(rng), 2, 60, 0.3)]
     learning = learn_transitions(start, some)
     assert len(learning.log_posterior) > 4
     assert (np.diff(learning.log_posterior) > -1e-9).all()
@@ -151,25 +151,26 @@ def test_em_never_lowers_the_posterior_and_ends_at_its_maximum(prior_changes):
 def test_certain_beliefs_give_the_counts_of_known_states():
     rng = np.random.default_rng(7)
     start = prior()
-    known = chains(rng, some_model(rng, new_elements=False), 3, 80)
+    known = chains(rng, random_model(rng, new_elements=False), 3, 80)
     sure = [
-        BelievedStates.of(believed(k.label, start, k.exposure, rng, 0.05), k.exposure, start) for k in known
+        EstimatedStates.of(noisy_trellis(k.label, start, k.exposure, rng, 0.05), k.exposure, start)
+        for k in known
     ]
     a, b = (learn_transitions(start, some).model.transitions.counts for some in (known, sure))
     np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
     np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
     off = np.array(b.changes) - np.array(a.changes)
-    assert np.abs(off).max() < 0.3  # a contact may have come back with other elements, unseen
+    assert np.abs(off).max() < 0.3  # the elements may have changed between two contacts
 
 
 def test_evidence_excludes_the_durations_of_the_initial_model():
     """Two passes over the same data by different models give the same counts."""
     rng = np.random.default_rng(8)
-    state, exposure = walk(some_model(rng), np.ones(40), rng), np.ones(40)
+    state, exposure = walk(random_model(rng), np.ones(40), rng), np.ones(40)
     expected = []
-    for start in (prior(), some_model(rng)):
-        trellis = believed(state, start, exposure, np.random.default_rng(9), 0.5)
-        expected.append(BelievedStates.of(trellis, exposure, start).expect(prior()))
+    for start in (prior(), random_model(rng)):
+        trellis = noisy_trellis(state, start, exposure, np.random.default_rng(9), 0.5)
+        expected.append(EstimatedStates.of(trellis, exposure, start).expect(prior()))
     assert expected[0].log_evidence == pytest.approx(expected[1].log_evidence)
     np.testing.assert_allclose(expected[0].changes, expected[1].changes, atol=1e-9)
     assert not expected[0].changes[:, FREE, FREE].any()
@@ -178,7 +179,7 @@ def test_evidence_excludes_the_durations_of_the_initial_model():
 def test_learning_does_not_use_earlier_counts():
     rng = np.random.default_rng(10)
     start = prior()
-    some = believed_chains(rng, some_model(rng), start, 0.4, 3)
+    some = believed_chains(rng, random_model(rng), start, 0.4, 3)
     once = learn_transitions(start, some).model
     twice = learn_transitions(once, some).model
     assert once.transitions.counts != NOTHING

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from chain_oracle import NOTHING, some_model
+from chain_oracle import NOTHING, random_model
 from contact_tracker import __version__
 from contact_tracker.calibration.calibrate import Plan, calibrate
 from contact_tracker.calibration.learned import How, select
@@ -57,7 +57,7 @@ def unlabelled(logs: Path, tmp_path: Path) -> Path:
 
 
 def refused(capsys: pytest.CaptureFixture[str], code: int, *arguments: object) -> str:
-    """The one line of error of a call that must not write anything."""
+    """The error line of a call, which must not write anything."""
     assert run(["calibrate", *map(str, arguments)]) == code
     out, err = capsys.readouterr()
     assert out == ""
@@ -90,7 +90,7 @@ def test_a_model_is_learned_and_its_file_says_from_what(
     assert model.search == MODEL.search
     weight = f"{MODEL.transitions.prior_changes:g} changes"
     assert all(word in out for word in ("3 recordings", "noise.floor_position_m", weight))
-    # the same data teach the same, also from what was learned before
+    # the same data give the same model, also from a learned one
     shutil.copy("mine.toml", "before.toml")
     assert run([*command, "--start", "before.toml"]) == 0
     later = load_model("mine.toml")
@@ -106,13 +106,13 @@ def test_a_model_is_learned_and_its_file_says_from_what(
 
 def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path) -> None:
     names = sorted(map(str, logs.glob("*.mcap")))
-    sources = (Source(names[0]), Source(names[1], believe_truth=False))
+    sources = (Source(names[0]), Source(names[1], use_truth=False))
     found = calibrate(Plan(sources, MODEL, select(["transitions"]), 2), Runner(1))
     assert [study.labelled for study in found.studies] == [True, False]
-    assert found.lesson.model.noise == MODEL.noise
+    assert found.learned.model.noise == MODEL.noise
     assert [held_out.chain is not None for held_out in found.held_out] == [True, False]
     other = calibrate(Plan(sources[:1], MODEL, select(["transitions"]), 0), Runner(1))
-    again = score_model(sources[1], other.lesson.model)
+    again = score_model(sources[1], other.learned.model)
     assert found.held_out[1].after.log_evidence == pytest.approx(again.log_evidence)
     assert found.held_out[1].after.log_evidence != found.held_out[1].before.log_evidence
     assert tallies(found.held_out[1].after)[0].log_loss == pytest.approx(tallies(again)[0].log_loss)
@@ -125,8 +125,8 @@ def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path
     assert (before, after) == pytest.approx(tuple(sums))
 
 
-def tallies(judged) -> list[Tally]:
-    return [judged.evaluation.online, judged.evaluation.offline]
+def tallies(score) -> list[Tally]:
+    return [score.evaluation.online, score.evaluation.offline]
 
 
 def test_folds_are_reported(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -160,12 +160,13 @@ def test_without_truth_beliefs_are_learned_from(
 def test_a_search_lowers_the_loss_of_its_recordings(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("contact_tracker.calibration.search.EVALUATIONS", 2)
     names = sorted(map(str, logs.glob("*.mcap")))[:1]
-    searched = next(learned for learned in select(["motion", "geometry"]) if learned.how is How.SEARCH)
-    found = calibrate(Plan((Source(names[0]),), MODEL, (searched,), 0), Runner(1))
-    (told,) = found.lesson.searched
-    assert told.after <= told.before
-    assert len(told.tried) > 2
-    assert told.after == min(told.before, *(loss for _, loss in told.tried)) or told.after == told.before
+    parameter = next(learned for learned in select(["motion", "geometry"]) if learned.how is How.SEARCH)
+    found = calibrate(Plan((Source(names[0]),), MODEL, (parameter,), 0), Runner(1))
+    (searched,) = found.learned.searched
+    assert searched.after <= searched.before
+    assert len(searched.tried) > 2
+    least = min(searched.before, *(loss for _, loss in searched.tried))
+    assert searched.after in (least, searched.before)
 
 
 def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -233,8 +234,8 @@ def test_too_short_recordings_do_not_change_the_model(
     write_recording(str(log), few, read_truth(str(logs / "log_0.mcap")) if labelled else None, {})
     wanted = select(["transitions", "noise.floor_position_m"])
     found = calibrate(Plan((Source(str(log)),), MODEL, wanted, 0), Runner(1))
-    assert found.lesson.model.noise == MODEL.noise
-    assert sum(found.lesson.model.transitions.counts.moving_s) < poses / 50.0 + 0.1
+    assert found.learned.model.noise == MODEL.noise
+    assert sum(found.learned.model.transitions.counts.moving_s) < poses / 50.0 + 0.1
 
 
 def test_the_readable_part_of_a_damaged_recording_is_learned_from(
@@ -256,18 +257,18 @@ def test_an_error_in_a_process_is_the_users_error_and_ends_all_processes(tmp_pat
 
 
 def test_processes_answer_in_order_and_a_killed_one_is_reported() -> None:
-    told: list[None] = []
-    assert Runner(2, lambda: told.append(None))(divmod, [(n, 3) for n in range(5)]) == [
+    done: list[None] = []
+    assert Runner(2, lambda: done.append(None))(divmod, [(n, 3) for n in range(5)]) == [
         (0, 0), (0, 1), (0, 2), (1, 0), (1, 1),
     ]  # fmt: skip
-    assert len(told) == 5
+    assert len(done) == 5
     with pytest.raises(ContactTrackerError, match="--processes"):
         Runner(2)(os._exit, [(1,), (1,)])
     assert not active_children()
 
 
 def test_a_process_killed_before_its_job_is_reported() -> None:
-    """Of more than a pipe holds, the rest waits to be taken."""
+    """Also with a job larger than the buffer of the pipe."""
 
     def kill_one() -> None:
         while not (children := active_children()):
@@ -294,7 +295,7 @@ positive = st.floats(1e-9, 1e6)
 @settings(max_examples=25, deadline=None)
 @given(name=names, seed=st.integers(0, 2**32 - 1), sigma=positive, empty=st.booleans(), header=st.text())
 def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty, header):
-    seen = NOTHING if empty else some_model(np.random.default_rng(seed)).transitions.counts
+    seen = NOTHING if empty else random_model(np.random.default_rng(seed)).transitions.counts
     model = replace(
         MODEL,
         name=name,
@@ -309,7 +310,7 @@ def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty
 @settings(max_examples=10, deadline=None)
 @given(end=st.floats(0.0, 4.5), begin=st.floats(0.0, 4.5))
 def test_truth_of_any_part_is_learned_from(logs, begin, end):
-    """Also where the truth begins after the recording has ended, or never."""
+    """Also if the truth begins after the end of the recording, or is empty."""
     source = Source(str(logs / "log_0.mcap"))
     truth = read_truth(source.name)
     assert truth is not None

@@ -109,7 +109,7 @@ def test_help_takes_a_quarter_of_a_second_at_most() -> None:
 
 
 @pytest.mark.parametrize("command", [c.__name__.rpartition(".")[2] for c in COMMANDS])
-def test_each_command_explains_itself_with_an_example(command: str) -> None:
+def test_the_help_of_each_command_has_an_example(command: str) -> None:
     done = run(command, "--help")
     assert (done.returncode, done.stderr) == (0, "")
     assert f"example:\n  contact-tracker {command} " in done.stdout
@@ -251,10 +251,10 @@ def test_live_text_has_a_line_per_change_one_when_settled_and_a_summary(log: Pat
     assert done.returncode == 0, done.stderr
     header, *changes = done.stdout.splitlines()
     assert header.split()[:5] == ["time", "s", "contact", "p", "since"]
-    told = [(line.split()[1], float(line.split()[2]) >= 0.9 and "; or " not in line) for line in changes]
-    assert {contact for contact, _ in told} <= set(NAMES)
-    assert told
-    for (before, settled_before), (contact, settled) in pairwise(told):
+    reported = [(line.split()[1], float(line.split()[2]) >= 0.9 and "; or " not in line) for line in changes]
+    assert {contact for contact, _ in reported} <= set(NAMES)
+    assert reported
+    for (before, settled_before), (contact, settled) in pairwise(reported):
         assert contact != before or (settled and not settled_before)
     assert f"{LENGTH_S * RATE_HZ} poses" in done.stderr
     assert "\r" not in done.stderr, "a status line is for terminals"
@@ -391,8 +391,9 @@ def test_a_full_disk_under_stdout_is_one_line_and_1(log: Path) -> None:
     assert line.startswith("contact-tracker: error: cannot write")
 
 
-def heed_interrupts() -> None:
-    """In the child: a shell's background jobs, such as these tests may be, ignore them and hand that on."""
+def handle_interrupts() -> None:
+    """In the child: background jobs of a shell, such as these tests may be, ignore interrupts, also in their
+    children."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -400,7 +401,7 @@ def test_ctrl_c_is_130_with_a_summary(log: Path) -> None:
     command = [*PROGRAM, "live", str(log), "--json", "--rate", "0.5"]
     pipe = subprocess.PIPE
     with subprocess.Popen(
-        command, env=ENVIRONMENT, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed_interrupts
+        command, env=ENVIRONMENT, stdout=pipe, stderr=pipe, text=True, preexec_fn=handle_interrupts
     ) as process:
         assert process.stdout is not None
         assert json.loads(process.stdout.readline())
@@ -572,18 +573,18 @@ def test_a_live_stream_resumes_after_a_restart_byte_for_byte(tmp_path: Path, jso
     poses = Poses.collect(open_log(str(RECORDING)))
     whole = write_log(log, [poses_topic(poses)], chunk_size=4096).read_bytes()
     options = ["--json"] if json_lines else []
-    said = ""
+    output = ""
     for share in (0.2, 0.201, 0.6):
         part.write_bytes(whole[: int(share * len(whole))])
         done = run("live", part, "--state", state, *options)
         assert done.returncode == 3, "it is truncated"
-        said += done.stdout
+        output += done.stdout
     done = run("live", log, "--state", state, *options)
     assert done.returncode == 0
-    said += done.stdout
+    output += done.stdout
     alone = run("live", log, *options).stdout.splitlines(keepends=True)
-    count = len(said.splitlines())
-    assert said == "".join(alone[:count])
+    count = len(output.splitlines())
+    assert output == "".join(alone[:count])
     assert len(alone) - count <= 1, "the last, partial tick waits"
     again = run("live", log, "--state", state, *options)
     assert (again.stdout, again.returncode) == ("", 0)
@@ -592,18 +593,18 @@ def test_a_live_stream_resumes_after_a_restart_byte_for_byte(tmp_path: Path, jso
 def test_a_terminated_live_stream_resumes(tmp_path: Path) -> None:
     state = tmp_path / "s.state"
     command = [*PROGRAM, "live", str(RECORDING), "--json", "--rate", "5", "--state", str(state)]
-    said = b""
+    output = b""
     for number in (signal.SIGTERM, signal.SIGINT):
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
             assert live.stdout is not None
-            said += live.stdout.readline() + live.stdout.readline()
+            output += live.stdout.readline() + live.stdout.readline()
             live.send_signal(number)
-            said += live.stdout.read()
+            output += live.stdout.read()
             assert live.wait(timeout=60) == 128 + number
     rest_of_it = run("live", RECORDING, "--json", "--state", state)
     alone = run("live", RECORDING, "--json").stdout.splitlines()
-    found = (said.decode() + rest_of_it.stdout).splitlines()
+    found = (output.decode() + rest_of_it.stdout).splitlines()
     assert found == alone[: len(found)]
     assert len(alone) - len(found) <= 1
 

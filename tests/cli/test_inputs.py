@@ -41,7 +41,7 @@ def test_a_chain_of_transforms(tmp_path: Path, command: str) -> None:
 
 
 def test_in_another_frame_elements_are_not_compared(tmp_path: Path) -> None:
-    """The truth has them in the frame of the recording."""
+    """The true ones are in the frame of the recording."""
     pair = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
     poses = smooth_poses(600)
     span = int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])

@@ -44,11 +44,11 @@ print(flush=True)
 """
 
 
-def assert_ended_in_order(code: int, said: str) -> None:
-    assert "Traceback" not in said
-    assert "KeyboardInterrupt" not in said
-    assert "Error" not in said
-    assert code == 130, said
+def assert_ended_in_order(code: int, messages: str) -> None:
+    assert "Traceback" not in messages
+    assert "KeyboardInterrupt" not in messages
+    assert "Error" not in messages
+    assert code == 130, messages
 
 
 def test_there_is_one_code_for_it() -> None:
@@ -57,7 +57,7 @@ def test_there_is_one_code_for_it() -> None:
 
 @pytest.mark.parametrize("start", [AS_A_MODULE, AS_A_PROGRAM], ids=["module", "program"])
 def test_an_interrupt_during_imports_ends_in_order(start: str) -> None:
-    """Also where numpy and scipy would raise other errors."""
+    """Also during imports of numpy and scipy, which raise other errors."""
     for number in range(4, 1000, 61) if start is AS_A_MODULE else (4, 30, 112, 790):
         command = [sys.executable, "-c", AT_AN_IMPORT + start, "live", LOG, "--rate", "1"]
         environment = ENVIRONMENT | {"IMPORTS": str(number)}
@@ -74,7 +74,7 @@ def test_an_interrupt_during_imports_ends_in_order(start: str) -> None:
     ids=["live", "segment"],
 )
 def test_an_interrupt_at_any_time_ends_in_order(start: str, arguments: list[str], tmp_path: Path) -> None:
-    """All processes of the command get it, as from a terminal."""
+    """It is sent to all processes of the command, as by a terminal."""
     for delay_s in [i / 30 for i in range(start is AS_A_PROGRAM, 30, 2)]:
         with subprocess.Popen(
             [sys.executable, "-c", ONCE_STARTED + start, *arguments],
@@ -89,8 +89,8 @@ def test_an_interrupt_at_any_time_ends_in_order(start: str, arguments: list[str]
             process.stdout.readline()
             time.sleep(delay_s)
             os.killpg(process.pid, signal.SIGINT)
-            _, said = process.communicate(timeout=60)
-        assert_ended_in_order(process.returncode, said)
+            _, messages = process.communicate(timeout=60)
+        assert_ended_in_order(process.returncode, messages)
         assert list(tmp_path.iterdir()) == []
 
 
@@ -175,7 +175,7 @@ except KeyboardInterrupt:
 
 
 def test_an_interrupt_waits_until_children_have_started() -> None:
-    """Also one that reaches the process by way of another thread, which blocks nothing."""
+    """Also one that is delivered to another thread, in which interrupts are not blocked."""
     program = """
 import os, signal, threading, time
 from contact_tracker.interrupts import kept_from_children, wait_for_imports

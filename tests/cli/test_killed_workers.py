@@ -58,9 +58,9 @@ def test_a_helper_that_is_killed_is_one_line_and_1(
             time.sleep(0.002)
         time.sleep(delay_s)
         os.kill(helpers[0], signal.SIGKILL)
-        output, said = process.communicate(timeout=60)
-    assert (process.returncode, output) == (1, ""), said
-    (line,) = said.splitlines()
+        output, messages = process.communicate(timeout=60)
+    assert (process.returncode, output) == (1, ""), messages
+    (line,) = messages.splitlines()
     assert line.startswith("contact-tracker: error: a process has ended before its work was done")
     assert list(tmp_path.iterdir()) == []
 
@@ -68,13 +68,13 @@ def test_a_helper_that_is_killed_is_one_line_and_1(
 @pytest.mark.parametrize("arguments", [SEGMENT, CALIBRATE], ids=["segment", "calibrate"])
 def test_helpers_end_with_the_process_that_started_them(arguments: list[str], tmp_path: Path) -> None:
     with (
-        open(tmp_path / "said", "w") as said,
+        open(tmp_path / "stderr", "w") as stderr,
         subprocess.Popen(
             [sys.executable, "-m", "contact_tracker", *arguments],
             env=ENVIRONMENT,
             cwd=tmp_path,
             stdout=subprocess.DEVNULL,
-            stderr=said,
+            stderr=stderr,
         ) as process,
     ):
         while len(helpers := helpers_of(process.pid)) < 2:
@@ -87,7 +87,7 @@ def test_helpers_end_with_the_process_that_started_them(arguments: list[str], tm
     while any((PROC / str(helper)).exists() and is_running(helper) for helper in helpers):
         assert time.monotonic() < give_up
         time.sleep(0.05)
-    assert "Traceback" not in (tmp_path / "said").read_text()
+    assert "Traceback" not in (tmp_path / "stderr").read_text()
 
 
 def is_running(pid: int) -> bool:

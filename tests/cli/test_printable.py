@@ -117,8 +117,8 @@ def test_names_of_any_kind_are_printed_in_lines(code: int, arguments: list[str],
     assert done.returncode == code, done.stderr
     for text in (done.stdout, done.stderr):
         assert_printable(text)
-    said = done.stderr.decode().splitlines()
-    assert all(line.startswith("contact-tracker: ") for line in said), said
+    lines = done.stderr.decode().splitlines()
+    assert all(line.startswith("contact-tracker: ") for line in lines), lines
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_names_of_any_kind_are_printed_in_lines(code: int, arguments: list[str],
     ids=lambda value: value[0],
 )
 def test_names_of_any_kind_are_shown_in_progress(arguments: list[str], folder: Path) -> None:
-    """On a terminal, which progress and status move about on, but which no name does."""
+    """On a terminal, in which progress and status may move the cursor, but no name."""
     ours, theirs = os.openpty()
     termios.tcsetwinsize(theirs, (24, 200))
     command = [sys.executable, "-m", "contact_tracker", *arguments]

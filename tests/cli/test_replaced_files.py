@@ -167,7 +167,7 @@ def test_an_input_that_takes_the_place_of_the_output_meanwhile_is_not_replaced(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Nor where it has lost its name, and where recordings may be replaced."""
+    """Nor if it was renamed, or recordings may be replaced."""
     before = Path("log.mcap").read_bytes()
     appears_at_the_end(monkeypatch, lambda: how("log.mcap", output))
     assert run([*command.split(), output, "--overwrite"]) == 2
@@ -213,7 +213,7 @@ def compressed(data: bytes) -> bytes:
 def test_a_recording_is_replaced_only_with_overwrite(
     command: str, output: str, content, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whatever its name is, and whether all of it is there."""
+    """With any name, also if it is truncated."""
     Path("other").write_bytes(content(Path("log.mcap").read_bytes()))
     for at in (lambda: os.rename("other", output), lambda: Path("link" + output).symlink_to(output)):
         at()

@@ -100,7 +100,7 @@ def test_default_is_a_preset_and_needs_no_name():
 
 @pytest.mark.parametrize("name", sorted({*preset_names()} - {"impacts"}))
 def test_presets_differ_in_what_their_sensors_differ_in(name):
-    """Whoever changes one value of the default changes it in all files."""
+    """All other values are those of the default."""
     sensor = {"sigma_position_m", "sigma_rotation_rad"}
     preset, default = asdict(load_model(name)), asdict(load_model())
     for table in (preset, default):
@@ -110,7 +110,7 @@ def test_presets_differ_in_what_their_sensors_differ_in(name):
 
 
 def test_impacts_differ_in_time_and_in_how_well_things_fit():
-    """No sensor's preset: contacts of a few frames, between bodies that are known but no ideal ones."""
+    """It is for contacts of a few frames between known bodies with rounded edges, not for a sensor."""
     impacts, default = load_model("impacts"), load_model()
     assert impacts.geometry == default.geometry
     assert impacts.tick_s < 0.2 * default.tick_s
@@ -212,7 +212,7 @@ def test_impossible_values_are_out_of_range(tmp_path, section, key, value):
 
 
 def test_a_window_holds_several_ticks(tmp_path):
-    """A window shorter than a tick would hold nothing, or everything for ever."""
+    """A window shorter than a tick would be empty, or never end."""
     error = refused(tmp_path, toml(changed("search", "window_s", 0.01)))
     assert error.key == "search.window_s"
     assert "tick" in error.reason

@@ -33,13 +33,13 @@ def residuals(model, x, rotation, t):
 
 
 def scale_sq(model, x, rotation, t):
-    """(N,) square of what the last row gives per metre, pose by pose."""
+    """(N,) squared change of the last row per metre, for each pose."""
     zeta = model.lifted(lifted_pose.lift(rotation, t))
     return model.family.scale_sq(np.broadcast_to(x, (len(t), len(x))), zeta[:, :, None] * zeta[:, None, :])
 
 
 def first_and_second(model, x):
-    """x as the paper's elements, in frame 1 and in frame 2; f-f takes its free offset to be zero."""
+    """x as the paper's elements, in frame 1 and in frame 2; the free offset of f-f is zero."""
     match model.contact:
         case Contact.FF:
             return np.append(x[:3], 0.0), x[3:7]
@@ -53,7 +53,7 @@ def first_and_second(model, x):
 
 
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-def test_the_form_says_which_free_directions_turn(model):
+def test_the_form_has_the_indices_of_turns(model):
     rng = np.random.default_rng(0)
     tangent = model.family.tangent(random_x(model, rng), rng.normal(size=6))
     turned = np.abs(tangent[parameter_layout.directions(model.family.FORM)]).max(axis=0) > 0
@@ -61,7 +61,7 @@ def test_the_form_says_which_free_directions_turn(model):
     np.testing.assert_array_equal(np.flatnonzero(~turned), parameter_layout.shifts(model.family.FORM))
 
 
-def test_models_stand_in_the_order_of_the_labels():
+def test_models_are_in_the_order_of_the_labels():
     assert tuple(model.contact for model in CONTACT_MODELS) == CONTACTS
 
 
@@ -127,7 +127,7 @@ def test_vanishes_where_the_elements_touch(model, seed):
 @quick
 @given(seed=seeds)
 def test_measure_is_the_distance_in_metres(model, seed):
-    """Moving the object by a millimetre along the contact's normal changes the distance by a millimetre."""
+    """A shift of the object by a millimetre along the normal changes the distance by a millimetre."""
     rng = np.random.default_rng(seed)
     t = touching(model.contact, rng)
     if model.contact is Contact.EE:
@@ -147,7 +147,7 @@ def test_measure_is_the_distance_in_metres(model, seed):
 @quick
 @given(seed=seeds)
 def test_measure_agrees_with_rows(model, seed):
-    """Same angles; the distance too, but for e-f's (at the body's nearest point) and e-e's (per metre)."""
+    """Equal angles; equal distances, except e-f (at the point nearest to the body) and e-e (per metre)."""
     rng = np.random.default_rng(seed)
     rotation, t = random_poses(rng)
     x = random_x(model, rng)
@@ -165,8 +165,8 @@ def test_measure_agrees_with_rows(model, seed):
 @each_model
 @quick
 @given(seed=seeds)
-def test_lever_is_how_a_turn_of_the_body_enters_the_distance(model, seed):
-    """Turning the body about its origin by a small random angle moves the distance by lever times angle."""
+def test_the_lever_is_the_change_of_the_distance_per_turn_of_the_body(model, seed):
+    """A small random turn of the body about its origin changes the distance by lever times angle."""
     rng = np.random.default_rng(seed)
     t = touching(model.contact, rng, frames=1)
     x = x_of(model.contact, t.object, t.environment)
@@ -209,7 +209,7 @@ def test_the_distance_is_measured_along_its_direction_in_the_world(model, seed):
 @quick
 @given(seed=seeds)
 def test_gradient_agrees_with_finite_differences(model, seed):
-    """Of the sum of squares along the retraction, which unlike f-f's rows has no choice of axes in it."""
+    """For the sum of squares along the retraction, which unlike the rows of f-f does not depend on axes."""
     rng = np.random.default_rng(seed)
     family, anchors = model.family, rng.normal(size=6) * 0.3
     zeta = model.lifted(lifted_pose.lift(*random_poses(rng)))
@@ -311,7 +311,7 @@ def test_recentrings_undo_each_other():
 @quick
 @given(seed=seeds)
 def test_recentring_leaves_residuals(model, seed):
-    """Elements move with the origins, residuals stay (those of f-f while the faces are parallel)."""
+    """Elements move with the origins, residuals do not change (those of f-f if the faces are parallel)."""
     rng = np.random.default_rng(seed)
     world, body = rng.normal(size=(2, 3))
     x = random_x(model, rng)
@@ -361,7 +361,7 @@ def test_swapped_contacts_are_the_inverse_pose(seed):
 @each_model
 @quick
 @given(seed=seeds)
-def test_scale_is_one_but_for_the_sine_of_crossing_edges(model, seed):
+def test_the_scale_is_the_sine_of_crossing_edges_and_otherwise_one(model, seed):
     """At its mean over poses, and the derivative of its logarithm against finite differences."""
     rng = np.random.default_rng(seed)
     rotation, t = random_poses(rng)
@@ -393,15 +393,15 @@ def crossing(angle_deg, apart_m=0.01):
 
 
 @pytest.mark.parametrize("angle_deg", [0.6, 0.7, 2.0, 45.0])
-def test_edges_that_cross_at_more_than_half_a_degree_are_as_far_apart_as_they_are(angle_deg):
+def test_edges_that_cross_at_more_than_half_a_degree_have_their_exact_distance(angle_deg):
     x, zeta = crossing(angle_deg)
     model = CONTACT_MODELS[Contact.EE.column]
     assert abs(model.measure(x[None], zeta).residual[0, 0, 0]) == pytest.approx(0.01, rel=1e-9)
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 0.1, 0.3, 0.5])
-def test_edges_that_are_nearer_to_parallel_are_not_as_far_apart_but_finite(angle_deg):
-    """Where their distance is measured is open: it counts by the sine, and the lever is bounded."""
+def test_nearly_parallel_edges_have_a_reduced_finite_distance(angle_deg):
+    """The place of their distance is undetermined: the distance counts by the sine, the lever is bounded."""
     x, zeta = crossing(angle_deg)
     model = CONTACT_MODELS[Contact.EE.column]
     reference = abs(model.measure(crossing(0.5)[0][None], zeta).residual[0, 0, 0])
@@ -413,8 +413,7 @@ def test_edges_that_are_nearer_to_parallel_are_not_as_far_apart_but_finite(angle
 
 @pytest.mark.parametrize("contact", [Contact.EE, Contact.VF])
 def test_starts_do_not_change_with_the_number_of_poses(contact):
-    """Moments of a million times as many poses have the same directions, also where the ridge holds what so
-    little turning leaves open."""
+    """Moments of a million times as many poses have the same directions, also those set by the ridge."""
     model = CONTACT_MODELS[contact.column]
     t = touching(contact, np.random.default_rng(3), swing=1e-3)
     zeta = model.lifted(lifted_pose.lift(t.rotation, t.position_m))
@@ -425,8 +424,8 @@ def test_starts_do_not_change_with_the_number_of_poses(contact):
 
 
 @pytest.mark.parametrize("contact", [Contact.EE, Contact.VF, Contact.FV])
-def test_starts_of_an_exact_motion_hold_the_truth(contact):
-    """Within 3 degrees: the ridge that holds what is open is far below what the motion tells."""
+def test_starts_of_an_exact_motion_include_the_truth(contact):
+    """Within 3 degrees: the ridge is far below the information of the motion."""
     model = CONTACT_MODELS[contact.column]
     for seed in range(5):
         t = touching(contact, np.random.default_rng(seed))
@@ -465,7 +464,7 @@ def test_an_edge_is_the_same_wherever_on_it_its_point_is(along):
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 0.3])
-def test_where_edges_are_taken_for_less_parallel_than_they_are_nothing_changes_the_sine(angle_deg):
+def test_below_its_floor_the_sine_has_no_derivative(angle_deg):
     family, x, moments = CONTACT_MODELS[Contact.EE.column].family, np.zeros((1, 12)), np.zeros((1, 19, 19))
     x[0, :3], x[0, 6:9] = [1.0, 0.0, 0.0], [np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg)), 0.0]
     moments[0, 18, :9], moments[0, 18, 18] = np.eye(3).ravel(), 1.0
@@ -484,7 +483,7 @@ def test_the_object_s_element_comes_first(model):
 
 
 def test_the_offset_of_touching_faces_is_unobservable():
-    """Only their distance is known: each may lie anywhere within reach of the body."""
+    """Only their distance is known, with an uncertainty of the offsets of the reach of the body."""
     rng, model = np.random.default_rng(1), CONTACT_MODELS[Contact.FF.column]
     root = rng.normal(size=(7, 7))
     covariance, reach_sq = root @ root.T, np.diag([0.0, 0.0, 0.0, 0.5**2])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m, nearest
-from contact_tracker.evaluation.evaluate import Evaluation, Judge, evaluate
+from contact_tracker.evaluation.evaluate import Evaluation, Evaluator, evaluate
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.report import Report
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
@@ -56,7 +56,7 @@ def flipped(found: Element) -> Element:
     return found
 
 
-def wander(rng: np.random.Generator, count: int) -> Poses:
+def random_poses(rng: np.random.Generator, count: int) -> Poses:
     quat = Rotation.from_rotvec(0.3 * rng.normal(size=(count, 3))).as_quat()
     return Poses(np.arange(count, dtype=np.int64) * STEP_NS, rng.normal(size=(count, 3)), quat)
 
@@ -93,7 +93,7 @@ def test_angles_are_sign_free_and_exact_when_small() -> None:
 
 
 def scattered(kind: str, true: Element, place: Array, rng: np.random.Generator) -> Element:
-    """``true`` displaced as its covariance says: some 0.5 degrees and millimetres about ``place``."""
+    """``true`` displaced by a draw from its covariance: some 0.5 degrees and millimetres about ``place``."""
     if isinstance(true, Point):
         spread = 1e-3 * rng.normal(size=(3, 3))
         return Point(true.point_m + spread @ rng.normal(size=3), spread @ spread.T)
@@ -152,7 +152,7 @@ def test_one_free_direction_is_measured_in_its_own_standard_deviation() -> None:
 @given(SEEDS, st.sampled_from(CONTACTS))
 def test_the_true_geometry_has_no_error_however_it_is_signed(seed: int, contact: Contact) -> None:
     rng = np.random.default_rng(seed)
-    true, poses = geometry(contact, rng), wander(rng, 50)
+    true, poses = geometry(contact, rng), random_poses(rng, 50)
     found = ContactGeometry(flipped(true.object), true.environment)
     for answer in (true, found, ContactGeometry(true.object, flipped(true.environment))):
         errors = geometry_errors(
@@ -168,7 +168,7 @@ def test_the_true_geometry_has_no_error_however_it_is_signed(seed: int, contact:
 @given(SEEDS, st.sampled_from([c for c in CONTACTS if c is not Contact.FF]))
 def test_a_shifted_environment_is_off_by_its_shift(seed: int, contact: Contact) -> None:
     rng = np.random.default_rng(seed)
-    true, poses = geometry(contact, rng), wander(rng, 50)
+    true, poses = geometry(contact, rng), random_poses(rng, 50)
     match true.environment:
         case Plane(normal, offset_m):
             shifted: Element = Plane(normal, offset_m + 0.005)
@@ -186,7 +186,7 @@ def test_a_shifted_environment_is_off_by_its_shift(seed: int, contact: Contact) 
 
 @settings(max_examples=30, deadline=None)
 @given(SEEDS, st.booleans())
-def test_of_two_faces_only_the_relative_offset_counts(seed: int, flip: bool) -> None:
+def test_errors_of_two_faces_depend_on_their_relative_offset_only(seed: int, flip: bool) -> None:
     rng = np.random.default_rng(seed)
     normal = unit(rng)
     position = rng.normal(size=(50, 3))
@@ -194,17 +194,17 @@ def test_of_two_faces_only_the_relative_offset_counts(seed: int, flip: bool) -> 
     poses = Poses(np.arange(50, dtype=np.int64) * STEP_NS, position, yaw.as_quat())
     true = ContactGeometry(Plane(normal, 0.1), Plane(normal, 0.7))
     both: Element = Plane(normal, 0.1 + 0.3)
-    alike = ContactGeometry(flipped(both) if flip else both, Plane(normal, 0.7 + 0.3))
-    apart = ContactGeometry(flipped(both) if flip else both, Plane(normal, 0.7 + 0.302))
+    same = ContactGeometry(flipped(both) if flip else both, Plane(normal, 0.7 + 0.3))
+    shifted = ContactGeometry(flipped(both) if flip else both, Plane(normal, 0.7 + 0.302))
     truth = Truth((interval(Contact.FF, 0, 49, true),))
-    for found, expected_mm in ((alike, 0.0), (apart, 2.0)):
+    for found, expected_mm in ((same, 0.0), (shifted, 2.0)):
         errors = geometry_errors(poses, truth, [segment(Contact.FF, 0, 49, found)])
         assert errors.distance_mm == pytest.approx([expected_mm], abs=1e-6)
 
 
 def test_a_true_segment_is_compared_with_the_one_that_overlaps_it_most() -> None:
     rng = np.random.default_rng(0)
-    poses, true, other = wander(rng, 100), geometry(Contact.VF, rng), geometry(Contact.VF, rng)
+    poses, true, other = random_poses(rng, 100), geometry(Contact.VF, rng), geometry(Contact.VF, rng)
     truth = Truth(
         (
             interval(Contact.VF, 0, 19, true),  # at rest, then moving: one segment
@@ -227,10 +227,10 @@ def test_truth_with_the_wrong_elements_is_refused() -> None:
     rng = np.random.default_rng(0)
     truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, rng)),))
     with pytest.raises(NoTruth, match="not those of e-e"):
-        geometry_errors(wander(rng, 10), truth, [])
+        geometry_errors(random_poses(rng, 10), truth, [])
 
 
-# --- the whole -------------------------------------------------------------------------------------------
+# --- whole recordings ------------------------------------------------------------------------------------
 
 
 def evaluation(seed: int = 0, right: float = 0.8) -> Evaluation:
@@ -238,9 +238,9 @@ def evaluation(seed: int = 0, right: float = 0.8) -> Evaluation:
 
 
 def recorded(seed: int, right: float) -> tuple[Poses, Truth, Segmentation]:
-    """A recording of all states, its beliefs wrong now and then, its geometry off by a millimetre or so."""
+    """A recording of all states, with a share ``right`` of right labels, its geometry off by about 1 mm."""
     rng = np.random.default_rng(seed)
-    poses, ticks = wander(rng, 700), range(9, 700, 10)
+    poses, ticks = random_poses(rng, 700), range(9, 700, 10)
     true = {c: geometry(c, rng) for c in CONTACTS}
     truth = Truth(tuple(interval(c, 100 * i, 100 * i + 99, true.get(c)) for i, c in enumerate(STATES)))
     beliefs = []
@@ -260,20 +260,20 @@ def recorded(seed: int, right: float) -> tuple[Poses, Truth, Segmentation]:
 @given(SEEDS, st.integers(1, 6))
 def test_scores_do_not_depend_on_how_the_segmentation_is_split(seed: int, pieces: int) -> None:
     poses, truth, whole = recorded(seed, 0.8)
-    rng, judge = np.random.default_rng(seed), Judge(truth)
-    read = seen = told = 0
+    rng, evaluator = np.random.default_rng(seed), Evaluator(truth)
+    read = since_ns = done = 0
     for last in sorted(rng.integers(0, len(CONTACTS), pieces)):
-        concluded = whole.segments[told : last + 1]
+        concluded = whole.segments[done : last + 1]
         until_ns = whole.segments[last].end_ns
         ahead = int(np.searchsorted(poses.stamp_ns, until_ns)) + int(rng.integers(1, 150))
-        judge.poses(poses[read : max(ahead, read)])
-        ticks = slice(*np.searchsorted(whole.stamp_ns, [seen, until_ns + 1]))
-        judge.piece(Segmentation(concluded, whole.beliefs[ticks], whole.filtered[ticks]))
-        read, seen, told = max(ahead, read), until_ns + 1, max(told, last + 1)
-    judge.poses(poses[read:])
-    rest = slice(int(np.searchsorted(whole.stamp_ns, seen)), None)
-    judge.piece(Segmentation(whole.segments[told:], whole.beliefs[rest], whole.filtered[rest]))
-    once, again = evaluate(poses, truth, whole), judge.finish()
+        evaluator.add_poses(poses[read : max(ahead, read)])
+        ticks = slice(*np.searchsorted(whole.stamp_ns, [since_ns, until_ns + 1]))
+        evaluator.add_piece(Segmentation(concluded, whole.beliefs[ticks], whole.filtered[ticks]))
+        read, since_ns, done = max(ahead, read), until_ns + 1, max(done, last + 1)
+    evaluator.add_poses(poses[read:])
+    rest = slice(int(np.searchsorted(whole.stamp_ns, since_ns)), None)
+    evaluator.add_piece(Segmentation(whole.segments[done:], whole.beliefs[rest], whole.filtered[rest]))
+    once, again = evaluate(poses, truth, whole), evaluator.finish()
     assert str(again.geometry) == str(once.geometry)
     for name, figure in vars(once.offline).items():
         assert np.array_equal(vars(again.offline)[name], figure, equal_nan=True)
@@ -284,13 +284,13 @@ def test_scores_do_not_depend_on_how_the_segmentation_is_split(seed: int, pieces
 def test_wrong_elements_in_the_truth_are_refused_before_scoring() -> None:
     truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, np.random.default_rng(0))),))
     with pytest.raises(NoTruth, match="not those of e-e"):
-        Judge(truth)
+        Evaluator(truth)
 
 
 def test_online_scores_use_the_beliefs_reported_in_time() -> None:
     result = evaluation(right=1.0)
     assert result.offline.accuracy() == pytest.approx(1.0)
-    # each tick is reported with its last frame: until then the old label is in force, and none at first
+    # each tick is reported with its last frame: until then frames have the label before, at first none
     assert result.online.accuracy() == pytest.approx(1 - 7 * 0.09 / 7.0)
     assert result.online.confusion_s[0, 0, -1] == pytest.approx(0.09)
     assert result.online.delay_s == pytest.approx(np.full(6, 0.09))
@@ -311,7 +311,7 @@ def test_the_report_is_aligned_and_fits_in_100_columns() -> None:
 
 def test_the_json_report_has_the_same_values_without_nan() -> None:
     a, b = evaluation(1), evaluation(2)
-    nothing = evaluate(wander(np.random.default_rng(0), 5), Truth(()), Segmentation())
+    nothing = evaluate(random_poses(np.random.default_rng(0), 5), Truth(()), Segmentation())
     data = json.loads(Report({"a": a, "b": b, "nothing": nothing}).to_json(), parse_constant=pytest.fail)
     assert list(data["recordings"]) == ["a", "b", "nothing"]
     assert data["recordings"]["nothing"]["offline"]["accuracy"]["all"] is None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contact_tracker.cli.main import run
-from contact_tracker.evaluation.evaluate import Judge
+from contact_tracker.evaluation.evaluate import Evaluator
 from contact_tracker.evaluation.further import FurtherScore
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
@@ -40,11 +40,11 @@ def belief(frame: int, label: Contact, *others: FurtherContact) -> Belief:
 
 
 def score(truth: Truth, beliefs: list[Belief], pieces: int = 1) -> FurtherScore:
-    judge = Judge(truth)
-    judge.poses(POSES)
+    evaluator = Evaluator(truth)
+    evaluator.add_poses(POSES)
     for part in np.array_split(np.arange(len(beliefs)), pieces):
-        judge.piece(Segmentation(beliefs=Beliefs.of(beliefs[i] for i in part)))
-    return judge.finish().further_offline
+        evaluator.add_piece(Segmentation(beliefs=Beliefs.of(beliefs[i] for i in part)))
+    return evaluator.finish().further_offline
 
 
 def true(first: Contact, *others: tuple[Contact, int, int]) -> Truth:
@@ -62,7 +62,7 @@ def test_shares_of_time_are_those_of_the_frames() -> None:
     assert found.false == pytest.approx(5 / 80)
 
 
-def test_pieces_say_the_same_as_the_whole() -> None:
+def test_scores_of_pieces_add_up_to_those_of_the_whole() -> None:
     rng = np.random.default_rng(0)
     some = [(), (further(VF),), (further(EF, VF),), (further(VF), further(FF))]
     beliefs = [belief(i, [EF, VF][rng.integers(2)], *some[rng.integers(4)]) for i in range(FRAMES)]
@@ -77,7 +77,7 @@ def test_pieces_say_the_same_as_the_whole() -> None:
     ("label", "others", "right", "is_open"),
     [
         (EF, [(VF,)], 1.0, 0.0),
-        (VF, [(EF,)], 1.0, 0.0),  # either of them may be called the first
+        (VF, [(EF,)], 1.0, 0.0),  # either of them may be the label
         (EF, [(FF, VF)], 0.0, 1.0),
         (EF, [(FF,)], 0.0, 0.0),
         (EF, [], 0.0, 0.0),
@@ -85,7 +85,7 @@ def test_pieces_say_the_same_as_the_whole() -> None:
         (EF, [(VF,), (VF,)], 0.0, 0.0),
     ],
 )
-def test_all_must_be_found_and_nothing_else(
+def test_the_reported_set_must_match_exactly(
     label: Contact, others: list[tuple[Contact, ...]], right: float, is_open: float
 ) -> None:
     beliefs = [belief(i, label, *(further(*kinds) for kinds in others)) for i in range(FRAMES)]
@@ -100,14 +100,14 @@ def test_three_at_once_are_found_in_any_order() -> None:
         assert score(truth, beliefs).right == pytest.approx(1.0)
 
 
-def test_what_is_not_scored_counts_nowhere() -> None:
+def test_frames_without_truth_are_not_scored() -> None:
     beliefs = [belief(i, EF, further(VF)) for i in range(FRAMES)]
     found = score(Truth((TruthInterval(0, FRAMES * STEP_NS, None),)), beliefs)
     assert (found.several_s, found.alone_s) == (0.0, 0.0)
     assert np.isnan([found.right, found.open, found.false]).all()
 
 
-def test_without_an_answer_nothing_is_found() -> None:
+def test_without_beliefs_nothing_is_found() -> None:
     found = score(true(EF, (VF, 0, FRAMES)), [])
     assert (found.right, found.false_s) == (0.0, 0.0)
     assert found.several_s > 0.9

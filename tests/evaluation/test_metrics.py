@@ -46,13 +46,13 @@ def frames(ms: int, every: int = 10) -> Ints:
     return EPOCH_NS + np.arange(0, ms, every, dtype=np.int64) * MS
 
 
-def certain(columns: Ints) -> NDArray[np.float64]:
+def one_hot(columns: Ints) -> NDArray[np.float64]:
     return np.eye(len(STATES))[columns]
 
 
-def judge(scored: Scoring, columns: Ints, probability: NDArray[np.float64] | None = None) -> Tally:
-    """One belief per frame; certain of its label where no probability is given."""
-    p = certain(columns) if probability is None else probability
+def tally_of(scored: Scoring, columns: Ints, probability: NDArray[np.float64] | None = None) -> Tally:
+    """Tally of one belief per frame; without ``probability`` the label has probability 1."""
+    p = one_hot(columns) if probability is None else probability
     return tally(scored, np.arange(len(columns)), columns, p)
 
 
@@ -69,10 +69,10 @@ def figures(result: Tally) -> list[float]:
 
 
 def test_a_small_example_by_hand() -> None:
-    """2 s f-f, 2 s e-f; the change is found 0.4 s late; sure throughout."""
+    """2 s f-f, 2 s e-f; the change is found 0.4 s late; probability 1 throughout."""
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 2000)))
-    result = judge(scored, columns_of(stamps, ("f-f", 2400), ("e-f", 1600)))
+    result = tally_of(scored, columns_of(stamps, ("f-f", 2400), ("e-f", 1600)))
     assert result.seconds() == pytest.approx(4.0)
     assert result.accuracy() == pytest.approx(0.9)
     # of 4 s, the 26 frames each side of 2.0 s within 0.25 s of it are near: 25 before, 26 from it on
@@ -94,7 +94,7 @@ def test_a_small_example_by_hand() -> None:
 def test_a_change_found_early_counts_as_its_distance_and_no_delay() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 2000)))
-    result = judge(scored, columns_of(stamps, ("f-f", 1700), ("e-f", 2300)))
+    result = tally_of(scored, columns_of(stamps, ("f-f", 1700), ("e-f", 2300)))
     assert result.boundary_s == pytest.approx([0.3])
     assert result.delay_s == pytest.approx([0.0])
 
@@ -103,29 +103,31 @@ def test_a_flicker_is_no_detection() -> None:
     stamps = frames(3000)
     scored = scoring(stamps, make_truth(("free", 1000), ("v-f", 2000)))
     found = (("free", 1100), ("v-f", 290), ("free", 110), ("v-f", 1500))
-    result = judge(scored, columns_of(stamps, *found))
+    result = tally_of(scored, columns_of(stamps, *found))
     assert result.delay_s == pytest.approx([0.5])
     assert result.boundary_s == pytest.approx([0.1])
-    never = judge(scored, columns_of(stamps, ("free", 1100), ("v-f", 290), ("free", 1610)))
+    never = tally_of(scored, columns_of(stamps, ("free", 1100), ("v-f", 290), ("free", 1610)))
     assert never.never_share == 1.0
 
 
 def test_a_change_that_is_not_found_is_missed() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("free", 2000), ("v-f", 1000), ("free", 1000)))
-    result = judge(scored, columns_of(stamps, ("free", 4000)))
-    # it was free all the time: right after the second change, but no change was found
+    result = tally_of(scored, columns_of(stamps, ("free", 4000)))
+    # always labelled free: right after the second change, but no change was found
     assert (result.missed_share, result.never_share) == (1.0, 0.5)
 
 
 def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("free", 2000), ("?", 100), ("v-f", 1900)))
-    assert judge(scored, columns_of(stamps, ("free", 2050), ("v-f", 1950))).boundary_s == pytest.approx([0.0])
-    assert judge(scored, columns_of(stamps, ("free", 1980), ("v-f", 2020))).boundary_s == pytest.approx(
+    assert tally_of(scored, columns_of(stamps, ("free", 2050), ("v-f", 1950))).boundary_s == pytest.approx(
+        [0.0]
+    )
+    assert tally_of(scored, columns_of(stamps, ("free", 1980), ("v-f", 2020))).boundary_s == pytest.approx(
         [0.02]
     )
-    assert judge(scored, columns_of(stamps, ("free", 2150), ("v-f", 1850))).boundary_s == pytest.approx(
+    assert tally_of(scored, columns_of(stamps, ("free", 2150), ("v-f", 1850))).boundary_s == pytest.approx(
         [0.05]
     )
     assert scored.seconds[scored.subsets[Subset.ALL]].sum() == pytest.approx(3.9)
@@ -134,8 +136,8 @@ def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
 @pytest.mark.parametrize(
     "phases",
     [
-        (("free", 2000), ("?", 400), ("v-f", 1600)),  # when it changed is not known
-        (("free", 2000), ("v-f", 200)),  # too short to be found
+        (("free", 2000), ("?", 400), ("v-f", 1600)),  # the time of the change is not known
+        (("free", 2000), ("v-f", 200)),  # too short
         (("free", 2000), ("?", 50), ("free", 1000)),  # no change at all
     ],
 )
@@ -156,7 +158,7 @@ def test_subsets_follow_the_motion() -> None:
 
 
 def test_indistinguishable_contacts_are_scored_separately() -> None:
-    """f-f at rest, then moved; e-f in pure translation; free. Found: f-f, then free for good."""
+    """f-f at rest, then moved; e-f in pure translation; free. Found: f-f, then free."""
     truth = make_truth(
         ("f-f", 1000), ("f-f", 1000), ("e-f", 1000), ("free", 1000),
         motion=("rest", "normal", "translation", "normal"), singular=(2,),
@@ -164,18 +166,18 @@ def test_indistinguishable_contacts_are_scored_separately() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, truth)
     columns = columns_of(stamps, ("f-f", 2100), ("free", 1900))
-    main, apart = (judge(scored.within(s), columns) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
-    assert (main.seconds(), apart.seconds()) == (pytest.approx(2.0), pytest.approx(2.0))
-    assert (main.accuracy(), main.sure_wrong, main.brier) == (1.0, 0.0, 0.0)
-    assert apart.accuracy() == pytest.approx(0.5)
-    assert apart.brier == pytest.approx(1.0)
-    # a change belongs to what follows it; free was found 0.9 s early
-    assert (main.into.tolist(), apart.into.tolist()) == ([Contact.FREE.column], [Contact.EF.column])
-    assert main.boundary_s == pytest.approx([0.9])
-    assert apart.missed_share == 1.0
-    together = main + apart
+    clear, open_ = (tally_of(scored.within(s), columns) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
+    assert (clear.seconds(), open_.seconds()) == (pytest.approx(2.0), pytest.approx(2.0))
+    assert (clear.accuracy(), clear.sure_wrong, clear.brier) == (1.0, 0.0, 0.0)
+    assert open_.accuracy() == pytest.approx(0.5)
+    assert open_.brier == pytest.approx(1.0)
+    # a change belongs to the phase after it; free was found 0.9 s early
+    assert (clear.into.tolist(), open_.into.tolist()) == ([Contact.FREE.column], [Contact.EF.column])
+    assert clear.boundary_s == pytest.approx([0.9])
+    assert open_.missed_share == 1.0
+    together = clear + open_
     assert figures(together)[1::2][0] == pytest.approx(4.0)
-    assert together.brier == pytest.approx(judge(scored, columns).brier)
+    assert together.brier == pytest.approx(tally_of(scored, columns).brier)
 
 
 def test_a_dropout_weighs_a_tenth_of_a_second() -> None:
@@ -192,15 +194,15 @@ def test_frames_outside_the_truth_are_not_scored() -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 @pytest.mark.parametrize("truth", [Truth(()), make_truth(("?", 1000)), make_truth(("f-f", 1000))])
-def test_hardly_any_frames_or_truth_are_well_defined(count: int, truth: Truth) -> None:
-    result = judge(scoring(frames(10 * count), truth), np.zeros(count, np.int64))
+def test_metrics_of_few_frames_or_no_truth_are_well_defined(count: int, truth: Truth) -> None:
+    result = tally_of(scoring(frames(10 * count), truth), np.zeros(count, np.int64))
     expected = 1.0 if result.seconds() else np.nan
     assert result.accuracy() == pytest.approx(expected, nan_ok=True)
     assert result.macro_f1 == pytest.approx(expected, nan_ok=True)
     assert quantile(result.delay_s, 0.5) != quantile(result.delay_s, 0.5)
 
 
-def test_which_belief_holds_at_a_frame() -> None:
+def test_each_frame_has_the_belief_of_its_tick() -> None:
     ticks, stamps = np.array([10, 20]), np.array([5, 10, 11, 20, 21])
     assert tick_containing(stamps, ticks).tolist() == [0, 0, 1, 1, -1]
     assert tick_in_force(stamps, ticks).tolist() == [-1, 0, 0, 1, 1]
@@ -220,32 +222,32 @@ def test_missing_beliefs_count_as_wrong_and_uninformative() -> None:
 
 
 def sampled(sharpen: float) -> Tally:
-    """Truth drawn from known posteriors, which are then sharpened by a power."""
+    """Tally of truth drawn from known posteriors, with the posteriors raised to the power ``sharpen``."""
     rng = np.random.default_rng(7)
     p = rng.dirichlet(np.full(7, 0.4), size=100_000)
     truth = (rng.random(len(p))[:, None] > np.cumsum(p, axis=1)).sum(axis=1).clip(0, 6)
     scored = scoring(frames(10 * len(p)), make_truth(("free", 10 * len(p))))
-    told = p**sharpen / (p**sharpen).sum(axis=1, keepdims=True)
-    return judge(replace(scored, truth=truth), told.argmax(axis=1), told)
+    sharpened = p**sharpen / (p**sharpen).sum(axis=1, keepdims=True)
+    return tally_of(replace(scored, truth=truth), sharpened.argmax(axis=1), sharpened)
 
 
 def test_a_calibrated_belief_has_no_calibration_error() -> None:
-    honest, boastful = sampled(1.0), sampled(3.0)
-    assert honest.calibration_error < 0.006
-    assert boastful.calibration_error > 0.1
-    assert honest.log_loss < boastful.log_loss
-    assert honest.brier < boastful.brier
-    assert honest.sure_wrong < boastful.sure_wrong
+    calibrated, overconfident = sampled(1.0), sampled(3.0)
+    assert calibrated.calibration_error < 0.006
+    assert overconfident.calibration_error > 0.1
+    assert calibrated.log_loss < overconfident.log_loss
+    assert calibrated.brier < overconfident.brier
+    assert calibrated.sure_wrong < overconfident.sure_wrong
 
 
 # --- state by state --------------------------------------------------------------------------------------
 
 
 def test_figures_by_state_by_hand() -> None:
-    """2 s f-f, 1 s e-f, 1 s free, believed with 0.7 of f-f and 0.3 of e-f throughout."""
+    """2 s f-f, 1 s e-f, 1 s free; throughout the posterior has 0.7 for f-f and 0.3 for e-f."""
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 1000), ("free", 1000)))
-    result = judge(scored, np.zeros(400, np.int64), np.tile([0.7, 0.3, 0, 0, 0, 0, 0], (400, 1)))
+    result = tally_of(scored, np.zeros(400, np.int64), np.tile([0.7, 0.3, 0, 0, 0, 0, 0], (400, 1)))
     ff, ef, ee, free = (c.column for c in (Contact.FF, Contact.EF, Contact.EE, Contact.FREE))
     assert result.seconds_by_state[[ff, ef, ee, free]] == pytest.approx([2.0, 1.0, 0.0, 1.0])
     assert result.recall[[ff, ef, ee, free]] == pytest.approx([1.0, 0.0, np.nan, 0.0], nan_ok=True)
@@ -255,11 +257,11 @@ def test_figures_by_state_by_hand() -> None:
     # f-f: half the time 0.3 off, half the time 0.7; e-f: a quarter 0.7 off, else 0.3; free: a quarter 1
     expected = [(0.09 + 0.49) / 2, 0.49 / 4 + 0.09 * 0.75, 0.0, 0.25]
     assert result.brier_by_state[[ff, ef, ee, free]] == pytest.approx(expected)
-    # f-f is true half the time and believed with 0.7, e-f a quarter with 0.3, free a quarter with nothing
+    # f-f is true half the time and has 0.7, e-f a quarter and 0.3, free a quarter and 0
     assert result.calibration_error_by_state[[ff, ef, ee, free]] == pytest.approx([0.2, 0.05, 0.0, 0.25])
     assert result.calibration_error == pytest.approx(0.2)
     assert result.sure_wrong_by_state[[ff, ef, free]].tolist() == [0.0, 0.0, 0.0]
-    sure = judge(scored, np.zeros(400, np.int64))
+    sure = tally_of(scored, np.zeros(400, np.int64))
     assert sure.sure_wrong_by_state[[ff, ef, free]] == pytest.approx([0.0, 1.0, 1.0])
     assert result.into.tolist() == [ef, free]
     assert np.isnan(result.detection_delay_s).all()
@@ -268,7 +270,7 @@ def test_figures_by_state_by_hand() -> None:
 @settings(max_examples=30, deadline=None)
 @given(SEEDS)
 def test_the_states_add_up(seed: int) -> None:
-    """Brier's score and its parts against sampling: every state's probability is a forecast of its own."""
+    """The Brier score and its parts against sampling: each state's probability is one forecast."""
     scored, _, stamps, ticks, labels, p = random_case(seed, unscored=True)
     tick = tick_containing(stamps, ticks)
     result = tally(scored, tick, labels, p)
@@ -295,7 +297,7 @@ def test_the_states_add_up(seed: int) -> None:
     assert shares[present] @ result.log_loss_by_state[present] == pytest.approx(result.log_loss)
 
 
-# --- oracle: what every millisecond says -------------------------------------------------------------------
+# --- reference: sums over every millisecond ----------------------------------------------------------------
 
 
 def random_case(seed: int, unscored: bool) -> tuple[Scoring, Truth, Ints, Ints, Ints, NDArray[np.float64]]:
@@ -314,7 +316,7 @@ def random_case(seed: int, unscored: bool) -> tuple[Scoring, Truth, Ints, Ints, 
 
 
 def per_ms(stamps: Ints) -> list[int]:
-    """For each millisecond from the first frame on, the frame in force."""
+    """The latest frame at each millisecond from the first frame on."""
     ends = [*stamps[1:].tolist(), int(2 * stamps[-1] - stamps[-2])]
     return [i for i, (a, b) in enumerate(zip(stamps.tolist(), ends, strict=True)) for _ in range(a, b, MS)]
 
@@ -400,16 +402,16 @@ def test_changes_agree_with_every_millisecond(seed: int) -> None:
     )
 
 
-# --- what always holds -----------------------------------------------------------------------------------
+# --- invariants ------------------------------------------------------------------------------------------
 
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS)
 def test_a_perfect_belief_is_perfect(seed: int) -> None:
     scored, *_ = random_case(seed, unscored=True)
-    # where nothing is scored it may believe anything: here, that the old state went on
+    # unscored frames may have any label: here the state before
     last = np.maximum.accumulate(np.where(scored.truth >= 0, np.arange(150), 0))
-    result = judge(scored, np.maximum(scored.truth[last], 0))
+    result = tally_of(scored, np.maximum(scored.truth[last], 0))
     if result.seconds():
         assert result.accuracy() == pytest.approx(1.0, abs=1e-12)
         assert result.macro_f1 == pytest.approx(1.0, abs=1e-12)
@@ -422,7 +424,7 @@ def test_a_perfect_belief_is_perfect(seed: int) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS, st.permutations(range(7)))
-def test_no_state_is_special(seed: int, order: list[int]) -> None:
+def test_metrics_do_not_depend_on_the_order_of_states(seed: int, order: list[int]) -> None:
     scored, _, stamps, ticks, labels, p = random_case(seed, unscored=True)
     tick = tick_containing(stamps, ticks)
     new = np.array([*order, UNSCORED])  # new[-1]: unscored stays unscored
@@ -446,7 +448,7 @@ def test_adding_recordings_is_concatenating_them(seed_a: int, seed_b: int) -> No
         middle = [(str(rng.choice(["f-f", "?", "e-e"])), int(rng.integers(50, 700))) for _ in range(4)]
         truth = make_truth(("free", 400), *middle, ("free", 400))
         length = 800 + sum(ms for _, ms in middle)
-        stamps = frames(length + 20)  # the last frames lie outside the truth: no weight hangs on what follows
+        stamps = frames(length + 20)  # the last frames are outside the truth: no weight depends on later ones
         labels = np.repeat(rng.integers(0, 7, len(stamps)), 20)[: len(stamps)]
         return stamps, truth, labels, rng.dirichlet(np.full(7, 0.3), len(stamps))
 
@@ -454,13 +456,13 @@ def test_adding_recordings_is_concatenating_them(seed_a: int, seed_b: int) -> No
         recording(seed_a),
         recording(seed_b),
     )
-    apart = judge(scoring(stamps_a, truth_a), labels_a, p_a) + judge(
+    separate = tally_of(scoring(stamps_a, truth_a), labels_a, p_a) + tally_of(
         scoring(stamps_b, truth_b), labels_b, p_b
     )
     later = int(stamps_a[-1] - stamps_b[0]) + 60_000 * MS
     moved = [replace(i, start_ns=i.start_ns + later, end_ns=i.end_ns + later) for i in truth_b.intervals]
     whole = scoring(np.append(stamps_a, stamps_b + later), Truth(truth_a.intervals + tuple(moved)))
-    together = judge(whole, np.append(labels_a, labels_b), np.vstack([p_a, p_b]))
-    assert figures(together) == pytest.approx(figures(apart), nan_ok=True)
-    assert together.delay_s == pytest.approx(apart.delay_s)
-    assert together.boundary_s == pytest.approx(apart.boundary_s)
+    together = tally_of(whole, np.append(labels_a, labels_b), np.vstack([p_a, p_b]))
+    assert figures(together) == pytest.approx(figures(separate), nan_ok=True)
+    assert together.delay_s == pytest.approx(separate.delay_s)
+    assert together.boundary_s == pytest.approx(separate.boundary_s)

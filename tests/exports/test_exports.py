@@ -35,7 +35,7 @@ LOG_OFFSET_NS = 12_000_000
 
 @pytest.fixture(scope="module")
 def poses() -> Poses:
-    """Three kinds of elements: faces, edges, both."""
+    """Poses with faces, edges, and both as elements."""
     first, second = recorded(FACE_TO_EDGE).poses, recorded(EDGE_TO_EDGES).poses
     later = second.stamp_ns - second.stamp_ns[0] + first.stamp_ns[-1] + 5_000_000
     return Poses.join([first, Poses(later, second.position_m, second.quat_xyzw)])
@@ -44,10 +44,10 @@ def poses() -> Poses:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory, poses: Poses) -> Path:
     """Logged later than stamped, beside a topic of something else."""
-    said = [(int(t) + LOG_OFFSET_NS, {"data": "hello"}) for t in poses.stamp_ns[:3]]
+    chatter = [(int(t) + LOG_OFFSET_NS, {"data": "hello"}) for t in poses.stamp_ns[:3]]
     topics = [
         poses_topic(poses, offset_ns=LOG_OFFSET_NS),
-        Topic("/chatter", "std_msgs/msg/String", said),
+        Topic("/chatter", "std_msgs/msg/String", chatter),
     ]
     return write_log(tmp_path_factory.mktemp("exports") / "cube.mcap", topics)
 
@@ -143,7 +143,7 @@ def test_data_frames_of_both_libraries_are_equal_with_one_schema(
 def test_rows_of_json_have_the_same_keys_and_types_for_all_contacts(
     folder: Path, result: contact_tracker.Result
 ) -> None:
-    """Polars reads all of them, and of the elements nothing gets lost."""
+    """Polars reads all of them, with complete elements."""
     rows = [json.loads(line) for line in (folder / "out.jsonl").read_text().splitlines()]
     assert [row["contact"] for row in rows] == [b.contact.value for b in result.beliefs]
     kinds = {json.dumps(shape(row["object"])) for row in rows} | {
@@ -158,7 +158,7 @@ def test_rows_of_json_have_the_same_keys_and_types_for_all_contacts(
 
 
 def shape(value: Any) -> Any:
-    """The types of all that is in it."""
+    """The types of a value and of all nested ones."""
     if isinstance(value, dict):
         return {key: shape(item) for key, item in value.items()}
     return [shape(item) for item in value] if isinstance(value, list) else type(value).__name__
@@ -224,7 +224,7 @@ def assert_frames(frames: list[Any], result: contact_tracker.Result) -> None:
 
 
 def assert_scene(scene: Any, segment: contact_tracker.Segment) -> None:
-    """All before is gone; triangles of the object's element lie on it, those of the surroundings' too."""
+    """Earlier entities are deleted; triangles lie on the object's element and on that of the surroundings."""
     assert [deletion.type for deletion in scene.deletions] == [1]  # all
     entities = {entity.id: entity for entity in scene.entities}
     if segment.geometry is None:
@@ -249,7 +249,7 @@ def assert_scene(scene: Any, segment: contact_tracker.Segment) -> None:
 
 
 class Page(HTMLParser):
-    """What a page would load, and its text."""
+    """The resources that a page loads, and its text."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -352,7 +352,7 @@ def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Po
 
 
 def test_an_output_can_be_read_and_segmented_again(folder: Path, tmp_path: Path) -> None:
-    """Its channels of ours are replaced, not doubled."""
+    """The result channels in it are replaced."""
     reader = pytest.importorskip("mcap.reader")
     again = contact_tracker.segment(folder / "out.mcap")
     again.to_mcap(tmp_path / "again.mcap")
@@ -387,7 +387,7 @@ def test_truth_and_metadata_are_copied(tmp_path: Path) -> None:
 
 
 def test_the_ribbon_has_a_bar_for_each_further_contact() -> None:
-    """Where it holds, below that of its segment."""
+    """During the contact, below the bar of its segment."""
     plane = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
     wall = ContactGeometry(Point(np.zeros(3)), plane)
     joins = FurtherContact(Contact.EF, 0.9, 4, 7, wall, (), 2)

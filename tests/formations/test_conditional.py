@@ -81,7 +81,7 @@ def test_without_a_contact_before_it_is_the_evidence_against_free_motion(contact
     np.testing.assert_allclose(found.chi_sq, ratio.chi_sq[0, :, 0], rtol=0.05, atol=0.01)
 
 
-def test_of_correlated_errors_only_the_innovation_of_each_tick_counts() -> None:
+def test_correlated_errors_are_evaluated_by_their_innovations() -> None:
     window, x = kept(Contact.VF, 4)
     c = coefficients(CONTACT_MODELS[Contact.VF.column], x)
     scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1, correlation=0.9)

@@ -25,7 +25,7 @@ from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 
 SECOND = 10**9
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 @cache
@@ -105,7 +105,7 @@ def test_a_further_contact_begins_and_ends() -> None:
 @needs_kernels
 @pytest.mark.parametrize("contact", [Contact.FF, Contact.EF, Contact.VF, Contact.EE])
 def test_a_single_contact_has_no_further_ones(contact: Contact) -> None:
-    """Two vertices on the table are one edge, three a face."""
+    """Two vertices on the table would be an edge, three a face."""
     poses = simulate(Scenario((Phase(contact, 12.0),)), 1).poses
     result = adaptation.segment(poses, load_model())
     assert not any(segment.further for segment in result.segments)
@@ -129,8 +129,8 @@ def test_a_further_contact_is_reported_online_while_it_holds() -> None:
 @needs_kernels
 def test_a_saved_stream_resumes_with_its_formation(tmp_path) -> None:
     poses = made("vertex_and_vertex").poses
-    state, said = adaptation.advance(adaptation.start(load_model()), poses[:3600])
-    assert said[-1].further
+    state, beliefs = adaptation.advance(adaptation.start(load_model()), poses[:3600])
+    assert beliefs[-1].further
     save(tmp_path / "state", state)
     restored = load(tmp_path / "state")
     _, rest = adaptation.advance(state, poses[3600:])
@@ -161,7 +161,7 @@ def test_a_label_with_unexplained_constraints_is_not_certain() -> None:
 
 
 @needs_kernels
-def test_further_contacts_are_sought_among_known_elements() -> None:
+def test_further_contacts_are_searched_among_known_elements() -> None:
     true = made("vertex_and_vertex").truth.intervals[0]
     first, second = true.geometry, true.further[0].geometry
     assert first is not None
@@ -188,7 +188,7 @@ def test_further_contacts_are_sought_among_known_elements() -> None:
         assert segment.contact is Contact.VF
         assert {segment.touching[1], *(one.geometry.names[1] for one in segment.further)} == names
         if len(walls) == 1:
-            assert segment.probability < 0.9 + 1e-9  # something touches that is not listed
+            assert segment.probability < 0.9 + 1e-9  # an element touches that is not listed
 
 
 def test_known_elements_give_their_names() -> None:

@@ -64,7 +64,7 @@ def _ros1() -> list[tuple[int, bytes]]:
 
 @cache
 def definitions() -> tuple[bytes, ...]:
-    """MCAP without compression, whose types are defined in IDL, as ROS 1 does, or not at all."""
+    """Uncompressed MCAP with types defined in IDL, as in ROS 1, or not at all."""
     ros1 = get_typestore(Stores.ROS1_NOETIC).generate_msgdef(NAME, ros_version=1)[0]
     return tuple(
         _mcap(encoding, schema_encoding, text, rows)

@@ -42,9 +42,9 @@ class Target(NamedTuple):
 
 
 def _command(*arguments: object) -> tuple[int, str]:
-    """Run a command: its code and its output; what goes to stderr are lines of ours."""
+    """Run a command; returns its code and its output, and checks that stderr has lines of ours only."""
     out, err = io.StringIO(), io.StringIO()
-    with _told_of_libraries(err), redirect_stdout(out), redirect_stderr(err):
+    with _captured_stderr(err), redirect_stdout(out), redirect_stderr(err):
         code = run([str(argument) for argument in arguments])
     text = err.getvalue()
     if code not in CODES:
@@ -63,8 +63,8 @@ def _command(*arguments: object) -> tuple[int, str]:
 
 
 @contextmanager
-def _told_of_libraries(err: io.StringIO) -> Iterator[None]:
-    """Add to ``err`` what is written to the file descriptor of stderr, past Python."""
+def _captured_stderr(err: io.StringIO) -> Iterator[None]:
+    """Add to ``err`` the output of libraries to the file descriptor of stderr, which bypasses Python."""
     sys.stderr.flush()
     with TemporaryFile() as note:
         usual = os.dup(2)
@@ -122,15 +122,15 @@ def _state(path: Path, _: random.Random) -> None:
 
 def _quietly(call: Callable[[], object]) -> None:
     """A call that may raise a one-line error of the package, without other output."""
-    said = io.StringIO()
+    output = io.StringIO()
     try:
-        with redirect_stdout(said), redirect_stderr(said):
+        with redirect_stdout(output), redirect_stderr(output):
             call()
     except ContactTrackerError as error:
         if not str(error).isprintable():
             raise Violation(f"an error of several lines: {error}") from error
-    if said.getvalue():
-        raise Violation(f"said {said.getvalue()!r}")
+    if output.getvalue():
+        raise Violation(f"output {output.getvalue()!r}")
 
 
 def _stream(path: Path, rng: random.Random) -> None:

@@ -35,7 +35,7 @@ def unit(rng):
 
 
 def elements_at(rng, place):
-    """A vertex at ``place``, an edge through it and a face that holds the edge."""
+    """A vertex at ``place``, an edge through it and a face with the edge."""
     n, v = unit(rng), rng.normal(size=3)
     d = np.cross(n, v) / np.linalg.norm(np.cross(n, v))
     jacobian = np.vstack([np.eye(3), place])
@@ -70,7 +70,7 @@ def unit_across(direction, other):
 
 
 def moved_off(element, from_element, rng):
-    """Away from what it was to share points with: across, and turned where only its direction tells."""
+    """The element shifted so that it is not incident with the other."""
     away = from_element.normal if isinstance(from_element, Plane) else unit(rng)
     match element:
         case Plane(_, offset_m):
@@ -87,8 +87,8 @@ def scene(step, seed):
     """A known element, and an incident one of another kind, with the position of the body."""
     rng = np.random.default_rng(seed)
     place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
-    met, kind = elements_at(rng, place)[step[0]], step[2]
-    return rng, body_m, met, kind, elements_at_beside(met, kind, rng, place)
+    landmark, kind = elements_at(rng, place)[step[0]], step[2]
+    return rng, body_m, landmark, kind, incident_at(landmark, kind, rng, place)
 
 
 @steps
@@ -96,15 +96,15 @@ def scene(step, seed):
 @example(seed=57594)
 @given(seed=seeds)
 def test_incident_elements_cost_little_and_others_much(step, seed):
-    rng, body_m, met, kind, element = scene(step, seed)
-    known = incident(met, kind, body_m)
-    assert cost(kind, known, element, body_m) < 3.0  # places are an open matter, directions are of length one
-    assert cost(kind, known, moved_off(element, met, rng), body_m) > 20.0
+    rng, body_m, landmark, kind, element = scene(step, seed)
+    known = incident(landmark, kind, body_m)
+    assert cost(kind, known, element, body_m) < 3.0  # places are hardly determined
+    assert cost(kind, known, moved_off(element, landmark, rng), body_m) > 20.0
 
 
-def elements_at_beside(met, kind, rng, place):
-    """Any element of a kind that shares the points of ``met`` near ``place``."""
-    match met:
+def incident_at(landmark, kind, rng, place):
+    """A random element of a kind that is incident with ``landmark`` near ``place``."""
+    match landmark:
         case Plane(normal):
             at = place + 0.1 * np.cross(normal, unit(rng))
             d = np.cross(normal, unit(rng))
@@ -122,9 +122,9 @@ def elements_at_beside(met, kind, rng, place):
 @quickly
 @given(seed=seeds)
 def test_the_cost_does_not_depend_on_the_axes(step, seed):
-    rng, body_m, met, kind, element = scene(step, seed)
+    rng, body_m, landmark, kind, element = scene(step, seed)
     turn, shift = Rotation.random(random_state=rng).as_matrix(), 100.0 * rng.normal(size=3)
-    off = moved_off(element, met, rng)
+    off = moved_off(element, landmark, rng)
 
     def moved(e):
         double = np.kron(np.eye(2), turn)
@@ -145,15 +145,15 @@ def test_the_cost_does_not_depend_on_the_axes(step, seed):
 
     there = turn @ body_m + shift
     for one in (element, off):
-        expected = cost(kind, incident(met, kind, body_m), one, body_m)
-        found = shifted(incident(moved(met), kind, there), -there)
+        expected = cost(kind, incident(landmark, kind, body_m), one, body_m)
+        found = shifted(incident(moved(landmark), kind, there), -there)
         assert cost(kind, found, shifted(moved(one), -there), np.zeros(3)) == pytest.approx(
             expected, rel=0.02, abs=0.02
         )
 
 
 def test_an_edge_through_a_known_vertex_is_recognised_sooner():
-    """A vertex on a face, then an edge of it: all that is new is a turn in the face."""
+    """A vertex on a face, then an edge of it: only a turn in the face is unknown."""
     recording = simulate(Scenario((Phase(Contact.VF, 5.0), Phase(Contact.EF, 3.0))), 4)
     change_ns = next(i.start_ns for i in recording.truth.intervals if i.contact is Contact.EF)
 

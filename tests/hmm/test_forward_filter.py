@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from chain_oracle import believed, some_model, walk
+from chain_oracle import noisy_trellis, random_model, walk
 from contact_tracker import hmm
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
 from trellis_cases import Case
@@ -78,9 +78,9 @@ def test_pieces_of_any_trellis_are_the_whole(seed, every):
 @pytest.mark.parametrize("blur", [0.5, 2.0])
 def test_pieces_of_a_recording_are_the_whole_and_are_released_soon(blur):
     rng = np.random.default_rng(7)
-    model, exposure = some_model(rng), rng.uniform(0.02, 1.0, 150)
+    model, exposure = random_model(rng), rng.uniform(0.02, 1.0, 150)
     chain = log_initial(model), np.array([tick_transitions(model, e).log_transition for e in exposure])
-    trellis = pruned(believed(walk(model, exposure, rng), model, exposure, rng, blur), *chain)
+    trellis = pruned(noisy_trellis(walk(model, exposure, rng), model, exposure, rng, blur), *chain)
     expected_path, expected = whole(trellis, *chain)
     path, posterior, told = run(trellis, *chain, every=30)
     assert path == expected_path

@@ -15,7 +15,7 @@ SUPPORT = str(Path(__file__).parents[1] / "support")
 RECORDING = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
-def said(program, **environment):
+def output_of(program, **environment):
     """The output of a program in a fresh interpreter."""
     found = subprocess.run(
         [sys.executable, "-c", program],
@@ -33,24 +33,24 @@ def test_it_can_be_switched_off_and_is_not_imported_before_it_is_needed():
         "from contact_tracker.tracking import offline_smoother;"
         "print('contact_tracker.hypotheses.compiled.kernels' in sys.modules, compiled.described())"
     )
-    assert said(program, CONTACT_TRACKER_COMPILED="0") == "False numpy, CONTACT_TRACKER_COMPILED=0"
-    assert said(program, CONTACT_TRACKER_COMPILED="1") == "False compiled kernels"
+    assert output_of(program, CONTACT_TRACKER_COMPILED="0") == "False numpy, CONTACT_TRACKER_COMPILED=0"
+    assert output_of(program, CONTACT_TRACKER_COMPILED="1") == "False compiled kernels"
 
 
 def test_the_filter_of_free_motion_is_filterpy():
-    """Loaded when tracking starts, because that takes half a second."""
+    """It is loaded when tracking starts, as that takes half a second."""
     program = (
         f"import sys; sys.path.append({SUPPORT!r}); import short_recordings as short;"
         "print('filterpy' in sys.modules);"
         "short.segmented(short.FACE_TO_EDGE); print('filterpy' in sys.modules)"
     )
     for in_use in "01":
-        assert said(program, CONTACT_TRACKER_COMPILED=in_use).split() == ["False", "True"]
+        assert output_of(program, CONTACT_TRACKER_COMPILED=in_use).split() == ["False", "True"]
 
 
 @pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++", "cl"))), reason="no compiler")
 def test_kernels_are_built_where_there_is_a_compiler():
-    """Whether the tests of kernels run is not left to chance."""
+    """So that the tests of kernels are not skipped unnoticed."""
     assert compiled.find_spec(compiled.NAME)
     assert compiled.fault() == ""
 
@@ -65,7 +65,7 @@ def test_missing_kernels_are_reported(monkeypatch):
 
 
 def test_the_command_line_says_in_one_line_that_it_is_slow(tmp_path):
-    """As where nothing was built."""
+    """Without compiled kernels."""
     program = (
         "from contact_tracker.hypotheses import compiled;"
         "compiled.find_spec = lambda name: None;"
@@ -87,7 +87,7 @@ def test_an_unrelated_folder_of_the_same_name_is_ignored(tmp_path, monkeypatch):
 
 
 def test_kernels_of_other_sources_are_not_used(tmp_path, monkeypatch):
-    """Of a work tree that has moved on since it was installed."""
+    """In a work tree that has changed since the installation."""
     (tmp_path / "python").mkdir()
     (tmp_path / "CMakeLists.txt").write_text("")
     (tmp_path / "python" / "module.cpp").write_text("// another algorithm")
@@ -110,7 +110,7 @@ def test_kernels_that_cannot_be_loaded_are_not_used(monkeypatch):
 
 @pytest.mark.parametrize("reason", [KeyboardInterrupt(), SystemExit(143)])
 def test_an_interrupt_while_kernels_load_is_one(monkeypatch, reason):
-    """What loads them says that it failed, whatever came between."""
+    """Whatever error the interrupt causes during the import."""
 
     def load(name):
         raise ImportError("initialization failed") from reason

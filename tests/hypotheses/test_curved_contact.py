@@ -46,13 +46,13 @@ def test_jacobians_are_derivatives(contact, seed):
     assert np.stack(ahead, axis=-1) == pytest.approx(touch.jacobian, abs=1e-5 * scale * scale + 1e-6)
 
 
-def still(position):
-    """Poses that are not turned."""
+def unrotated(position):
+    """Poses without rotation."""
     return np.eye(3)[None].repeat(len(position), axis=0), np.array(position, float)
 
 
 def test_distances_are_those_of_geometry():
-    poses = still([[0.0, 0.0, 2.0], [3.0, 0.0, 4.0]])
+    poses = unrotated([[0.0, 0.0, 2.0], [3.0, 0.0, 4.0]])
     at_point = point_at_point(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]), *poses)
     assert at_point.residual[0] == pytest.approx([1.0, 4.0])
     along_x = [1.0, 0.0, 0.0]

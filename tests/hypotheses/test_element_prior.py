@@ -29,7 +29,7 @@ each_contact = pytest.mark.parametrize("model", CONTACT_MODELS, ids=list(CONTACT
 
 @cache
 def touching(contact):
-    """Exact poses that keep a contact, and its true elements with an accuracy."""
+    """Exact poses in a contact, and its true elements with an accuracy."""
     scenario = Scenario((Phase(contact, 1.0),), sigma_position_m=0.0, sigma_rotation_rad=0.0)
     simulated = simulate(scenario, 5)
     geometry, poses = simulated.truth.intervals[0].geometry, simulated.poses
@@ -45,7 +45,7 @@ def prior(model, object=True, environment=True):
 
 
 @each_contact
-def test_true_elements_keep_their_contact(model):
+def test_the_prior_mean_satisfies_the_contact(model):
     poses = touching(model.contact)[0]
     known, anchors = prior(model)
     seen = model.measure(known.mean[None], lift(poses.rotation, poses.position_m))
@@ -55,7 +55,7 @@ def test_true_elements_keep_their_contact(model):
 
 @pytest.mark.parametrize("side", ["object", "environment"])
 def test_a_known_face_determines_the_normal_of_the_other(side):
-    """For either sign of the normals of the best hypothesis, which does not depend on it."""
+    """For either sign of the normals of the best hypothesis."""
     model, (poses, *elements) = CONTACT_MODELS[Contact.FF.column], touching(Contact.FF)
     both, _ = prior(model)
     reversed_ = both.mean.copy()
@@ -75,7 +75,7 @@ def test_a_known_face_determines_the_normal_of_the_other(side):
 
 
 def drawn(element, rng, count):
-    """Numbers (count, n) of elements as they may be, with the given covariance."""
+    """Parameters (count, n) of elements drawn with their covariance."""
     size = len(numbers(element))
     return rng.multivariate_normal(numbers(element), element.covariance, count, method="eigh").reshape(
         -1, size
@@ -83,8 +83,8 @@ def drawn(element, rng, count):
 
 
 @each_contact
-def test_information_is_how_exactly_the_elements_are_known(model):
-    """Elements drawn from their covariances are as far from the mean as a Gaussian of so many dimensions."""
+def test_information_is_that_of_the_covariance_of_the_elements(model):
+    """Elements drawn from their covariances have chi-squared distances from the mean."""
     known, anchors = prior(model)
     rng, count = np.random.default_rng(3), 4000
     ours, theirs = (drawn(element, rng, count) for element in touching(model.contact)[1:])
@@ -101,7 +101,7 @@ def test_information_is_how_exactly_the_elements_are_known(model):
 
 
 @each_contact
-def test_of_one_element_only_its_own_part_is_given(model):
+def test_one_known_element_determines_its_part_of_x_only(model):
     both = prior(model)[0]
     one, other = prior(model, environment=False)[0], prior(model, object=False)[0]
     if model.contact.value == "f-f":  # the offset takes both
@@ -126,21 +126,21 @@ def knowledge(**changes):
     return PriorMap(**({"object": tuple(corners), "environment": (table,)} | changes))
 
 
-def test_a_reversed_line_is_known_as_exactly():
-    """Its direction and its point may be off together: that changes its sign with the direction."""
+def test_a_reversed_line_has_the_same_prior():
+    """The covariance of direction and point changes its sign with the direction."""
     rng = np.random.default_rng(0)
     point_m = np.array([0.3, 0.0, -0.2])
     for direction in (np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.6, -0.8])):
         across = np.kron(np.eye(2), np.eye(3) - np.outer(direction, direction))
         root = across @ (1e-3 * rng.normal(size=(6, 6)))
         line = Line(direction, point_m, root @ root.T)
-        told = canonical(line)
-        np.testing.assert_array_equal(told.direction, -direction)
-        assert canonical(told) is told
+        reversed_ = canonical(line)
+        np.testing.assert_array_equal(reversed_.direction, -direction)
+        assert canonical(reversed_) is reversed_
         # points along it, s from the foot, are as uncertain as they were
         for s in (-1.0, 0.0, 2.0):
             at = [np.hstack([s * turned * np.eye(3), np.eye(3)]) for turned in (1.0, -1.0)]
-            expected, found = at[0] @ line.covariance @ at[0].T, at[1] @ told.covariance @ at[1].T
+            expected, found = at[0] @ line.covariance @ at[0].T, at[1] @ reversed_.covariance @ at[1].T
             np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
@@ -193,9 +193,9 @@ def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
 def test_a_line_is_recognised_wherever_along_it_its_point_is(along_m):
     simulated = simulate(Scenario((Phase(Contact.FE, 4.0),)), 2)
     edge = simulated.truth.intervals[0].geometry.environment
-    told = known_to(replace(edge, point_m=edge.point_m + along_m * edge.direction), Accuracy())
+    moved = known_to(replace(edge, point_m=edge.point_m + along_m * edge.direction), Accuracy())
     *_, last = forward(
-        simulated.poses, load_model(), knowledge=PriorMap(environment=(NamedElement("rail", told),))
+        simulated.poses, load_model(), knowledge=PriorMap(environment=(NamedElement("rail", moved),))
     )
     assert last.belief.geometry.environment.name == "rail"
 

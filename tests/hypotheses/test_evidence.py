@@ -25,7 +25,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def window(rng, model, ticks=12):
-    """Ticks of some motion, with noise and excess drawn anew for each; and hypotheses at random."""
+    """Ticks of random motion, noise and excess, and random hypotheses."""
     t = touching(model.contact, rng, ticks)
     zeta = lift(t.rotation, t.position_m - t.position_m[0])
     variance = np.exp(rng.normal(size=(ticks, 2))) * [1e-8, 1e-6]
@@ -91,8 +91,8 @@ def test_the_motion_between_distant_ticks_is_unknown():
 @each_model
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
-def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
-    """Each row N(0, V) against N(0, S): as the ratio is at the residual, less what it would be at V = S."""
+def test_the_evidence_of_a_tick_is_the_ratio_of_the_densities(model, seed):
+    """Each row N(0, V) against N(0, S): the log ratio at the residual."""
     rng = np.random.default_rng(seed)
     seen, x = window(rng, model)
     found = evidence.log_ratio(model, x, seen, SCALES)
@@ -123,8 +123,8 @@ def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
 
 @each_model
 @pytest.mark.parametrize("cut", [0, 3])
-def test_of_correlated_errors_only_the_innovation_counts(model, cut):
-    """A hypothesis that begins in the window has no residual before; nor has the first tick of all."""
+def test_correlated_errors_count_by_their_innovation(model, cut):
+    """A hypothesis that begins in the window has no residual before; nor has the first tick of the stream."""
     rho = 0.6
     whole, x = window(np.random.default_rng(8), model)
     seen, scales = whole.cut(cut, None), replace(SCALES, correlation=rho)
@@ -142,8 +142,8 @@ def test_of_correlated_errors_only_the_innovation_counts(model, cut):
 
 
 @each_model
-def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
-    """As a camera sees depth: residuals of noisy poses scatter as much as they are said to."""
+def test_anisotropic_noise_counts_by_its_direction(model):
+    """As in the depth of a camera: residuals of noisy poses have the estimated variance."""
     rng = np.random.default_rng(5)
     t = touching(model.contact, rng, 3)
     shape = rng.normal(size=(3, 3))
@@ -161,24 +161,24 @@ def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
         np.zeros((3, 2)),
         np.tile(covariance_m2 - mean_m2 * np.eye(3), (3, 1, 1)),
     )
-    said = evidence.residual_noise(model.measure(x, seen.zeta), seen)[0]
+    estimated = evidence.residual_noise(model.measure(x, seen.zeta), seen)[0]
     scattered = model.measure(x, noisy.reshape(-1, 25)).residual[0].reshape(-1, draws, 3).var(axis=1)
-    np.testing.assert_allclose(scattered, said, rtol=0.15)
+    np.testing.assert_allclose(scattered, estimated, rtol=0.15)
 
 
 @each_model
 def test_a_tick_at_rest_has_no_evidence(model):
-    """For any fit of the hypothesis, and any touching point."""
+    """For any residual of the hypothesis and any touching point."""
     seen, x = window(np.random.default_rng(1), model)
     still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.innovation_excess))
     np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
 
 
-# --- the price of geometry ----------------------------------------------------------------------------------
+# --- the complexity of the geometry -------------------------------------------------------------------------
 
 
 class Fitted:
-    """One hypothesis fitted to ticks in contact, and the information of its first tick alone."""
+    """One hypothesis fitted to ticks in contact, and the information of its first tick."""
 
     def __init__(self, model, seed, ticks=80, sigma=1e-3):
         rng = np.random.default_rng(seed)
@@ -214,9 +214,9 @@ class Fitted:
     def pull(self):
         return float(self.prior.cost(self.x)[0])
 
-    def price(self, hessian, given, foretold=0.0):
+    def complexity(self, hessian, given, predicted_share=0.0):
         """The complexity for rows' information (1, K, P, P), of which a share was predicted."""
-        unit = np.full((1, self.family.ROWS), foretold)
+        unit = np.full((1, self.family.ROWS), predicted_share)
         fitted = self.family, self.x, self.x, self.anchors
         return evidence.complexity(*fitted, hessian, given, unit, self.prior)[0]
 
@@ -237,9 +237,9 @@ def test_the_complexity_is_that_of_the_integral_over_geometry(model, seed):
     log_weight = -cost + 0.5 * np.sum(raw**2, axis=1) + np.linalg.slogdet(wide)[1]
     integral = logsumexp(log_weight) - np.log(size) + 0.5 * np.linalg.slogdet(before)[1]
     greatest = -(one.cost - one.pull)
-    paid = one.price(one.hessian, np.zeros_like(one.first))
-    assert paid > 5.0
-    assert integral == pytest.approx(greatest - paid, abs=0.5)
+    complexity = one.complexity(one.hessian, np.zeros_like(one.first))
+    assert complexity > 5.0
+    assert integral == pytest.approx(greatest - complexity, abs=0.5)
 
 
 @each_model
@@ -247,8 +247,8 @@ def test_the_information_of_the_first_tick_is_free(model):
     one = Fitted(model, 2)
     nothing = np.zeros_like(one.first)
     row_by_row = np.concatenate([one.first[:, None], np.zeros_like(one.hessian[:, 1:])], axis=1)
-    assert one.price(row_by_row, one.first) == pytest.approx(one.pull, abs=1e-9)
-    assert one.pull <= one.price(one.hessian, one.first) < one.price(one.hessian, nothing)
+    assert one.complexity(row_by_row, one.first) == pytest.approx(one.pull, abs=1e-9)
+    assert one.pull <= one.complexity(one.hessian, one.first) < one.complexity(one.hessian, nothing)
 
 
 @each_model
@@ -256,18 +256,22 @@ def test_predicted_information_reduces_the_complexity(model):
     """If all of it is predicted, the complexity is at most half the logarithm of two per direction."""
     one = Fitted(model, 4)
     nothing = np.zeros_like(one.first)
-    prices = [one.price(one.hessian, nothing, foretold) for foretold in (0.0, 1e-3, 0.1, 1.0)]
-    assert (np.diff(prices) < 0.0).all()
-    assert prices[-1] - one.pull <= model.family.PARAMETERS * 0.5 * np.log(2.0)
+    complexities = [
+        one.complexity(one.hessian, nothing, predicted_share) for predicted_share in (0.0, 1e-3, 0.1, 1.0)
+    ]
+    assert (np.diff(complexities) < 0.0).all()
+    assert complexities[-1] - one.pull <= model.family.PARAMETERS * 0.5 * np.log(2.0)
 
 
 @each_model
-def test_the_complexity_grows_ever_more_slowly_with_information(model):
+def test_the_complexity_is_concave_in_the_information(model):
     one = Fitted(model, 3)
-    prices = [one.price(share * one.hessian, np.zeros_like(one.first)) for share in (0.0, 0.5, 1.0, 1.5, 2.0)]
-    assert prices[0] == pytest.approx(one.pull)
-    assert (np.diff(prices) > 0.0).all()
-    assert (np.diff(prices, 2) < 0.0).all()
+    complexities = [
+        one.complexity(share * one.hessian, np.zeros_like(one.first)) for share in (0.0, 0.5, 1.0, 1.5, 2.0)
+    ]
+    assert complexities[0] == pytest.approx(one.pull)
+    assert (np.diff(complexities) > 0.0).all()
+    assert (np.diff(complexities, 2) < 0.0).all()
 
 
 def test_windows_are_cut_and_joined():

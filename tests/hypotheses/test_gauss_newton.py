@@ -76,7 +76,7 @@ def paper_elements(model, x):
 @each_model
 @pytest.mark.parametrize("seed", [0, 1])
 def test_slsqp_finds_nothing_lower(model, seed):
-    """On the paper's objective, but for what it weighs otherwise: e-f, f-e, e-e, and the offset of f-f."""
+    """On the paper's objective, except for its other weights in e-f, f-e and e-e, and the offset of f-f."""
     for kept in (model.contact, Contact.VF, Contact.FE):
         rotation, position = window(kept, seed)
         paper = motion(rotation, position)
@@ -108,7 +108,7 @@ def halves(line):
 
 @each_model
 @pytest.mark.parametrize("seed", [2, 3])
-def test_fits_what_holds_at_the_noise(model, seed):
+def test_true_contacts_fit_at_the_noise(model, seed):
     rotation, position = window(model.contact, seed)
     found, best = fit(model, rotation, position)
     assert found.converged[best]
@@ -123,7 +123,7 @@ def test_fits_what_holds_at_the_noise(model, seed):
 @each_model
 @pytest.mark.parametrize("kept", [None, Contact.VF], ids=["in contact", "out of contact"])
 def test_minima_are_stationary(model, kept):
-    """No small step from a converged fit lowers the cost noticeably, whatever its direction."""
+    """No small step from a converged fit, in any direction, lowers the cost noticeably."""
     rng = np.random.default_rng(4)
     rotation, position = window(kept or model.contact, 4)
     found, best = fit(model, rotation, position)
@@ -140,7 +140,7 @@ def test_minima_are_stationary(model, kept):
 @settings(max_examples=5, deadline=None)
 @given(seed=seeds)
 def test_minimum_is_the_same_in_every_frame(model, seed):
-    """Turned world and body; and shifted ones, too, where no angle is weighed against a distance."""
+    """With rotated world and body, and with shifted ones if angles are not weighted against distances."""
     rng = np.random.default_rng(seed)
     rotation, position = window(model.contact, 5)
     world, body = Rotation.random(2, random_state=rng).as_matrix()
@@ -164,7 +164,7 @@ def test_moments_of_parts_add_up_to_the_windows(model):
 
 @each_model
 def test_hessian_is_the_curvature_of_the_cost(model):
-    """Gauss-Newton's, which at the noise is the curvature along every observable direction."""
+    """The Gauss-Newton Hessian, at the noise the curvature along every observable direction."""
     rng = np.random.default_rng(7)
     t = touching(model.contact, rng, 150, swing=0.5)
     position = t.position_m - t.position_m.mean(axis=0)
@@ -185,7 +185,7 @@ def test_hessian_is_the_curvature_of_the_cost(model):
 
 @each_model
 @pytest.mark.parametrize("steps", [0, 1, 4])
-def test_the_hessian_is_that_where_the_last_step_began(model, steps):
+def test_the_hessian_is_evaluated_at_the_begin_of_the_last_step(model, steps):
     rotation, position = window(model.contact, 11)
     moments = moments_of(model, rotation, position)[None]
     x = model.family.normalise(np.random.default_rng(11).normal(size=(1, model.family.SIZE)), ANCHORS)

@@ -32,20 +32,28 @@ from short_recordings import FACE_TO_EDGE, MODEL, recorded
 compiled_kernels = pytest.importorskip("contact_tracker.hypotheses.compiled.kernels")
 kernels = pytest.importorskip("kernel_parts")
 both = kernels.both
-GROWS = ("onset_row", "second_moment", "weighted_position_sum", "weight", "effective_ticks", "log_prior", "x")
+ACCUMULATED = (
+    "onset_row",
+    "second_moment",
+    "weighted_position_sum",
+    "weight",
+    "effective_ticks",
+    "log_prior",
+    "x",
+)
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
 INFORMATION = np.random.default_rng(5).normal(size=(9, 12)) * 10.0 ** np.linspace(0.0, 4.0, 9)[:, None]
 COUNT = 12
 REACH_M = 0.3
-BEYOND = ((0.0, 0.0), (1e-8, 0.0), (0.0, 1e-6), (0.0, 0.0), (1e-8, 1e-6), (0.0, 0.0))
+EXTRA_VARIANCE = ((0.0, 0.0), (1e-8, 0.0), (0.0, 1e-6), (0.0, 0.0), (1e-8, 1e-6), (0.0, 0.0))
 SCALES = EvidenceParameters(
     REACH_M, body_radius_m=0.1, prior_predictive_share=0.3, likelihood_exponent=0.6, tick_s=0.1
 )
 
 
 def problem(model, rng):
-    """Windows of a contact with noise, of few ticks or many; all but the steps of ``minimise``."""
+    """Windows of a contact with noise, of few ticks or many: arguments of ``minimise`` without its steps."""
     family = model.family
     t = touching(model.contact, rng, 40, swing=0.5)
     noisy = t.position_m - t.position_m.mean(axis=0) + rng.normal(size=(40, 3)) * 3e-4
@@ -58,8 +66,8 @@ def problem(model, rng):
     return moments * 1e6, weight, weak_prior(family, anchors, REACH_M), anchors, x
 
 
-def strange(kind, rng, family, moments, weight, prior, anchors, x):
-    """The same with ill-conditioned values."""
+def ill_conditioned(kind, rng, family, moments, weight, prior, anchors, x):
+    """The problem with ill-conditioned values."""
     size = family.SIZE
     if kind == "known elements":  # as far as rank 4 goes
         root = rng.normal(size=(COUNT, 4, size)) * 1e3
@@ -98,7 +106,7 @@ def assert_same_fits(numpy, kernel, rel):
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
 def test_fits_agree(model, steps, rel, seed):
-    """Many steps carry rounding errors on: where one is as good as none, damping differs from then on."""
+    """Rounding errors grow over many steps: where a step has no effect, the damping may differ afterwards."""
     assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(seed)), steps), rel)
 
 
@@ -107,9 +115,9 @@ def test_fits_agree(model, steps, rel, seed):
 @settings(max_examples=4, deadline=None)
 @given(seed=seeds)
 def test_ill_conditioned_fits_agree(model, kind, seed):
-    """In cost: x is arbitrary in unobservable directions."""
+    """They agree in cost: x is arbitrary in unobservable directions."""
     rng = np.random.default_rng(seed)
-    numpy, kernel = both_fits(model, strange(kind, rng, model.family, *problem(model, rng)), 2)
+    numpy, kernel = both_fits(model, ill_conditioned(kind, rng, model.family, *problem(model, rng)), 2)
     np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
     assert np.isfinite(kernel.x).all()
 
@@ -118,7 +126,7 @@ def test_ill_conditioned_fits_agree(model, kind, seed):
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
 def test_results_do_not_depend_on_the_other_rows(model, seed):
-    """Some are at their minimum already, and wait for the others."""
+    """Also if some have converged before the others."""
     rng = np.random.default_rng(seed)
     *windows, prior, anchors, x = problem(model, rng)
     there = kernels.minimise(model, *windows, prior, anchors, x, 30).x
@@ -164,35 +172,35 @@ def test_coordinates_agree(model, seed):
 
 
 @cache
-def passed(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
+def tracked_ticks(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
     """A recording, tick by tick."""
     return list(forward(recorded(contacts).poses[:700], with_margin(MODEL, margin_nats)))
 
 
 def states():
     """The state of the tracker after some ticks."""
-    return [passed()[k].state for k in (4, 12, 30)]
+    return [tracked_ticks()[k].state for k in (4, 12, 30)]
 
 
 @each_model
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
 def test_relaxed_problems_have_the_same_solutions(model, seed):
-    """Of any moments, where none is as good as another, up to signs."""
+    """For any moments with distinct solutions, up to signs."""
     columns = len(model.family.COLUMNS)
     roots = np.random.default_rng(seed).normal(size=(COUNT, columns, 3 * columns))
     moments = roots @ np.swapaxes(roots, 1, 2)
     family, numpy, (kernel, many) = model.family, model.family.starts(moments), kernels.starts(model, moments)
     assert (many == numpy.shape[1]).all()
-    told = directions(family.FORM).reshape(-1, 3)
-    assert not np.delete(kernel, told.ravel(), axis=2).any()
-    cosine = np.einsum("bnds,bnds->bnd", numpy[..., told], kernel[..., told])
+    columns = directions(family.FORM).reshape(-1, 3)
+    assert not np.delete(kernel, columns.ravel(), axis=2).any()
+    cosine = np.einsum("bnds,bnds->bnd", numpy[..., columns], kernel[..., columns])
     np.testing.assert_allclose(np.abs(cosine), 1.0, atol=1e-6)
 
 
 @each_model
 def test_relaxed_problems_of_too_few_poses_are_left_out(model):
-    """Where any direction would do, that of a rank-deficient matrix hangs on how the frames are turned."""
+    """Otherwise the directions of a rank-deficient matrix depend on the axes."""
     lifted = np.random.default_rng(6).normal(size=(20, len(model.family.COLUMNS)))
     moments = np.array([lifted[:count].T @ lifted[:count] for count in (1, 20)])
     x, many = kernels.starts(model, moments)
@@ -203,38 +211,38 @@ def test_relaxed_problems_of_too_few_poses_are_left_out(model):
 @each_model
 def test_exchanged_geometries_agree(model):
     """Also at the bounds for donors and receivers."""
-    takers, refused, rng = 0, 0, np.random.default_rng(9)
+    recipients, restricted, rng = 0, 0, np.random.default_rng(9)
     for state in states():
         bank = state.banks[model.contact.column]
         some = rng.random((3, len(bank)))
         behind = rng.choice([0.0, -FAR_NATS, np.nextafter(-FAR_NATS, -np.inf), -50.0, np.nan], len(bank))
         bank = bank.replace_columns(
-            rms=np.where(some[0] < 0.8, 2.0, 1.0),  # these fit
+            rms=np.where(some[0] < 0.8, 2.0, 1.0),  # the latter fit
             log_birth_weight=0.0,
             log_likelihood=np.where(some[1] < 0.5, 0.0, behind),
             protected_until=np.where(some[2] < 0.3, bank.effective_ticks, 0.0),
         )
-        giver = global_search.best_donors(bank, model, SCALES)
-        compiled_ = kernels.givers(bank, model, REACH_M)
+        donors = global_search.best_donors(bank, model, SCALES)
+        compiled_ = kernels.best_donors(bank, model, REACH_M)
         known, every = prior_at_anchors(bank, model, SCALES).prior, np.arange(len(bank))
         cost = gauss_newton.every_cost(model.family, bank.second_moment, bank.row_weight, known, bank.x)
-        np.testing.assert_array_equal(compiled_ == every, giver == every)
-        np.testing.assert_allclose(cost[compiled_, every], cost[giver, every], rtol=1e-6)  # some are as good
-        takers += (giver != np.arange(len(bank))).sum()
-        all_ask = global_search.best_donors(bank.replace_columns(protected_until=np.inf), model, SCALES)
-        refused += (giver != all_ask).sum()
-    assert (takers and refused) or model.contact is Contact.FF  # which has one minimum
+        np.testing.assert_array_equal(compiled_ == every, donors == every)
+        np.testing.assert_allclose(cost[compiled_, every], cost[donors, every], rtol=1e-6)
+        recipients += (donors != np.arange(len(bank))).sum()
+        unrestricted = global_search.best_donors(bank.replace_columns(protected_until=np.inf), model, SCALES)
+        restricted += (donors != unrestricted).sum()
+    assert (recipients and restricted) or model.contact is Contact.FF  # f-f has a single minimum
 
 
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
 def test_updates_by_a_tick_agree(k):
-    """With births, searches, the contacts that take turns, and pruning."""
-    seen = passed()
-    numpy, kernel = both(lambda: tracker.update(seen[k].state, seen[k + 1].tick)[0])
+    """With births, searches (in which contacts alternate) and pruning."""
+    ticks = tracked_ticks()
+    numpy, kernel = both(lambda: tracker.update(ticks[k].state, ticks[k + 1].tick)[0])
     for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
         for name in ("number", "onset", "prior_index", "from_landmark"):
             np.testing.assert_array_equal(getattr(compiled_, name), getattr(reference, name))
-        for bank in (reference, compiled_):  # who begins together shares a window
+        for bank in (reference, compiled_):  # hypotheses with the same onset share a row
             np.testing.assert_array_equal(bank.onsets.onset, np.unique(bank.onset))
         np.testing.assert_array_equal(compiled_.onsets.onset_ns, reference.onsets.onset_ns)
         assert_same_columns(
@@ -244,9 +252,9 @@ def test_updates_by_a_tick_agree(k):
             1e-6,
         )
         assert_same_columns(reference, compiled_, ("protected_until",), 1e-9)
-        # farther behind, e-e of few ticks is at one of many minima: which, rounding decides (theory.md)
-        matters = reference.log_weight > -20.0
-        np.testing.assert_allclose(compiled_.log_weight[matters], reference.log_weight[matters], atol=2e-2)
+        # farther behind, e-e of few ticks is at one of many minima, chosen by rounding (theory.md)
+        near = reference.log_weight > -20.0
+        np.testing.assert_allclose(compiled_.log_weight[near], reference.log_weight[near], atol=2e-2)
     np.testing.assert_allclose(kernel.log_state_weight, numpy.log_state_weight, atol=1e-2)
     np.testing.assert_allclose(kernel.residual, numpy.residual, rtol=1e-3)
 
@@ -255,10 +263,10 @@ def test_updates_by_a_tick_agree(k):
 @pytest.mark.parametrize("old", [True, False])
 @pytest.mark.parametrize(("many", "correlation"), [(0, 0.0), (1, 0.0), (5, 0.0), (5, 0.95)])
 def test_births_agree(model, old, many, correlation):
-    """Of some geometry is known; the first ones of all start from any, turned with the body."""
+    """With partly known geometry; the first ones start from fixed directions in the body's frame."""
     rng, column = np.random.default_rng(7), model.contact.column
     k = next(k for k in range(9, 12) if not global_search.is_due(model, k))
-    before_, window = passed()[k - 1].state, passed()[k].state.window
+    before_, window = tracked_ticks()[k - 1].state, tracked_ticks()[k].state.window
     bank = before_.banks[column] if old else blank(model, 0, 2)
     bank = bank.replace_columns(elements_known=rng.random(len(bank)) > 0.5)
     bank = replace(bank, lag_history=rng.random((len(bank), 2, 7)))
@@ -287,14 +295,14 @@ def test_births_agree(model, old, many, correlation):
     shorter = window.cut(3, None)  # it has lost some
     moment = TickInput(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
     scales = replace(SCALES, correlation=correlation)
-    advanced = both(bank_update.update, banks, [moment], BEYOND, scales, margin=1e4)
+    advanced = both(bank_update.update, banks, [moment], EXTRA_VARIANCE, scales, margin=1e4)
     numpy, kernel = (updated.banks[column] for updated in advanced)
-    told = [weighed for updated in advanced for weighed in updated.tick_weights]
+    all_weights = [weights for updated in advanced for weights in updated.tick_weights]
     for name in ("log_birth_weight", "log_state_weight", "residual"):
-        np.testing.assert_allclose(*(getattr(weighed, name) for weighed in told), atol=5e-3)
-    np.testing.assert_array_equal(*(weighed.best_rows for weighed in told))
+        np.testing.assert_allclose(*(getattr(weights, name) for weights in all_weights), atol=5e-3)
+    np.testing.assert_array_equal(*(weights.best_rows for weights in all_weights))
     for name in ("state", "onset"):
-        np.testing.assert_array_equal(*(getattr(weighed.live_hypotheses, name) for weighed in told))
+        np.testing.assert_array_equal(*(getattr(weights.live_hypotheses, name) for weights in all_weights))
     new = kernel.number >= 1000
     assert new.sum() == many
     np.testing.assert_array_equal(kernel.protected_until[new], numpy.protected_until[new])
@@ -334,10 +342,10 @@ def test_the_same_hypotheses_search(seed, model):
         log_likelihood=np.where(np.arange(count) == 7, np.nan, -40.0 * rng.random(count)),
     )
     found = global_search.select_for_search(bank, model)
-    assert set(kernels.lost(bank, model)) == set(found)
+    assert set(kernels.select_for_search(bank, model)) == set(found)
     share = np.where(bank.from_landmark, LANDMARK_BURN_IN_SHARE, 1.0)
-    hopeless = (bank.log_weight < -FAR_NATS) & (bank.effective_ticks > share * burn_in_ticks(model.needed))
-    assert not hopeless[found].any()
+    negligible = (bank.log_weight < -FAR_NATS) & (bank.effective_ticks > share * burn_in_ticks(model.needed))
+    assert not negligible[found].any()
 
 
 @settings(max_examples=30, deadline=None)
@@ -356,14 +364,14 @@ def test_pruning_agrees(seed, margin, model):
     onsets = blank(model, now + 1).onsets.replace_columns(effective_ticks=rng.integers(0, 40, now + 1))
     bank = replace(bank, onsets=onsets)
     numpy = prune(bank, now, -2.5, margin)
-    rows, words, since, log_weight, told, leader = kernels.dropped(bank, model, now, -2.5, margin)
+    rows, words, onset_words, log_weight, residual_, best_row = kernels.prune(bank, model, now, -2.5, margin)
     np.testing.assert_array_equal(words, numpy.words)
-    np.testing.assert_array_equal(since, numpy.onsets.words)
+    np.testing.assert_array_equal(onset_words, numpy.onsets.words)
     assert set(numpy.onsets.onset) == set(numpy.onset)
     np.testing.assert_array_equal(bank.number[rows], numpy.number)
     np.testing.assert_allclose(log_weight, numpy.log_total_weight, rtol=1e-12)
-    np.testing.assert_equal(told, residual(numpy))
-    assert leader == numpy.best_row
+    np.testing.assert_equal(residual_, residual(numpy))
+    assert best_row == numpy.best_row
 
 
 def assert_same_columns(numpy, kernel, names, rel):
@@ -374,15 +382,15 @@ def assert_same_columns(numpy, kernel, names, rel):
 
 
 def test_segmentations_of_a_recording_agree():
-    """In an informative one: among equally good hypotheses, rounding decides which of them stays."""
+    """In an informative recording: among equally good hypotheses rounding decides which one is kept."""
     poses = recorded(FACE_TO_EDGE).poses[:800]
-    numpy, kernel = both(lambda: [seen.belief for seen in forward(poses, MODEL)])
+    numpy, kernel = both(lambda: [ticks.belief for ticks in forward(poses, MODEL)])
     assert len(kernel) == len(numpy) >= 39
     for compiled_, reference in zip(kernel, numpy, strict=True):
         assert compiled_.contact is reference.contact
     differ = [np.abs(k.probability - n.probability).max() for k, n in zip(kernel, numpy, strict=True)]
     assert max(differ) < 0.05
-    clear = [n.probability.max() > 0.9 for n in numpy]  # elsewhere much is equally good
+    clear = [n.probability.max() > 0.9 for n in numpy]  # elsewhere many are equally good
     assert sum(clear) > 20
     assert max(np.array(differ)[clear]) < 1e-3
 
@@ -390,14 +398,14 @@ def test_segmentations_of_a_recording_agree():
 def test_kernels_refuse_unknown_arguments():
     model = CONTACT_MODELS[0]
     with pytest.raises(ValueError, match="not a table of this contact"):
-        kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
+        kernels.prune(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
     for onset in ([1, 2], [-3, 1]):
         bank = blank(model, 2).replace_columns(onset=onset)
         with pytest.raises(ValueError, match="without its onset"):
-            kernels.dropped(bank, model, 1, 0.0, 10.0)
+            kernels.prune(bank, model, 1, 0.0, 10.0)
         with pytest.raises(ValueError, match="without its onset"):
             prune(bank, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="not in order"):
-        kernels.dropped(blank(model, 2).replace_columns(onset=[1, 0]), model, 1, 0.0, 10.0)
+        kernels.prune(blank(model, 2).replace_columns(onset=[1, 0]), model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="no family of this form"):
         compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), (9, {}), (7, {}), True, 1.0, 2.0, [], [], 3)

@@ -36,7 +36,7 @@ def tick(rotation, height_m):
     return Window(np.array([7]), zeta[None], np.array([[1e-8, 1e-6]]), np.zeros((1, 2)))
 
 
-def meetings(newest, knowledge=CUBE_ON_TABLE):
+def proximity(newest, knowledge=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
         begins = propose_births(
@@ -47,18 +47,18 @@ def meetings(newest, knowledge=CUBE_ON_TABLE):
 
 
 def log_odds(rotation, height_m):
-    found = meetings(tick(rotation, height_m))
-    return {contact: met.log_odds for contact, (_, met) in zip(CONTACTS, found, strict=True)}
+    found = proximity(tick(rotation, height_m))
+    return {contact: evidence.log_odds for contact, (_, evidence) in zip(CONTACTS, found, strict=True)}
 
 
 def expected(rotation, height_m, activity=1.0):
-    """Log rates of change and of staying, the object being there."""
-    met = [m for _, m in meetings(tick(rotation, height_m))]
-    return reweight_transitions(*tick_transitions(MODEL, activity), met)
+    """Log rates of change and of staying for the object at this height."""
+    evidence = [m for _, m in proximity(tick(rotation, height_m))]
+    return reweight_transitions(*tick_transitions(MODEL, activity), evidence)
 
 
 def test_contacts_with_larger_errors_are_possible_at_larger_distances():
-    """A rounded corner, a few millimetres over the table: the contact's own error counts."""
+    """A rounded corner, a few millimetres over the table, within the error of the contact."""
     corner = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_quat()
     height_m = CUBE_M * np.sqrt(0.75) + 3e-3
     poses = [Pose(i * 10**8, (0.3, -0.2, height_m), tuple(corner.tolist())) for i in range(2)]
@@ -92,17 +92,17 @@ def test_elements_that_cannot_touch_are_impossible():
 
 
 def test_the_touching_elements_are_named():
-    pairs, met = meetings(tick(ON_EDGE, CUBE_M / 2 * np.sqrt(2)))[Contact.EF.column]
-    assert pairs[int(np.argmax(met.log_share))].touching == ("edge -y -z", "table")
-    assert np.exp(met.log_share).sum() == pytest.approx(1.0)
-    assert met.log_share.max() > -1e-6
+    pairs, evidence = proximity(tick(ON_EDGE, CUBE_M / 2 * np.sqrt(2)))[Contact.EF.column]
+    assert pairs[int(np.argmax(evidence.log_share))].touching == ("edge -y -z", "table")
+    assert np.exp(evidence.log_share).sum() == pytest.approx(1.0)
+    assert evidence.log_share.max() > -1e-6
 
 
 def test_without_known_pairs_nothing_changes():
     for knowledge in (EMPTY_MAP, knowledge_from({"environment": {"plane": [TABLE]}})):
-        met = [m for _, m in meetings(tick(np.eye(3), 0.1), knowledge)]
+        evidence = [m for _, m in proximity(tick(np.eye(3), 0.1), knowledge)]
         change, stay = tick_transitions(MODEL, 1.0)
-        for ours, theirs in zip(reweight_transitions(change, stay, met), (change, stay), strict=True):
+        for ours, theirs in zip(reweight_transitions(change, stay, evidence), (change, stay), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
@@ -114,7 +114,7 @@ def test_probabilities_add_up_to_one(height_m):
         assert np.logaddexp(log_sum_exp(change[i]), kept) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_free_motion_ends_where_things_touch():
+def test_free_motion_ends_where_known_elements_touch():
     touching, _ = expected(np.eye(3), CUBE_M / 2)
     above, _ = expected(np.eye(3), 0.3)
     assert touching[FREE, Contact.FF.column] > np.log(0.9)
@@ -122,7 +122,7 @@ def test_free_motion_ends_where_things_touch():
 
 
 def test_leaving_and_returning_gains_nothing():
-    """Whatever the detour, it is less probable than staying."""
+    """Leaving to any state and returning is less probable than staying."""
     change, stay = expected(np.eye(3), CUBE_M / 2)
     home = Contact.FF.column
     for away in range(len(STATES)):

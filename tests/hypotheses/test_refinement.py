@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from benchmarks.stretches import NOISES, find_simulated, stretch_geometry
+from benchmarks.simulated_fits import NOISES, fit_simulated, fitted_geometry
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.stats import chi2
@@ -34,13 +34,13 @@ each_side = pytest.mark.parametrize("side", [0, 1], ids=["object", "environment"
 
 @cache
 def found(contact):
-    return [find_simulated(contact, NOISES["mocap"]._replace(seconds=6.0), seed) for seed in range(SEEDS)]
+    return [fit_simulated(contact, NOISES["mocap"]._replace(seconds=6.0), seed) for seed in range(SEEDS)]
 
 
 @each_side
 @each_contact
 def test_errors_reach_the_bound_and_do_not_pass_it(contact, side):
-    """Squared errors in units of the bound are chi-square; 1.3 times the bound would be still good enough."""
+    """Squared errors relative to the bound are chi-squared; the tolerance is 1.3 times the bound."""
     errors, bounds = (np.array([getattr(f, key)[side] for f in found(contact)]) for key in ("error", "bound"))
     squared = np.einsum("ni,nij,nj->", errors, np.linalg.inv(bounds), errors)
     assert chi2.ppf(RARE, errors.size) < squared < 1.3**2 * chi2.ppf(1 - RARE, errors.size)
@@ -56,21 +56,21 @@ def test_covariances_are_consistent_with_the_errors(contact, side):
 
 
 def test_covariances_follow_the_residuals_where_the_model_expects_worse():
-    """At the noise of a robot the model's floors are six times the noise of a tick; nothing shows them."""
+    """For a robot the model's floors are six times the noise of a tick, but absent in the data."""
     noise = NOISES["robot"]._replace(seconds=3.0)
-    deviations = [d for seed in range(6) for d in find_simulated(Contact.EF, noise, seed).deviation]
+    deviations = [d for seed in range(6) for d in fit_simulated(Contact.EF, noise, seed).deviation]
     assert 0.4 < np.mean([d.squared / d.freedom for d in deviations]) < 2.5
 
 
 @pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EE], ids=str)
 def test_covariances_include_correlated_errors(contact, monkeypatch):
-    """A contact that is compliant by some hundredths of a millimetre is so for many ticks. Errors that
-    resemble geometry cannot be separated; but with independent errors in each tick the covariance would be
-    too small."""
-    gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, gives_m=30e-6, lasts_s=0.5)
+    """The compliance of a contact, some hundredths of a millimetre, is correlated over many ticks. Errors
+    that resemble geometry cannot be separated; but with independent errors in each tick the covariance would
+    be too small."""
+    gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, compliance_m=30e-6, correlation_s=0.5)
 
     def normalised():
-        deviations = [d for seed in range(SEEDS) for d in find_simulated(contact, gives, seed).deviation]
+        deviations = [d for seed in range(SEEDS) for d in fit_simulated(contact, gives, seed).deviation]
         return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
 
     known = normalised()
@@ -81,8 +81,8 @@ def test_covariances_include_correlated_errors(contact, monkeypatch):
 
 @given(st.integers(0, 10_000), st.floats(0.0, 0.7))
 @example(seed=138, correlation=0.6875).via("squares of other ticks than those of the products had it at 0.92")
-def test_size_and_correlation_of_errors_are_learned_from_residuals(seed, correlation):
-    """Of residuals with and without what a fit of a line and a wave has taken of them."""
+def test_size_and_correlation_of_errors_are_estimated_from_residuals(seed, correlation):
+    """Of residuals, before and after the fit of a line and a wave."""
     rng, count = np.random.default_rng(seed), 400
     index = np.cumsum(rng.integers(1, 3, count))
     new = rng.normal(size=(1, count))
@@ -101,13 +101,13 @@ def test_size_and_correlation_of_errors_are_learned_from_residuals(seed, correla
 
 
 def test_frames_of_the_previous_contact_do_not_bias_the_geometry():
-    """A segment begins with a tick; the contact began somewhere in it, here with a landing at 8 cm/s."""
+    """A contact begins within the first tick of its segment, here with a landing at 8 cm/s."""
     made = simulate(Scenario((Phase(Contact.VF, 5.0),)), 3)
     true = made.truth.intervals[0].geometry
     height_m = 0.08 * np.maximum(12.0 - np.arange(len(made.poses)), 0.0) / 200.0
     position_m = made.poses.position_m + height_m[:, None] * true.environment.normal
     alone, early = (
-        stretch_geometry(poses, Contact.VF)
+        fitted_geometry(poses, Contact.VF)
         for poses in (made.poses, replace(made.poses, position_m=position_m))
     )
     assert np.linalg.norm(early.object.point_m - alone.object.point_m) < 0.0005
@@ -129,7 +129,7 @@ def bounds(contact, poses, sigma_m, sigma_rad):
 
 
 def test_the_height_of_a_face_is_known_as_well_as_a_mean():
-    """Of f-f: angles only turn about the body's mean position, and positions say nothing of the rest."""
+    """For f-f: errors of angles turn the face about the body's mean position."""
     poses, _ = simulated(Contact.FF)
     of_environment = bounds(Contact.FF, poses, 1e-3, 1e-2)[1]
     assert np.sqrt(of_environment[2, 2]) == pytest.approx(1e-3 / np.sqrt(len(poses)), rel=1e-3)
@@ -154,7 +154,7 @@ def test_the_bound_grows_with_noise_and_shrinks_with_frames(contact):
 @pytest.mark.parametrize("frames", [1, 3, 25, 61])
 def test_a_very_short_contact_has_finite_elements(contact, frames):
     measured = simulate(Scenario((Phase(contact, 1.0),)), 0)
-    geometry = stretch_geometry(measured.poses[:frames], contact)
+    geometry = fitted_geometry(measured.poses[:frames], contact)
     for element in (geometry.object, geometry.environment):
         numbers = [np.ravel(v) for v in vars(element).values() if isinstance(v, np.ndarray)]
         assert np.isfinite(np.concatenate(numbers)).all()
@@ -163,7 +163,7 @@ def test_a_very_short_contact_has_finite_elements(contact, frames):
 @each_contact
 def test_poses_without_noise_give_the_truth(contact):
     poses, true = simulated(contact)
-    geometry = stretch_geometry(poses, contact)
+    geometry = fitted_geometry(poses, contact)
     for found_, true_ in ((geometry.object, true.object), (geometry.environment, true.environment)):
         assert not angle_rad(found_, true_) > 1e-4
 
@@ -171,7 +171,7 @@ def test_poses_without_noise_give_the_truth(contact):
 @pytest.mark.parametrize("contact", [Contact.EF, Contact.VF, Contact.FV, Contact.EE], ids=str)
 def test_rest_of_any_duration_has_no_information(contact):
     poses = moving(np.random.default_rng(0), 8.0, 200.0, 3e-4, 3e-3, rms_m=0.0, rms_rad=0.0)
-    geometry = stretch_geometry(poses, contact)
+    geometry = fitted_geometry(poses, contact)
     for element in (geometry.object, geometry.environment):
         assert element.unobserved
         if isinstance(element, Plane):

@@ -130,7 +130,7 @@ def test_other_recordings_have_no_warnings(shared_recordings, part):
 
 
 def test_tosses_in_other_units_are_reported(shared_recordings):
-    """They last 0.6 s."""
+    """Recordings of 0.6 s."""
     for path in sorted((shared_recordings / "cube_tosses").glob("*.mcap")):
         for factor, unit in ((1e2, "centimetres"), (1e3, "millimetres")):
             (finding,) = findings(inspected(scaled(recorded(path), factor)))
@@ -141,7 +141,7 @@ def test_tosses_in_other_units_are_reported(shared_recordings):
 @each_recording
 @pytest.mark.parametrize(("factor", "unit"), [(1e2, "centimetres"), (1e3, "millimetres")])
 def test_other_units_are_found_at_once(recordings, name, factor, unit):
-    """At rest by their noise, otherwise by their speed as well."""
+    """At rest by their noise, in motion also by their speed."""
     state = inspected(until(scaled(recordings[name], factor), 2.0))
     (finding,) = findings(state)
     assert finding.kind == "units"
@@ -156,7 +156,7 @@ def test_a_mobile_robot_is_in_metres(rate_hz, sigma_m, sigma_rad):
     assert kinds(odometry(rate_hz, sigma_m, sigma_rad)) == []
 
 
-def test_a_doubt_is_kept(recordings):
+def test_a_finding_is_permanent(recordings):
     poses = recordings["paper_experiment"]
     state = inspected(scaled(poses[:400], 1e3))
     assert is_in_doubt(inspected(poses[400:], before=state))
@@ -189,7 +189,7 @@ def test_two_bodies_in_random_order_are_found(recordings):
     [(3, 2, True), (5, 2, True), (5, 8, True), (20, 4, True), (5, 2, False), (20, 4, False)],
 )
 def test_two_bodies_close_to_each_other_are_found_in_motion(recordings, apart_mm, every, in_turns):
-    """They move side by side, at up to 0.3 m/s; noise is 0.3 mm."""
+    """Two bodies that move together, at up to 0.3 m/s, with 0.3 mm of noise."""
     poses = recordings["paper_experiment"][1100::every]
     numbers = np.arange(len(poses)) if in_turns else np.random.default_rng(4).permutation(len(poses))
     aside = 1e-3 * apart_mm * np.array([0.6, -0.5, 0.62]) * (numbers % 2)[:, None]
@@ -208,7 +208,7 @@ def test_cameras_that_take_turns_and_hardly_differ_are_one_body(recordings, apar
 
 
 def test_a_vibration_is_no_second_body(recordings):
-    """A tool that shakes the object by 2 mm at 37 Hz."""
+    """The object vibrates by 2 mm at 37 Hz."""
     poses = recordings["paper_experiment"][::2]
     shaken = 2e-3 * np.sin(2e-9 * np.pi * 37.0 * (poses.stamp_ns - poses.stamp_ns[0]))
     position = poses.position_m + shaken[:, None] * [0.0, 0.6, 0.8]
@@ -263,7 +263,7 @@ def test_filtered_poses_are_found(recordings, distort, name, seconds):
 @pytest.mark.parametrize("sigma_m", [0.0, 1e-7, 1e-5, 1e-3])
 @pytest.mark.parametrize("rate_hz", [10, 20, 30, 60, 100, 200])
 def test_motion_is_no_filter(rate_hz, sigma_m):
-    """Of whatever share in what third differences leave."""
+    """With any share of motion in the third differences."""
     assert kinds(moving(np.random.default_rng(3), 60.0, rate_hz, sigma_m, 5.0 * sigma_m)) == []
 
 

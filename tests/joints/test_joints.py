@@ -28,7 +28,7 @@ from mcap_logs import poses_topic, write_log
 Array = NDArray[np.float64]
 SIGMA = (3e-4, np.radians(0.15))
 PITCH_M = 0.02
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 def some_frames(rng: np.random.Generator) -> JointFrames:
@@ -80,7 +80,7 @@ def joint_in(found: Segmentation) -> Joint:
 def test_true_joints_have_zero_residuals_and_exact_derivatives(model: JointModel) -> None:
     rng = np.random.default_rng(3)
     frames = some_frames(rng)
-    if model.kind is JointKind.SLIDER:  # it is told by where the body's origin goes
+    if model.kind is JointKind.SLIDER:  # it is given by the motion of the body's origin
         frames = JointFrames(frames.body_axes, np.zeros(3), frames.world_axes, frames.world_point_m)
     rotation, position = poses_in(model.kind, frames, rng, np.arange(0.0, 8.0, 0.1))
     at = model.residual(frames, lift(rotation.as_matrix(), position))
@@ -134,7 +134,7 @@ def test_each_joint_is_named_with_its_place(kind: JointKind, seed: int) -> None:
 
 @needs_kernels
 def test_a_hinge_with_play_is_a_hinge() -> None:
-    """Errors of five times the noise, slower than that."""
+    """With slow errors of five times the noise."""
     _, poses = moved(JointKind.HINGE, 3)
     time_s = 1e-9 * poses.stamp_ns
     loose = 5.0 * SIGMA[0] * band_limited(np.random.default_rng(4), time_s, 3, 2.0)
@@ -165,7 +165,7 @@ def test_no_label_is_certain_with_a_joint(kind: JointKind) -> None:
 
 @needs_kernels
 def test_a_slider_is_no_screw_of_metres_per_radian() -> None:
-    """The noise of its angle would be what turns such a screw."""
+    """Such a screw would turn by the noise of its angle."""
     slider = replace(named_scenario("slider", 2), phases=(Phase(Contact.FREE, 5.0),))
     joint = joint_in(adaptation.segment(simulate(slider, 2).poses, load_model()))
     assert joint.kind is JointKind.SLIDER

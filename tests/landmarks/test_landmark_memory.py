@@ -55,7 +55,7 @@ def test_a_longer_contact_replaces_its_landmarks_and_only_the_latest_are_kept():
     assert len(memory.object) == 1
     for onset_ns in range(10):
         memory = memory.insert(ON_THE_TABLE, onset_ns, 100, ORIGIN)
-    assert [met.onset_ns for met in memory.object] == list(range(10 - KEPT, 10))
+    assert [landmark.onset_ns for landmark in memory.object] == list(range(10 - KEPT, 10))
 
 
 def test_duplicate_landmarks_are_one_candidate():
@@ -67,7 +67,7 @@ def test_duplicate_landmarks_are_one_candidate():
         edges = begins.rows.prior_mean[begins.rows.prior_mean[:, :3].any(axis=1), :3]
         np.testing.assert_array_equal(edges[0], edges[1])
         np.testing.assert_allclose(edges[0], again.object.direction, atol=LOOSE_RAD)
-    # beside those four the edge met first and its table, each with what touched last
+    # beside those four the first edge and its table, each with the last elements
     assert offers(memory.insert(elsewhere(ON_THE_TABLE, 0.01), 7, 100, ORIGIN), Contact.EF).count == 6
 
 
@@ -82,7 +82,7 @@ def test_duplicate_landmarks_are_one_candidate():
     ],
 )
 def test_elements_are_the_same_within_four_standard_deviations_of_both(first, off):
-    """Along one direction, in which ``off`` is as far as one standard deviation."""
+    """Along one direction, in which ``off`` is one standard deviation."""
     for many, same in ((5.6, True), (5.7, False)):  # each is uncertain: their difference is by sqrt 2
         assert is_same_element(first, with_numbers(first, numbers(first) + many * np.array(off))) is same
 
@@ -138,8 +138,8 @@ def test_fusion_keeps_the_old_estimate_in_unobserved_directions():
     np.testing.assert_allclose(begins.rows.prior_mean[heights > 0.0, -1], -0.1, atol=1e-6)
 
 
-def uneven(element: Element, rng: np.random.Generator) -> Element:
-    """The element known well in some of the ways in which it can change, and badly in others."""
+def with_uneven_uncertainty(element: Element, rng: np.random.Generator) -> Element:
+    """The element with very different uncertainties in its free directions."""
     across = [sphere_tangent(numbers(element)[:3])] if not isinstance(element, Point) else []
     rest = {Point: [np.eye(3)], Plane: [np.eye(1)], Line: across}[type(element)]
     free = block_diag(*across, *rest)
@@ -147,8 +147,8 @@ def uneven(element: Element, rng: np.random.Generator) -> Element:
     return replace(element, covariance=1e-5 * free @ mixed @ mixed.T @ free.T)
 
 
-def told_otherwise(element: Element) -> Element:
-    """A line by another point and the opposite direction, which changes nothing of it."""
+def reparametrised(element: Element) -> Element:
+    """The same line, given by another point and the opposite direction."""
     if not isinstance(element, Line):
         return element
     moved = by_foot(element, element.point_m + 0.7 * element.direction)
@@ -158,9 +158,9 @@ def told_otherwise(element: Element) -> Element:
 
 @pytest.mark.parametrize("element", [Point(np.array([0.1, 0.2, 0.3])), TABLE, EDGE], ids=["v", "f", "e"])
 def test_fusion_of_equal_estimates_changes_nothing(element):
-    """The later estimate may have used the earlier as prior: it is not independent."""
-    later = uneven(element, np.random.default_rng(2))
-    for earlier in (later, told_otherwise(later)):
+    """The later estimate is not independent: the earlier one may have been its prior."""
+    later = with_uneven_uncertainty(element, np.random.default_rng(2))
+    for earlier in (later, reparametrised(later)):
         found = fuse(later, earlier)
         np.testing.assert_allclose(numbers(found), numbers(later), atol=1e-9)
         np.testing.assert_allclose(found.covariance, later.covariance, atol=1e-9 * later.covariance.max())
@@ -171,12 +171,12 @@ def test_fusion_of_equal_estimates_changes_nothing(element):
 def test_fusion_does_not_depend_on_the_representation_of_lines(element, seed):
     rng = np.random.default_rng(seed)
     later, values = (
-        uneven(element, rng),
+        with_uneven_uncertainty(element, rng),
         numbers(element) + 1e-4 * rng.normal(size=6)[: len(numbers(element))],
     )
     values[:3] /= np.linalg.norm(values[:3])
-    earlier = uneven(with_numbers(element, values), rng)
-    expected, found = fuse(later, earlier), fuse(later, told_otherwise(earlier))
+    earlier = with_uneven_uncertainty(with_numbers(element, values), rng)
+    expected, found = fuse(later, earlier), fuse(later, reparametrised(earlier))
     np.testing.assert_allclose(numbers(found), numbers(expected), atol=1e-5)
     np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-2 * expected.covariance.max())
     for one in (later, earlier):  # some of each
@@ -185,7 +185,7 @@ def test_fusion_does_not_depend_on_the_representation_of_lines(element, seed):
 
 @pytest.mark.parametrize("turn_rad", [0.1, 0.3, 0.6, 1.0])
 def test_a_precise_estimate_is_kept_against_an_imprecise_one(turn_rad):
-    """An edge that is known, and one that is the same as far as is known, turned by as much as it may be."""
+    """A precisely known edge, and an imprecise one turned by as much as its uncertainty."""
     known = known_to(EDGE, Accuracy(position_m=3e-4, rotation_rad=2e-3))
     turned = np.array([np.sin(turn_rad), 0.6 * np.cos(turn_rad), 0.8 * np.cos(turn_rad)])
     vague = known_to(Line(turned, EDGE.point_m), Accuracy(position_m=3e-4, rotation_rad=turn_rad / 1.5))
@@ -196,7 +196,7 @@ def test_a_precise_estimate_is_kept_against_an_imprecise_one(turn_rad):
 
 
 def test_matching_of_lines_is_symmetric():
-    """Of one that is known, and of one that is turned and beside it by about as much as may be."""
+    """For a known line, and one that is turned and shifted by about as much as its uncertainty."""
     known = known_to(EDGE, Accuracy(position_m=3e-4, rotation_rad=2e-3))
     turned = np.array([np.sin(1.0), 0.6 * np.cos(1.0), 0.8 * np.cos(1.0)])
     places = EDGE.point_m + 8e-4 * np.random.default_rng(7).normal(size=(100, 3))
@@ -207,7 +207,7 @@ def test_matching_of_lines_is_symmetric():
 
 
 def test_a_fused_line_is_given_at_its_last_contact():
-    """Its point is where the body was then, and an end of it is looked for there."""
+    """Its point is near the body at that time, where its ends are searched."""
     later = known_to(EDGE, Accuracy(1e-3, 2e-3))
     before = known_to(
         replace(EDGE, direction=-ALONG, point_m=EDGE.point_m + 1.0 * ALONG), Accuracy(1e-3, 1e-3)
@@ -218,7 +218,7 @@ def test_a_fused_line_is_given_at_its_last_contact():
 
 @pytest.mark.parametrize("turn_rad", [0.1, 0.3, 0.6])
 def test_a_direction_observed_once_is_fused_after_any_rotation(turn_rad):
-    """Of a normal, the first is exact about one axis, and the second about the other."""
+    """The two estimates of a normal are each exact about one axis."""
     first, second = (np.diag([(1e-3, 0.6)[i] ** 2, (0.6, 1e-3)[i] ** 2, 0.0, 1e-6]) for i in (0, 1))
     turned = np.array([0.0, np.sin(turn_rad), np.cos(turn_rad)])
     later, earlier = Plane(np.array([0.0, 0.0, 1.0]), 0.0, first), Plane(turned, 0.0, second)
@@ -227,7 +227,7 @@ def test_a_direction_observed_once_is_fused_after_any_rotation(turn_rad):
 
 @pytest.mark.parametrize("vague_m", [1.0, 30.0, 1000.0])
 def test_fused_covariances_are_valid(vague_m):
-    """If each has an unobserved direction of its own, the fused element has none."""
+    """If each estimate has a different unobserved direction, the fused element has none."""
     rng = np.random.default_rng(6)
     for _ in range(50):
         ways = rng.normal(size=(2, 3))
@@ -246,7 +246,7 @@ def test_fused_covariances_are_valid(vague_m):
     ("later", "earlier"), [([1.0, 3.9, 4.1], [2.0, 1.0, 1.0]), ([1.0, 1.0, 1.0], [9.0, 0.26, 0.24])]
 )
 def test_fusion_keeps_the_latest_estimate_unless_the_older_is_far_better(later, earlier):
-    """For points in common axes: the last one, unless the earlier is more than twice as precise."""
+    """For points, by axis: the later one, unless the earlier one is more than twice as precise."""
     rng = np.random.default_rng(1)
     axes, places = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=(2, 3))
     found = fuse(
@@ -258,15 +258,17 @@ def test_fusion_keeps_the_latest_estimate_unless_the_older_is_far_better(later, 
 
 
 def test_fusion_is_invariant_to_rotation_and_scale():
-    """Nothing depends on the axes in which points and covariances are given."""
+    """The result does not depend on the axes of points and covariances."""
     rng = np.random.default_rng(5)
-    points = [uneven(Point(place), rng) for place in rng.normal(size=(2, 3))]
+    points = [with_uneven_uncertainty(Point(place), rng) for place in rng.normal(size=(2, 3))]
     stretch = rng.normal(size=(3, 3))
     stretched = [Point(stretch @ p.point_m, stretch @ p.covariance @ stretch.T) for p in points]
     found, expected = fuse(*stretched), fuse(*points)
     np.testing.assert_allclose(found.point_m, stretch @ expected.point_m, atol=1e-6)
     np.testing.assert_allclose(found.covariance, stretch @ expected.covariance @ stretch.T, atol=1e-9)
-    assert np.abs(expected.point_m - points[0].point_m).max() > 1e-3  # something was known better before
+    assert (
+        np.abs(expected.point_m - points[0].point_m).max() > 1e-3
+    )  # the earlier one is better in some direction
 
 
 def test_prior_information_is_not_counted_twice():
@@ -310,7 +312,7 @@ CORNER = ContactGeometry(Point(np.array([0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TAB
 
 
 def elsewhere(geometry: ContactGeometry, off_m: float) -> ContactGeometry:
-    """The same, all of it so far off."""
+    """The geometry, all of it shifted by ``off_m``."""
     ours, table, off = geometry.object, replace(TABLE, offset_m=TABLE.offset_m + off_m), [off_m, 0.0, 0.0]
     assert isinstance(ours, Line | Point)
     return ContactGeometry(replace(ours, point_m=ours.point_m + off), table)
@@ -318,7 +320,7 @@ def elsewhere(geometry: ContactGeometry, off_m: float) -> ContactGeometry:
 
 def test_candidates_pair_with_elements_that_may_touch_them():
     memory = LandmarkMemory()
-    for onset_ns in range(0, 6, 2):  # edges met at 2 and 4, corners at 3 and 5, the table at 4 and 5 are kept
+    for onset_ns in range(0, 6, 2):  # edges at 2 and 4, corners at 3 and 5, the table at 4 and 5 are kept
         memory = memory.insert(elsewhere(ON_THE_TABLE, 0.01 * onset_ns), onset_ns, 100, ORIGIN)
         memory = memory.insert(elsewhere(CORNER, 0.01 * onset_ns + 0.01), onset_ns + 1, 100, ORIGIN)
     # nothing; 5 and its table with an unknown one; 3-5, 5-4, 5-5; an end of the edge with the table of 5
@@ -358,8 +360,8 @@ SECOND = ContactGeometry(Point(np.array([-0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TA
 def test_landmarks_are_candidates_beside_a_known_table(before, contact, many):
     knowledge, memory = PriorMap(environment=(NamedElement("table", TABLE),)), LandmarkMemory()
     for onset_ns, geometry in enumerate(before):
-        told = replace(geometry, environment=replace(TABLE, name="table"))
-        memory = memory.insert(told, onset_ns, 100, ORIGIN)
+        known = replace(geometry, environment=replace(TABLE, name="table"))
+        memory = memory.insert(known, onset_ns, 100, ORIGIN)
     model = CONTACT_MODELS[contact.column]
     begins = propose_births(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
     on_table = begins.rows.prior_information[:, model.family.FORM.d2 :, model.family.FORM.d2 :].any(
@@ -384,7 +386,7 @@ def test_the_last_landmark_pairs_with_all_and_new_elements_with_the_latest():
 
 
 def test_known_elements_pair_with_an_edge_through_a_vertex_landmark():
-    """It is not stored, but was part of the last contact."""
+    """The known element is not stored, but was part of the last contact."""
     table = replace(TABLE, name="table")
     knowledge = PriorMap(environment=(NamedElement("table", TABLE),))
     memory = LandmarkMemory().insert(ContactGeometry(CORNER.object, table), 5, 100, ORIGIN)

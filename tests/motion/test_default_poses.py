@@ -112,7 +112,7 @@ def test_of_another_pose_the_second_stay_is_dropped_as_a_whole() -> None:
     st.sampled_from([IDENTITY, TURNED_ORIGIN]),
     st.integers(0, 10**6),
 )
-def test_wherever_the_origin_comes_it_is_dropped_and_nothing_else(
+def test_the_origin_is_dropped_at_any_place_and_no_other_pose(
     where: list[int], reported: tuple[tuple[float, ...], tuple[float, ...]], seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -127,13 +127,13 @@ def test_wherever_the_origin_comes_it_is_dropped_and_nothing_else(
 
 
 def there_and_back(rest: int, count: int, reach_m: float) -> Array:
-    """Rest at the origin, bit for bit; go and come back; rest."""
+    """Rest at the origin, bit for bit, motion away and back, rest."""
     way = reach_m * smoothly(count)
     return along(np.concatenate([np.zeros(rest), way, way[::-1], np.zeros(rest)]))
 
 
 def periodic(period: int, reach_m: float) -> Array:
-    """The same poses again and again, bit for bit; through the origin, exactly."""
+    """The same poses repeatedly, bit for bit, exactly through the origin."""
     x = reach_m * np.sin(2 * np.pi * np.arange(period) / period)
     x[period // 2] = 0.0
     return along(np.tile(x, 6))

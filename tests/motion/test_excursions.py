@@ -18,7 +18,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def gated(poses: Poses, batch: int | None = None) -> tuple[Poses, dict[str, int]]:
-    """What the gate passes on, one by one or in batches where these need no closer look."""
+    """The poses that the gate passes on, one by one or in batches if these need no further checks."""
     gate, kept = PoseGate(), list[Poses]()
     for first in range(0, len(poses), batch or 1):
         some = poses[first : first + (batch or 1)]
@@ -72,7 +72,7 @@ def test_poses_wait_for_half_a_second_at_most() -> None:
 
 @pytest.mark.parametrize("speed_m_s", [0.5, 3.0, 10.0])
 def test_an_impact_is_motion(speed_m_s: float) -> None:
-    """From rest to this speed within one frame, and back the same way."""
+    """From rest to this speed within one frame, and back."""
     rest = moving(np.random.default_rng(3), 4.0, 200.0, 3e-4, 3e-3, rms_m=0.0, rms_rad=0.0)
     since_s = np.clip((np.arange(800) - 400) / 200.0, 0.0, 1.0)
     way = speed_m_s * np.minimum(since_s, 1.0 - since_s)

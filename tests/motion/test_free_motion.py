@@ -49,7 +49,7 @@ def by_hand(rng, ticks, bandwidth_hz=2.0):
 
 
 def test_at_rest_there_is_no_excess():
-    """Noise is no motion: in most ticks none at all, and on average next to nothing."""
+    """Noise has no excess in most ticks, and nearly none on average."""
     for seed in range(3):
         excess = follow(*noisy(np.random.default_rng(seed), *still(200)))[1] / VARIANCES
         assert np.mean(excess < 1e-9) > 0.9
@@ -57,7 +57,7 @@ def test_at_rest_there_is_no_excess():
 
 
 def test_rest_without_noise_has_exactly_zero_excess():
-    """Not only small: tests for motion compare with zero."""
+    """Tests for motion compare with exactly zero."""
     assert (follow(*still(50))[1] == 0.0).all()
 
 
@@ -83,14 +83,14 @@ def test_uniform_motion_has_small_innovations_and_hand_motion_large_ones():
 
 
 def test_uniform_motion_has_less_excess_than_noise():
-    """It is as predictable as rest: with more excess than noise, straight transport would have evidence."""
+    """It is as predictable as rest; with excess, straight transport would have evidence for contacts."""
     assert (np.mean(uniform(np.random.default_rng(1)), axis=0) < 1.0).all()
 
 
 def test_spread_is_the_variance_that_cannot_be_predicted():
-    """White jerk of known strength: the errors of the predictor, averaged, within a factor of two.
+    """For white jerk: the mean error of the predictor, within a factor of two.
 
-    The excess is what of it comes anew in each tick: no more, and not much less.
+    The excess is the innovation in each tick: no larger, and not much smaller.
     """
     rng = np.random.default_rng(2)
     ticks, fine = 400, 20
@@ -124,7 +124,7 @@ def test_excess_is_the_same_in_every_frame(seed):
 
 
 def test_many_turns_are_one_motion():
-    """Orientation is integrated: at half a turn, where rotation vectors jump, nothing surprising happens."""
+    """Orientation is integrated, without jumps at half a turn."""
     time_s = np.arange(150) * TICK_S
     spin = Rotation.from_rotvec(np.outer(time_s, [0.0, 0.0, 2.0]))
     excess = follow(*noisy(np.random.default_rng(3), np.zeros((150, 3)), spin))[1][40:]
@@ -132,13 +132,13 @@ def test_many_turns_are_one_motion():
 
 
 def test_predictions_continue_the_motion():
-    """At the last tick the filter's own estimate; a tick ahead, where smooth motion will be."""
+    """At the last tick it is the filter's estimate; a tick ahead, the place of smooth motion."""
     rng = np.random.default_rng(4)
     position, turn = by_hand(rng, 80, bandwidth_hz=1.0)
     states, _ = follow(position, turn)
     ahead_s = np.array([0.0, 0.5 * TICK_S, TICK_S])
     for k in range(40, 79):
-        state = states[k - 1]  # has seen ticks 0 .. k
+        state = states[k - 1]  # after ticks 0 .. k
         at, quat = free_motion.predicted(state, ahead_s)
         assert np.linalg.norm(at[0] - position[k]) < 1e-3
         assert np.linalg.norm(at[2] - position[k + 1]) < 0.02
@@ -156,7 +156,7 @@ def test_the_first_ticks_have_no_excess():
     assert (excess[: free_motion.SETTLING_TICKS] == 0.0).all()
 
 
-def test_a_jump_passes():
+def test_a_jump_has_no_lasting_effect():
     """One jump of a metre must not count as motion forever."""
     rng = np.random.default_rng(6)
     position, turn = still(120)
@@ -174,8 +174,8 @@ def test_white_jerk_propagates_as_in_filterpy(tick_s):
     )
 
 
-def test_an_interrupt_never_becomes_a_number():
-    """A library that takes any exception for a shape that it can do without would go on with it."""
+def test_an_interrupt_in_the_filter_is_raised():
+    """The library handles any exception as a wrong shape, and would continue."""
     motion = still(3)
     follow(*motion)
     for line in range(1, 10_000, 7):

@@ -77,7 +77,7 @@ def test_stamps_come_after_the_last_one(after_ns: int | None, taken: bool) -> No
 
 
 def test_the_first_of_many_that_is_wrong_is_named() -> None:
-    """Not others with it, and a stamp is compared with the one before it."""
+    """Only this one; a stamp is compared with the one before it."""
     poses = [SOUND._replace(stamp_ns=n) for n in range(6)]
     poses[4] = poses[4]._replace(position_m=(0.0, nan, 0.0))
     with pytest.raises(InvalidPose, match="pose 4 of 6 has a position"):
@@ -125,7 +125,7 @@ def turning(axis: int, step_rad: float, count: int = 120, first: int = 0) -> lis
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("step_rad", [0.04, 1.9])
 def test_signs_follow_on_each_other_about_every_axis(axis: int, step_rad: float) -> None:
-    """Also where a step is so long that products of components differ in sign."""
+    """Also with steps so long that products of components differ in sign."""
     given = turning(axis, step_rad)
     passed = PoseGate()
     kept = [one for pose in given for one in passed.admit(pose)]
@@ -136,7 +136,7 @@ def test_signs_follow_on_each_other_about_every_axis(axis: int, step_rad: float)
 
 
 def with_a_row(change: Callable[[Pose], Pose]) -> list[Pose]:
-    """A batch of motion, of whose poses the tenth is changed."""
+    """A batch of motion with a changed tenth pose."""
     poses = turning(0, 0.01, 40, first=60)
     poses[9] = change(poses[9])
     return poses
@@ -162,7 +162,7 @@ BATCHES["held"][10:14] = [
 @pytest.mark.parametrize("name", BATCHES)
 @pytest.mark.parametrize("started", range(57, 60))
 def test_batches_pass_as_their_poses_do_one_by_one(name: str, started: int) -> None:
-    """Whatever the sign of the last quaternion before them was."""
+    """With either sign of the last quaternion before them."""
     before = turning(0, 0.01, 60)[:started]
     batch = turning(0, 0.01, 60)[started:] + BATCHES[name]
     one_by_one, at_once = PoseGate(), PoseGate()

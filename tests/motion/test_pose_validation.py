@@ -111,7 +111,7 @@ def test_repeated_and_late_stamps_are_dropped() -> None:
 
 
 def test_another_body_at_the_same_stamp_is_passed_on_and_no_third_pose() -> None:
-    """One nanosecond later; what is no farther than the motion goes from stamp to stamp is dropped."""
+    """One nanosecond later; a pose no farther than a step of the motion is dropped."""
     stamps = [0, 5, 10, 15, 15, 15, 20, 20, 25]
     places = [0.0, 0.004, 0.008, 0.012, 0.1, 0.2, 0.016, 0.017, 0.02]
     kept, counts = pass_through([pose(s * MS, x) for s, x in zip(stamps, places, strict=True)])
@@ -134,24 +134,24 @@ def test_a_gap_is_longer_than_half_a_second_and_ten_periods() -> None:
     assert pass_through([pose(s * MS, float(s)) for s in once_per_second])[1] == {}
 
 
-def test_a_clock_that_is_set_back_goes_on_where_time_stood() -> None:
+def test_after_a_clock_is_set_back_stamps_continue() -> None:
     before = [pose(1000 * MS + 5 * MS * i, float(i)) for i in range(50)]
     after = [pose(5 * MS * i, 50.0 + i) for i in range(60)]
     kept, counts = pass_through(before + after)
     assert counts == {"backward_stamp": RESET_RUN, "clock_reset": 1}
     assert len(kept) == 110 - RESET_RUN
-    # As if the clock had never been touched: the position tells the time that really passed.
+    # as without the reset: the position is the true time
     assert [p.stamp_ns for p in kept] == [1000 * MS + 5 * MS * round(p.position_m[0]) for p in kept]
 
 
-def test_two_clocks_on_one_topic_never_look_like_a_reset() -> None:
+def test_two_clocks_on_one_topic_are_no_reset() -> None:
     mixed = [p for i in range(100) for p in (pose(10**9 + i * MS, float(i)), pose(i * MS, -1.0 - i))]
     kept, counts = pass_through(mixed)
     assert [p.stamp_ns for p in kept] == [10**9 + i * MS for i in range(100)]
     assert counts == {"backward_stamp": 100}
 
 
-def test_stale_poses_without_order_never_look_like_a_reset() -> None:
+def test_late_poses_without_order_are_no_reset() -> None:
     stale = [pose(100 * MS - i * MS, float(i)) for i in range(3 * RESET_RUN)]
     kept, counts = pass_through([pose(200 * MS, -1.0), *stale])
     assert len(kept) == 1
@@ -162,7 +162,7 @@ def test_stale_poses_without_order_never_look_like_a_reset() -> None:
 
 
 @given(st.sets(st.integers(3, 58)), st.integers(30 * MS, 3600 * 10**9), st.randoms())
-def test_a_leading_stamp_costs_its_own_pose_only(where: set[int], lead_ns: int, random: Random) -> None:
+def test_a_leading_stamp_loses_its_own_pose_only(where: set[int], lead_ns: int, random: Random) -> None:
     rows, alone = regular(60), [i for i in where if not where & {i - 1, i - 2, i - 3}]
     for i in alone:
         rows[i] = rows[i]._replace(stamp_ns=rows[i].stamp_ns + random.randrange(30 * MS, lead_ns + 1))
@@ -269,7 +269,7 @@ smooth_step = st.tuples(
 
 
 def moving(rows: list[tuple[int, float, float, tuple[float, float, float] | None]]) -> list[Pose]:
-    """Mostly a smooth motion with regular stamps; among it whatever trackers and clocks do."""
+    """Mostly smooth motion with regular stamps, with all faults of trackers and clocks."""
     poses, stamp_ns, x = list[Pose](), 0, 0.003
     for step_ns, step_m, factor, elsewhere in rows:
         stamp_ns, x = stamp_ns + step_ns, x + step_m
@@ -311,8 +311,8 @@ def test_any_input_gives_valid_poses(poses: list[Pose]) -> None:
 
 
 def is_same(passed: Pose, source: Pose, shifted: bool) -> bool:
-    """Whether it is the same pose, but for the norm and the sign of its quaternion, and a shifted stamp, by
-    1 ns that of another body."""
+    """Whether both are the same pose, up to the norm and sign of the quaternion and, if ``shifted``, a stamp
+    shifted by 1 ns."""
     if passed.position_m != source.position_m or not np.abs(source.quat_xyzw).max() < 2.0:
         return False
     norm = float(np.linalg.norm(source.quat_xyzw))
@@ -334,14 +334,14 @@ stream = st.lists(mild, max_size=60).map(
 
 
 def state(gate: PoseGate) -> str:
-    """All that decides on what comes next; as text, for nan is not itself."""
+    """The state of the gate as text, in which nan equals nan."""
     parts = (gate._order, gate._order._periods, gate._defaults, gate)
     return str([{k: v for k, v in vars(part).items() if not hasattr(v, "__dict__")} for part in parts])
 
 
 @given(motion | stream | st.lists(any_pose, max_size=80) | motion, st.integers(1, 40))
 def test_columns_pass_and_count_like_single_poses(poses: list[Pose], batch: int) -> None:
-    """Many at once, or none of them and nothing has happened: then they go one by one."""
+    """A batch passes as a whole, or not at all and without effect: then its poses pass one by one."""
     one_by_one, gate = PoseGate(), PoseGate()
     start = regular(PERIODS_KEPT + 5, -PERIODS_KEPT - 5)
     for first in range(-len(start), len(poses), batch):

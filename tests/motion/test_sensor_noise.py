@@ -18,8 +18,8 @@ each_sensor = pytest.mark.parametrize(
 )
 
 
-def heard(poses, tick, prior):
-    """The number of frames and the estimate after each ``tick`` frames of the stream."""
+def estimates(poses, tick, prior):
+    """The number of frames and the noise estimate after each ``tick`` frames of the stream."""
     state, estimate = sensor_noise.EMPTY_BUFFER, sensor_noise.begin(*prior)
     for first in range(0, len(poses), tick):
         state, estimate = sensor_noise.advance(state, estimate, poses[first : first + tick], prior)
@@ -27,7 +27,7 @@ def heard(poses, tick, prior):
 
 
 def streamed(poses, tick, prior):
-    return (estimate for _, estimate in heard(poses, tick, prior))
+    return (estimate for _, estimate in estimates(poses, tick, prior))
 
 
 @each_sensor
@@ -39,7 +39,7 @@ def test_noise_of_a_moving_object(rate_hz, sigma_m, sigma_rad, seconds):
 @each_sensor
 @pytest.mark.parametrize("factor", [0.2, 5.0])
 def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds, factor):
-    """Within a second or two from a prior that is off by a factor; and it stays there."""
+    """Within a second or two from a prior with the wrong size, and permanently."""
     poses = moving(np.random.default_rng(2), seconds, rate_hz, sigma_m, sigma_rad)
     prior = (factor * sigma_m, factor * sigma_rad)
     estimates = list(streamed(poses, max(1, round(rate_hz / 10.0)), prior))
@@ -53,7 +53,7 @@ def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds,
 
 @pytest.mark.parametrize("tick", [1, 3, 20])
 def test_long_repeats_of_a_pose_do_not_reduce_the_noise(tick):
-    """At one frame per tick each repeats the pose of the tick before: that is not a noise-free sensor."""
+    """With one frame per tick each repeats the pose of the tick before: the sensor is not free of noise."""
     poses = moving(np.random.default_rng(4), 60.0, 20.0, 3e-4, 2e-3)
     source = np.arange(len(poses)) // 10 * 10
     held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
@@ -63,19 +63,19 @@ def test_long_repeats_of_a_pose_do_not_reduce_the_noise(tick):
 
 
 def test_the_stream_in_any_portions_is_the_whole():
-    """Third differences reach over the ends of ticks: none is lost and none is taken twice."""
+    """Third differences extend over the ends of ticks: each is used once."""
     poses = moving(np.random.default_rng(3), 5.0, 200.0, 3e-4, 2e-3)
-    ((whole, _),) = heard(poses, len(poses), (1.0, 1.0))
+    ((whole, _),) = estimates(poses, len(poses), (1.0, 1.0))
     for tick in (1, 7, 20):
-        *_, (portions, _) = heard(poses, tick, (1.0, 1.0))
-        told = portions.differences.shape[1]
-        assert told > 0.9 * whole.differences.shape[1]
-        np.testing.assert_allclose(portions.differences, whole.differences[:, :told], rtol=1e-6, atol=1e-12)
+        *_, (portions, _) = estimates(poses, tick, (1.0, 1.0))
+        count = portions.differences.shape[1]
+        assert count > 0.9 * whole.differences.shape[1]
+        np.testing.assert_allclose(portions.differences, whole.differences[:, :count], rtol=1e-6, atol=1e-12)
 
 
 @each_sensor
 def test_estimates_at_intervals_equal_those_of_each_tick(monkeypatch, rate_hz, sigma_m, sigma_rad, seconds):
-    """Far within the uncertainty of the frames, at a fraction of the cost."""
+    """The difference is far below the uncertainty of the estimate."""
     off, unknown = [], []
     for seed in range(21, 25):
         poses = moving(np.random.default_rng(seed), 1.5 * seconds, rate_hz, sigma_m, sigma_rad)
@@ -83,11 +83,13 @@ def test_estimates_at_intervals_equal_those_of_each_tick(monkeypatch, rate_hz, s
         sigmas = []
         for share in (sensor_noise.NEW_SHARE, 0.0):
             monkeypatch.setattr(sensor_noise, "NEW_SHARE", share)
-            seen = list(streamed(poses, tick, prior))
-            sigmas.append([(e.sigma_position_m / sigma_m, e.sigma_rotation_rad / sigma_rad) for e in seen])
+            estimates_ = list(streamed(poses, tick, prior))
+            sigmas.append(
+                [(e.sigma_position_m / sigma_m, e.sigma_rotation_rad / sigma_rad) for e in estimates_]
+            )
             monkeypatch.undo()
-            told = sum(a is not b for a, b in pairwise(seen))
-            assert told < 0.5 * len(seen) if share and tick < 40 else told > 0.4 * len(seen)
+            changes = sum(a is not b for a, b in pairwise(estimates_))
+            assert changes < 0.5 * len(estimates_) if share and tick < 40 else changes > 0.4 * len(estimates_)
         off.append(np.log(sigmas[0]) - np.log(sigmas[1]))
         unknown.append(np.log(sigmas[1]))
     start = len(off[0]) // 5
@@ -100,7 +102,7 @@ def test_memory_is_bounded_and_the_noise_may_change():
     rng = np.random.default_rng(4)
     quiet, loud = moving(rng, 30.0, 100.0, 1e-4, 1e-3), moving(rng, 30.0, 100.0, 1e-3, 5e-3)
     both = Poses.join([quiet, replace(loud, stamp_ns=loud.stamp_ns + 30 * 10**9)])
-    for state, _ in heard(both, 10, (5e-4, 4e-3)):
+    for state, _ in estimates(both, 10, (5e-4, 4e-3)):
         assert state.differences.shape[1] <= sensor_noise.MEMORY
         assert (
             len(state.frames)
@@ -111,7 +113,7 @@ def test_memory_is_bounded_and_the_noise_may_change():
 
 
 def test_two_percent_of_outliers_hardly_matter():
-    """Each spoils four differences: the median rises by a tenth, not tenfold."""
+    """Each outlier is in four differences: the median rises by a tenth."""
     rng = np.random.default_rng(5)
     poses = moving(rng, 30.0, 200.0, 3e-4, 2e-3)
     wrong = rng.random(len(poses)) < 0.02
@@ -152,7 +154,7 @@ def last(poses, prior=(5e-4, 4e-3)):
 
 
 def test_each_axis_has_its_noise():
-    """Of the position in the world's axes, of the orientation in the body's, whatever the object does."""
+    """Position in the world's axes, orientation in the body's, for any motion of the object."""
     sigma_m, sigma_rad = np.array([2e-4, 2e-4, 1e-3]), np.array([4e-3, 1e-3, 1e-3])
     estimate = last(moving(np.random.default_rng(11), 30.0, 100.0, sigma_m, sigma_rad, rms_rad=1.0))
     np.testing.assert_allclose(np.sqrt(np.diag(estimate.position_m2)), sigma_m, rtol=0.2)
@@ -163,7 +165,7 @@ def test_each_axis_has_its_noise():
 
 
 def test_the_centre_of_the_noise_is_found_wherever_the_body_frame_is():
-    """Markers measure where their middle is: half a metre beside it the origin swings with each error."""
+    """The centre is at the markers: an origin half a metre away moves with each error of orientation."""
     rng = np.random.default_rng(12)
     poses, centre = moving(rng, 20.0, 200.0, 3e-4, 2.6e-3), np.array([-0.3, 0.3, -0.3])
     turn = Rotation.from_quat(poses.quat_xyzw)
@@ -212,7 +214,7 @@ def test_too_few_frames_have_no_estimate(count):
 
 @pytest.mark.parametrize("rest", [0, 600])
 def test_motion_without_noise_has_noise_above_zero(rest):
-    """Simulators exist: variances are divided by. What does not move at all is held, and tells nothing."""
+    """For poses of simulators, as there are divisions by variances. At rest all poses are repeated."""
     poses = moving(np.random.default_rng(10), 8.0, 200.0)
     row = np.maximum(np.arange(len(poses)) - rest, 0)
     poses = Poses(poses.stamp_ns, poses.position_m[row], poses.quat_xyzw[row])

@@ -25,7 +25,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def averaged(poses, model=MODEL, batch=None):
-    """All ticks of a stream, of which so many poses come at once."""
+    """All ticks of a stream that comes in batches."""
     state, closed = tick_grid.begin(model, poses), []
     for first in range(0, len(poses), batch or len(poses)):
         state, more = tick_grid.advance(state, poses[first : first + (batch or len(poses))], model)
@@ -35,7 +35,7 @@ def averaged(poses, model=MODEL, batch=None):
 
 
 def spiked(rng, poses, share, size_m=0.05):
-    """The poses with some of them displaced by ``size_m``, and which."""
+    """The poses with some of them displaced by ``size_m``, and their mask."""
     wrong = rng.random(len(poses)) < share
     direction = rng.normal(size=(len(poses), 3))
     direction *= size_m / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -44,7 +44,7 @@ def spiked(rng, poses, share, size_m=0.05):
 
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 def test_averaging_keeps_contacts_exact(model):
-    """Residuals are linear in the lift: a mean over whatever motion is still in contact to rounding."""
+    """Residuals are linear in the lift: the mean over any motion in contact satisfies it to rounding."""
     t = touching(model.contact, np.random.default_rng(1), frames=40)
     x = _x_of(model, t)
     zeta = model.lifted(lift(t.rotation, t.position_m))
@@ -68,7 +68,7 @@ def _x_of(model, t):
     seed=seeds, batch=st.sampled_from([1, 7, 20, 333]), rate_hz=st.sampled_from([8.0, 30.0, 200.0, 1000.0])
 )
 def test_ticks_do_not_depend_on_how_poses_are_batched(seed, batch, rate_hz):
-    """One by one or a chunk of the log at once: bit for bit, with spikes, held poses, drops and gaps."""
+    """Bit-identical for single poses and chunks of a log, with outliers, held poses, drops and gaps."""
     rng = np.random.default_rng(seed)
     poses, _ = spiked(rng, moving(rng, 1200 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
     source = np.maximum.accumulate(np.where(rng.random(len(poses)) > 0.1, np.arange(len(poses)), 0))
@@ -86,7 +86,7 @@ def test_ticks_do_not_depend_on_how_poses_are_batched(seed, batch, rate_hz):
 @settings(max_examples=15, deadline=None)
 @given(seed=seeds, batch=st.sampled_from([7, 20, 333]), rate_hz=st.sampled_from([30.0, 200.0]))
 def test_a_follower_with_the_same_noise_shares_the_leaders_ticks(seed, batch, rate_hz):
-    """Bit for bit, with spikes, gaps, and a stream that goes on after it has ended in the midst of a tick."""
+    """Bit-identical, with outliers, gaps, and a stream that continues after an end within a tick."""
     rng = np.random.default_rng(seed)
     poses, _ = spiked(rng, moving(rng, 600 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
     late = rng.choice([0, 10**9, 10**10], p=[0.996, 0.002, 0.002], size=len(poses)).cumsum()
@@ -97,9 +97,9 @@ def test_a_follower_with_the_same_noise_shares_the_leaders_ticks(seed, batch, ra
         advanced, closed = tick_grid.advance(leader, poses[first : first + batch], MODEL)
         follower, ticks = tick_grid.follow(follower, leader, advanced, closed, MODEL)
         assert len(ticks) == len(closed)
-        for own, told in zip(ticks, closed, strict=True):
-            assert own.innovation_excess == told.innovation_excess
-            np.testing.assert_array_equal(own.zeta, told.zeta)
+        for own, expected in zip(ticks, closed, strict=True):
+            assert own.innovation_excess == expected.innovation_excess
+            np.testing.assert_array_equal(own.zeta, expected.zeta)
         leader = advanced
         if first <= ended < first + batch:
             (leader, last), (follower, same) = (tick_grid.close(one, MODEL) for one in (leader, follower))
@@ -108,7 +108,7 @@ def test_a_follower_with_the_same_noise_shares_the_leaders_ticks(seed, batch, ra
 
 
 def test_a_follower_with_other_noise_computes_its_own_innovations():
-    """White noise, no outliers: as if it had averaged the frames."""
+    """With white noise and without outliers: as from its own average of the frames."""
     poses = moving(np.random.default_rng(2), 20.0, 200.0, 3e-4, 2e-3)
     noisier = replace(MODEL, noise=replace(MODEL.noise, floor_position_m=1e-3, floor_rotation_rad=5e-3))
     start = tick_grid.begin(MODEL, poses)
@@ -144,7 +144,7 @@ def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
 
 @pytest.mark.parametrize(("rate_hz", "missed"), [(30.0, 0.03), (200.0, 0.001)])
 def test_spikes_are_left_out(rate_hz, missed):
-    """5 cm off in 2 % of the frames: nearly all are found, even where a tick has but three frames."""
+    """Outliers of 5 cm in 2 % of the frames: nearly all are found, even with three frames per tick."""
     off, dropped, spikes = [], 0, 0
     for seed in range(4, 8):
         rng = np.random.default_rng(seed)
@@ -162,7 +162,7 @@ def test_spikes_are_left_out(rate_hz, missed):
 
 
 def test_outliers_do_not_raise_the_noise():
-    """Spikes in a tenth of the frames, and then a sensor that is ten times as noisy from one moment on."""
+    """Outliers in a tenth of the frames; then a sensor whose noise increases tenfold."""
     rng = np.random.default_rng(6)
     clean = moving(rng, 20.0, 200.0, 3e-4, 2.6e-3)
     poses, _ = spiked(rng, clean, 0.1)
@@ -183,7 +183,7 @@ def test_noise_that_is_given_is_not_estimated():
 
 
 def test_spikes_of_a_camera_stand_out_of_three_frames():
-    """3 cm off at 30 Hz and 1.5 mm: what the motion may do between neighbours is less than in a tick."""
+    """Outliers of 3 cm at 30 Hz and 1.5 mm: the motion between neighbours is smaller than in a tick."""
     rng = np.random.default_rng(4)
     clean = moving(rng, 60.0, 30.0, 1.5e-3, 1.2e-2)
     poses, wrong = spiked(rng, clean, 0.02, size_m=0.03)
@@ -206,7 +206,7 @@ def test_spikes_are_left_out_from_the_beginning(start):
 
 
 def test_an_object_that_jumps_is_followed():
-    """All frames of a tick are implausible: they are true, and nothing is lost after it."""
+    """If all frames of a tick are implausible they are accepted, and later ones are not lost."""
     poses = moving(np.random.default_rng(6), 10.0, 200.0, 3e-4, 2e-3)
     position = poses.position_m + np.where(np.arange(2000) >= 1000, 1.0, 0.0)[:, None]
     found = averaged(replace(poses, position_m=position))
@@ -249,7 +249,7 @@ def test_one_frame_per_tick_is_enough():
 
 @pytest.mark.parametrize("share", [0.3, 0.5])
 def test_missing_frames_are_not_motion(share):
-    """A tick is at the mean time of its frames: steady motion is as predictable with half of them."""
+    """A tick has the mean time of its frames: uniform motion is as predictable with half of them."""
     poses = moving(np.random.default_rng(17), 30.0, 200.0, 3e-4, 2e-3)
     kept = np.random.default_rng(18).random(len(poses)) > share
     whole, some = (
@@ -263,7 +263,7 @@ def test_missing_frames_are_not_motion(share):
 
 
 def test_ticks_of_a_pose_that_got_stuck_are_empty():
-    """The sensor has noise, and never measures the same twice; while it rests without noise it does."""
+    """A sensor with noise never measures the same pose twice; without noise, at rest, it does."""
     poses = moving(np.random.default_rng(19), 6.0, 200.0, 3e-4, 2e-3)
     at = np.where((np.arange(1200) > 600) & (np.arange(1200) < 700), 600, np.arange(1200))
     stuck = Poses(poses.stamp_ns, poses.position_m[at], poses.quat_xyzw[at])
@@ -288,7 +288,7 @@ def test_a_gap_is_followed_tick_by_tick():
         )
     assert found[20].count == 6
     assert found[35].count == 8
-    # what the grid was before the gap it is after it
+    # the grid is the same after the gap
     assert found[36].start_ns == START_NS + 36 * TICK_NS
 
 
@@ -327,7 +327,7 @@ def test_no_frame_is_lost_and_time_runs_forward_whatever_the_stamps(seed, gaps, 
 @pytest.mark.parametrize("batch", [1, 7, None])
 @pytest.mark.parametrize("late", [(205, 100), (100, 120), (3, -20), (399, 0)], ids=str)
 def test_stamps_that_run_backward_close_no_tick_again(late, batch):
-    """The gate drops them; who calls the tracker with poses of one's own gets the ticks of the others."""
+    """The gate drops them; without the gate they are ignored."""
     poses = moving(np.random.default_rng(13), 2.0, 200.0, 3e-4, 2e-3)
     stamp_ns, (row, like) = poses.stamp_ns.copy(), late
     stamp_ns[row] = START_NS + like * 5_000_000
@@ -336,16 +336,18 @@ def test_stamps_that_run_backward_close_no_tick_again(late, batch):
     assert 19 <= len(found) <= 21
 
 
-@pytest.mark.parametrize(("gap_s", "mute"), [(0.5, 0), (1.8, 0), (2.5, 5)])
-def test_after_a_gap_motion_goes_on_unless_it_was_long(gap_s, mute):
-    """What is known of its strength holds after it; errors of a long prediction do not count."""
+@pytest.mark.parametrize(("gap_s", "without_excess"), [(0.5, 0), (1.8, 0), (2.5, 5)])
+def test_after_a_gap_motion_goes_on_unless_it_was_long(gap_s, without_excess):
+    """The strength of the motion is kept; errors of long predictions do not count."""
     poses = moving(np.random.default_rng(14), 6.0, 200.0, 3e-4, 2e-3)
     at_s = (poses.stamp_ns - START_NS) * 1e-9
     present = poses[(at_s < 2.0) | (at_s >= 2.0 + gap_s)]
     found = [t for t in averaged(present) if t.start_ns - START_NS >= (2.0 + gap_s) * 1e9]
-    assert [tick.innovation_excess == NO_EXCESS for tick in found[: mute + 5]] == [True] * mute + [False] * 5
+    assert [tick.innovation_excess == NO_EXCESS for tick in found[: without_excess + 5]] == [
+        True
+    ] * without_excess + [False] * 5
     anew = averaged(poses[at_s >= 2.0 + gap_s])
-    if not mute:  # what is known of the motion is worth more than to begin anew
+    if not without_excess:  # better than a new start of the filter
         assert np.mean([t.innovation_excess for t in found[5:15]]) < np.mean(
             [t.innovation_excess for t in anew[5:15]]
         )

@@ -10,7 +10,7 @@ SIGMA_M, SIGMA_RAD = 1e-3, 1e-2
 
 
 def window(*x_m: float, turn_rad: float = 0.0) -> Window:
-    """Ticks along x, the last one turned about z, whose motion nothing foretells worse than the noise."""
+    """Ticks along x without innovation excess, the last one rotated about z."""
     count = len(x_m)
     position_m = np.zeros((count, 3))
     position_m[:, 0] = x_m
@@ -21,7 +21,7 @@ def window(*x_m: float, turn_rad: float = 0.0) -> Window:
     return Window(np.arange(count), lift(rotation, position_m), variance, np.zeros((count, 2)))
 
 
-def test_smooth_motion_is_displacement_though_nothing_of_it_is_unpredictable() -> None:
+def test_predictable_motion_is_displacement() -> None:
     smooth = window(0.0, 0.01, 0.02)
     assert smooth.motion_ratio.max() == 0.0
     assert smooth.displacement_ratio == pytest.approx(1.0, abs=0.05)
@@ -33,7 +33,7 @@ def test_only_the_newest_tick_counts() -> None:
 
 
 def test_a_displacement_as_large_as_the_noise_is_half_a_motion() -> None:
-    """Per axis: over three axes that is the square root of three."""
+    """Per axis, so over three axes by a factor of the square root of three."""
     assert window(0.0, np.sqrt(3.0) * SIGMA_M).displacement_ratio == pytest.approx(0.5)
     assert window(0.0, 0.0, turn_rad=np.sqrt(3.0) * SIGMA_RAD).displacement_ratio == pytest.approx(
         0.5, abs=1e-3

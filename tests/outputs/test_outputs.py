@@ -211,7 +211,7 @@ def put_something_else(path: Path, kind: str) -> None:
 @pytest.mark.parametrize("linked", [False, True], ids=["itself", "linked"])
 @pytest.mark.parametrize("kind", ["folder", "pipe", "link in a circle"])
 def test_only_regular_files_are_replaced(tmp_path: Path, kind: str, linked: bool) -> None:
-    """A pipe stands for all devices: that of nothing would be gone for the whole machine."""
+    """Tested with a pipe instead of devices, which must not be replaced on the test machine."""
     target = odd = tmp_path / "odd.csv"
     put_something_else(odd, kind)
     if linked:

@@ -27,14 +27,14 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="modes, links and sig
 
 
 def begin(target: Path) -> "subprocess.Popen[str]":
-    """Another process that is in the middle of writing ``target``."""
+    """Another process that is writing ``target``."""
     command = [sys.executable, "-c", WRITER, str(target)]
     environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
     pipe = subprocess.PIPE
     return subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, text=True)
 
 
-def leave_behind(target: Path) -> Path:
+def orphaned_file(target: Path) -> Path:
     """The temporary file of a process that was killed while it wrote ``target``."""
     with begin(target) as process:
         assert process.stdout is not None
@@ -75,7 +75,7 @@ def test_a_planted_link_is_not_written_through(tmp_path: Path, monkeypatch: pyte
             pytest.fail("there is something in the way")
         assert error.value.filename == str(tmp_path / "out.csv")
         assert victim.read_text() == "precious"
-        temporary.unlink()  # what others have put there is left to them
+        temporary.unlink()  # a file of another writer is not removed
 
 
 def test_a_replaced_temporary_file_does_not_become_the_result(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_the_owner_and_group_of_what_is_replaced_are_kept(tmp_path: Path) -> Non
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root gives files away")
 @pytest.mark.parametrize(("before", "after"), [(0o660, 0o600), (0o664, 0o644), (0o674, 0o644)])
-def test_where_the_group_cannot_be_kept_the_other_group_may_do_what_everybody_may(
+def test_if_the_group_cannot_be_kept_the_new_group_has_the_rights_of_others(
     tmp_path: Path, before: int, after: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target = tmp_path / "out.csv"
@@ -165,7 +165,7 @@ def test_a_new_file_has_the_mode_that_the_user_asks_for(tmp_path: Path, mask: in
 
 def test_temporary_files_of_killed_processes_are_removed(tmp_path: Path) -> None:
     target, other = tmp_path / "out.csv", tmp_path / "other.csv"
-    left, of_other = leave_behind(target), leave_behind(other)
+    left, of_other = orphaned_file(target), orphaned_file(other)
     write(target)
     assert not left.exists()
     assert of_other.exists()
@@ -198,7 +198,7 @@ def test_a_lock_protects_files_of_invisible_processes(
 
 def test_temporary_files_of_other_hosts_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "out.csv"
-    left = leave_behind(target)
+    left = orphaned_file(target)
     monkeypatch.setattr("platform.node", lambda: "elsewhere")
     write(target)
     assert left.exists()
@@ -210,7 +210,7 @@ def test_temporary_files_of_other_hosts_are_kept(tmp_path: Path, monkeypatch: py
 def test_sweeping_follows_no_links_and_waits_for_no_pipe(tmp_path: Path) -> None:
     target, victim = tmp_path / "out.csv", tmp_path / "victim"
     victim.write_text("precious")
-    left = leave_behind(target)
+    left = orphaned_file(target)
     left.unlink()
     left.symlink_to(victim)
     write(target)
@@ -227,7 +227,7 @@ def test_sweeping_follows_no_links_and_waits_for_no_pipe(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["x" * 251 + ".csv", "é" * 125 + ".csv", "\udcff" * 251 + ".csv", "\n.csv"])
 def test_any_name_that_a_file_may_have_can_be_written(tmp_path: Path, name: str) -> None:
     target = tmp_path / name
-    left = leave_behind(target) if name.isascii() and name.isprintable() else None
+    left = orphaned_file(target) if name.isascii() and name.isprintable() else None
     write(target)
     assert target.read_text() == "new"
     assert left is None or not left.exists()

@@ -178,7 +178,7 @@ def test_slsqp_finds_the_contact(contact):
 
 @each_contact
 def test_batched_minima_are_no_higher_than_slsqps(contact):
-    """On the paper's own objective, in and out of contact, from as many starts."""
+    """On the paper's objective, with and without contact, from the same number of starts."""
     rng = np.random.default_rng(5)
     x, y = random_starts(contact, 8, rng, 0.3)
     for kept in (contact, Contact.VF, Contact.EE):

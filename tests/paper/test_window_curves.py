@@ -47,7 +47,7 @@ def test_impossible_windows_are_refused(frames, step):
 
 @pytest.mark.parametrize("contact", CONTACTS, ids=str)
 def test_minima_are_low_for_the_true_contact_and_contained_ones(contact):
-    """Low means at the noise; what asks as much or more of the motion stays far above it."""
+    """Low is at the noise; contacts with as many or more constraints are far above it."""
     found = curves(recording(contact, contact), frames=150, step=150)
     noise = 150 * 3e-4**2
     for column, other in enumerate(CONTACTS):
@@ -90,7 +90,7 @@ def test_curves_do_not_depend_on_the_worlds_origin():
 
 
 def test_at_rest_every_contact_fits():
-    """No motion: the minima are finite and as low as rounding allows, without noise."""
+    """Without motion and noise the minima are finite and zero up to rounding."""
     moving = recording(Contact.VF)
     still = moving[np.zeros(80, int)]
     found = curves(Poses(moving.stamp_ns[:80], still.position_m, still.quat_xyzw), 50, 10)

@@ -28,7 +28,7 @@ fifo = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 
 
 def ball(triangles: int) -> trimesh.Trimesh:
-    """A round body of points that lie in a spiral, each of them a corner of its hull."""
+    """A round body of points on a spiral, all of them vertices of its hull."""
     number = np.arange(triangles // 2 + 2)
     z = 1 - 2 * (number + 0.5) / len(number)
     turn, radius = np.pi * (1 + 5**0.5) * number, np.sqrt(1 - z * z)
@@ -37,7 +37,7 @@ def ball(triangles: int) -> trimesh.Trimesh:
 
 
 def cut(triangles: int) -> trimesh.Trimesh:
-    """A prism of 19 sides, turned, cut into so many triangles at least, with the rounding of its numbers."""
+    """A rotated prism with 19 sides, cut into at least ``triangles``, with rounding errors."""
     body = trimesh.creation.cylinder(0.1, 0.2, sections=19)
     body.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 2, 3)))
     while len(body.faces) < triangles:
@@ -59,7 +59,7 @@ def refusal(folder: Path, mesh: str) -> str:
 
 @pytest.fixture
 def no_features(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work that grows with the number of faces is not begun."""
+    """Computations that grow with the number of faces fail."""
 
     def fail(*_: object) -> None:
         pytest.fail("work that grows with the square of the number of faces")
@@ -167,7 +167,7 @@ def odd_file(folder: Path, kind: str, name: str) -> None:
 def test_other_than_regular_files_are_refused_at_once(
     tmp_path: Path, kind: str, arguments: list[str]
 ) -> None:
-    """In a process of its own: it must neither block nor fill the memory."""
+    """In a separate process: it must neither block nor fill the memory."""
     name = "odd.obj" if "known.toml" in arguments else "odd.toml"
     odd_file(tmp_path, kind, name)
     known(tmp_path, name)
@@ -192,7 +192,7 @@ def test_other_than_regular_files_are_refused_at_once(
 
 @pytest.mark.parametrize("read", [load_model, load_knowledge])
 def test_toml_files_have_a_limit(tmp_path: Path, read) -> None:
-    """Their numbers of bytes count, comments and all."""
+    """In bytes, including comments."""
     content = (shipped() / "default.toml").read_bytes() if read is load_model else b""
     path = tmp_path / "file.toml"
     path.write_bytes(content + b"#" * (1_000_000 - len(content)))

@@ -88,7 +88,7 @@ def block(language):
 
 
 def test_the_file_of_the_documentation_is_read(tmp_path):
-    """It has every key there is but those of the other kinds of elements."""
+    """It has all keys except those of other kinds of elements."""
     trimesh.creation.box((80, 60, 40)).export(tmp_path / "part.stl")
     known = loaded(tmp_path, block("toml"))
     assert known.up is not None
@@ -145,7 +145,7 @@ def test_elements_of_a_box_lie_where_their_names_say(tmp_path):
                 np.testing.assert_allclose(point_m, middle, atol=1e-12)
 
 
-def test_how_exactly_a_plane_is_known_holds_at_its_point(tmp_path):
+def test_the_accuracy_of_a_plane_is_that_at_its_point(tmp_path):
     accuracy = "sigma_position_m = 0.001\nsigma_rotation_deg = 1.0"
     place, normal = np.array([1.0, -2.0, 0.5]), np.array([0.6, 0.0, 0.8])
     text = f"[[object.plane]]\nnormal = {normal.tolist()}\npoint_m = {place.tolist()}\n{accuracy}"
@@ -163,7 +163,7 @@ def test_how_exactly_a_plane_is_known_holds_at_its_point(tmp_path):
 
 
 def numbers(known):
-    """The planes' and the points' numbers, in one order whatever the elements are called."""
+    """Parameters of planes and points, in an order independent of names."""
     planes = [[*k.element.normal, k.element.offset_m] for k in known if isinstance(k.element, Plane)]
     points = [k.element.point_m.tolist() for k in known if not isinstance(k.element, Plane)]
     return [np.array(sorted((np.round(rows, 6) + 0.0).tolist())) for rows in (planes, points)]
@@ -171,7 +171,7 @@ def numbers(known):
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "STL"])
 def test_a_mesh_of_a_box_is_the_box(tmp_path, suffix):
-    """However it is cut into triangles, and in the units of the file."""
+    """For any triangulation, and in the units of the file."""
     mesh = trimesh.creation.box(1e3 * EXTENT_M).subdivide().subdivide()
     mesh.export(tmp_path / f"box.{suffix}", file_type=suffix.lower())
     notes = []

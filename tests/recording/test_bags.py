@@ -27,7 +27,7 @@ rosbags = pytest.importorskip("rosbags")
 
 
 def write_sqlite(folder: Path, poses: Poses = POSES, part: int = 0) -> Path:
-    """As rosbag2 did up to Humble, by Python's own sqlite3."""
+    """A bag as rosbag2 wrote it up to Humble, by Python's sqlite3."""
     folder.mkdir(exist_ok=True)
     path = folder / f"bag_{part}.db3"
     with sqlite3.connect(path) as file:
@@ -47,7 +47,7 @@ def write_sqlite(folder: Path, poses: Poses = POSES, part: int = 0) -> Path:
 
 
 def write_rosbag2(folder: Path) -> Path:
-    """As rosbags writes it today, with definitions."""
+    """A bag as rosbags writes it, with definitions."""
     from rosbags.rosbag2 import Writer
 
     with Writer(folder, version=9) as writer:
@@ -134,7 +134,7 @@ def bag_record(data: bytes, **fields: bytes) -> bytes:
 
 
 def bag_of(chunks: list[tuple[bytes, bytes, int]]) -> bytes:
-    """A bag without index of chunks: compression, data, and the size that they claim."""
+    """A bag without index of chunks (compression, data, declared size)."""
     head = bag_record(b" " * 4000, op=b"\x03", index_pos=bytes(8), conn_count=bytes(4), chunk_count=bytes(4))
     return (
         b"#ROSBAG V2.0\n"
@@ -214,13 +214,13 @@ def test_chunks_within_chunks_are_not_read(tmp_path: Path) -> None:
     infos = about(place + len(outer) - len(inner), 1) + about(place, 2)
     path = tmp_path / "a.bag"
     path.write_bytes(head(place + len(outer)) + outer + infos)
-    said = list[str]()
-    assert list(read_rosbag1(str(path), lambda _: True, said.append, WorkBudget())) == []
-    assert said == [f"the chunk at byte {place} is part of another one: no more are read"]
+    reported = list[str]()
+    assert list(read_rosbag1(str(path), lambda _: True, reported.append, WorkBudget())) == []
+    assert reported == [f"the chunk at byte {place} is part of another one: no more are read"]
 
 
 def _is_last_record(data: bytes, at: int) -> bool:
-    """Whether the record there reaches to the end, and says what a chunk holds."""
+    """Whether the record at this offset is an index record that ends the file."""
     (head,) = struct.unpack_from("<I", data, at)
     if at + head + 8 > len(data):
         return False

@@ -43,7 +43,7 @@ INDEX_LESS = {"index_types": IndexType.NONE, "use_statistics": False, "repeat_ch
 
 
 def read(path: Path | str) -> tuple[Poses, str | None]:
-    """All poses and the damage; no poses where the error says in one line that nothing can be used."""
+    """All poses and the damage; no poses after a one-line error that nothing can be used."""
     try:
         log = open_log(str(path))
     except ContactTrackerError as error:
@@ -58,7 +58,7 @@ def one_line(error: Exception) -> str:
 
 
 def chunk_offsets(path: Path) -> list[tuple[int, int]]:
-    """Offset and length of the chunk records of a file, found by walking along its records."""
+    """Offset and length of the chunk records of a file, found by reading its records."""
     data = path.read_bytes()
     offset, chunks = 8, []
     while offset < len(data) - 8:
@@ -109,7 +109,7 @@ def test_truth_and_metadata_of_a_cut_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [100, 1500])
-def test_a_recording_cut_before_its_poses_is_not_said_to_lack_truth(tmp_path: Path, size: int) -> None:
+def test_a_recording_cut_before_its_poses_is_not_reported_to_lack_truth(tmp_path: Path, size: int) -> None:
     whole = write_log(tmp_path / "whole.mcap", [poses_topic(smooth_poses(20))])
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:size])
@@ -156,7 +156,7 @@ def test_on_both_sides_of_a_damaged_chunk_all_is_read(tmp_path: Path, options: d
 
 
 @pytest.mark.parametrize("byte", [0, 1, 3, 8], ids=["opcode", "length", "length, high", "length, highest"])
-def test_where_records_lose_their_frame_the_index_helps(tmp_path: Path, byte: int) -> None:
+def test_after_lost_framing_reading_continues_by_the_index(tmp_path: Path, byte: int) -> None:
     poses = smooth_poses(100)
     path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)
     chunks = chunk_offsets(path)
@@ -210,7 +210,7 @@ def test_a_chunk_with_too_large_a_declared_size_is_refused(tmp_path: Path) -> No
 
 
 def _claiming(path: Path, opcode: int, size: int, records: bytes) -> Path:
-    """A sound recording, and a chunk in it of so many bytes that are ``records`` again and again."""
+    """A valid recording with a chunk of ``size`` bytes of repeated ``records``."""
     poses, raw = smooth_poses(100), records * (size // len(records))
     whole = write_log(path, [poses_topic(poses)], **SMALL).read_bytes()
     packed = zstandard.ZstdCompressor().compress(raw)
@@ -260,7 +260,7 @@ def _counting(counted: list[int]) -> Callable[[WorkBudget, int], None]:
 
 
 def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
-    """No real recording compresses better."""
+    """No real recording has a higher compression ratio."""
     count, path = 100_000, tmp_path / "rest.mcap"
     stamps = START_NS + 5_000_000 * np.arange(count)
     rest = Poses(stamps, np.tile([0.1, 0.2, 0.3], (count, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
@@ -380,8 +380,8 @@ def test_standard_input_is_read_from_a_pipe(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(500))], **SMALL)
     code = (
         "from contact_tracker.recording import open_log, read_metadata, read_truth\n"
-        "said = read_truth('-'), read_metadata('-')\n"  # takes nothing away from the poses
-        "log = open_log('-'); print(sum(1 for _ in log), log.source.topic, log.damage, *said)"
+        "others = read_truth('-'), read_metadata('-')\n"  # takes nothing away from the poses
+        "log = open_log('-'); print(sum(1 for _ in log), log.source.topic, log.damage, *others)"
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     for data, expected in (
@@ -535,7 +535,7 @@ def test_the_size_of_a_chunk_is_limited_by_memory() -> None:
 
 
 def test_a_record_beyond_all_memory_is_not_read(tmp_path: Path) -> None:
-    """A file with a hole, which takes no room: what claims more than 256 MB is no record, and is not read."""
+    """In a sparse file: a declared record of more than 256 MB is not read."""
     path = tmp_path / "a.mcap"
     with path.open("wb") as file:
         file.write(MAGIC + struct.pack("<BQ", 6, 300 * 2**20))

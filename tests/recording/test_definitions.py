@@ -34,7 +34,7 @@ def ros1_pose(number: int) -> bytes:
 
 
 def write(path: Path, encoding: str, text: str) -> Path:
-    """A log of poses whose type is defined so."""
+    """A log of poses with this definition of their type."""
     if encoding == "ros1msg":
         rows = [(pose.stamp_ns, ros1_pose(i)) for i, pose in enumerate(POSES)]
         return write_raw(path, "geometry_msgs/PoseStamped", "ros1", encoding, text.encode(), rows)
@@ -141,7 +141,7 @@ def test_crafted_definitions_in_idl(tmp_path: Path, name: str, monkeypatch: pyte
 
 
 def test_many_crafted_definitions_take_no_longer(tmp_path: Path) -> None:
-    """Each of its own topic, and none of them usable."""
+    """Each on a different topic, and none usable."""
     from mcap.writer import Writer
 
     path = tmp_path / "a.mcap"
@@ -162,8 +162,8 @@ def test_many_crafted_definitions_take_no_longer(tmp_path: Path) -> None:
     assert time.process_time() - begin_s < 10.0
 
 
-def test_definitions_are_what_rosbags_knows() -> None:
-    """Parsed and written again, those of all common types define the same."""
+def test_definitions_equal_those_of_rosbags() -> None:
+    """Those of all common types are equivalent after parsing and writing."""
     store = rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
     for kind in (
         "geometry_msgs/msg/PoseStamped",

@@ -27,7 +27,7 @@ bodies = st.tuples(stamps, st.lists(numbers, min_size=7, max_size=7))
 
 
 def cdr(kind, order, frames, body, tail_value=0.25):
-    """A message as DDS writes it: values aligned to their size, counted from after the first four bytes."""
+    """A message as written by DDS: values aligned to their size, relative to the fifth byte."""
     (sec, nanosec), values = body
     data = bytearray()
 
@@ -56,7 +56,7 @@ def by_library(message):
 
 
 def shown(observations):
-    """Every bit of the observations, such that NaN equals itself."""
+    """The observations as bits, in which NaN equals NaN."""
     return [
         (
             o.frame_id,
@@ -81,7 +81,7 @@ def test_layouts_read_the_same_as_the_library(kind, order, frames, bodies):
         message = RawMessage(on, 0, cdr(kind, order, frames, body, tail_value=float(count)))
         if count:
             assert decoder.layouts(message.channel).read(message.data) is not None, (
-                "a layout was learnt, and is used"
+                "a layout is known and used"
             )
         assert shown(decoder.observe(message)) == by_library(message)
 

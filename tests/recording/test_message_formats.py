@@ -33,7 +33,7 @@ FIRST = next(iter(POSES))
 
 
 def assert_read(path: Path, expected: Poses = POSES, **which: str) -> None:
-    """The log has these poses, in whole and in columns; positions to what JSON and text keep."""
+    """The log has these poses, one by one and in columns; positions to the digits of JSON and text."""
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
         found = collect(open_log(str(path), **which))
         np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
@@ -185,7 +185,7 @@ NAME = "geometry_msgs/msg/PoseStamped"
 def test_a_known_type_needs_no_definition(
     tmp_path: Path, kind: str, encoding: str, text: str, why: str | None
 ) -> None:
-    """That the known one is used is counted, and said in one line."""
+    """The use of the known one is counted, and reported in one line."""
     rows = [(pose.stamp_ns, cdr_pose(pose)) for pose in POSES]
     path = write_raw(tmp_path / "a.mcap", kind, "cdr", encoding, text.encode(), rows)
     assert_read(path)
@@ -275,7 +275,7 @@ def test_ros1_messages(tmp_path: Path) -> None:
 
 
 def foxglove_messages(kind: str, schemas: Any, a: Pose, b: Pose) -> Any:
-    """Of the pose ``a``, with ``b`` where a type has several."""
+    """Messages of the pose ``a``, and of ``b`` in types with several poses."""
     sec, nsec = divmod(a.stamp_ns, 10**9)
     stamp = schemas.Timestamp(sec, nsec)
 
@@ -313,7 +313,7 @@ KINDS = ("PoseInFrame", "PosesInFrame", "FrameTransform", "FrameTransforms")
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_foxglove_protobuf(tmp_path: Path, kind: str) -> None:
-    """As Foxglove's own SDK encodes them."""
+    """As encoded by Foxglove's SDK."""
     foxglove = pytest.importorskip("foxglove")
     pytest.importorskip("mcap_protobuf")
     path = tmp_path / "a.mcap"

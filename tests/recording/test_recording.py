@@ -111,7 +111,7 @@ def test_the_reference_reader_agrees_with_what_we_write(tmp_path: Path) -> None:
 @given(seed=st.integers(0, 2**32 - 1), chunk=st.sampled_from([1, 3_000, 200_000]))
 @settings(max_examples=20, deadline=None)
 def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> None:
-    """However many of one channel and size follow each other, with others between."""
+    """For any sequence of messages of different channels and sizes."""
     rng, file = np.random.default_rng(seed), BytesIO()
     writer = Writer(file, chunk_size=chunk)
     writer.start()
@@ -285,13 +285,13 @@ def test_without_any_header_stamp_the_log_time_stands_in(tmp_path: Path) -> None
 
 
 def stamped(path: Path, stamps_ns: Iterable[int], poses: Poses) -> str:
-    """The poses with these stamps in their headers, logged when they were."""
+    """Write the poses with these header stamps, logged at their true times."""
     rows = [(p.stamp_ns, pose_stamped(int(ns), *p[1:])) for ns, p in zip(stamps_ns, poses, strict=True)]
     return str(write_log(path, [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
 
 
 def read_alike(path: str) -> tuple[Poses, dict[str, int]]:
-    """The poses of a log, which come one by one, in columns and to its summary with the same counts."""
+    """The poses of a log, with equal counts one by one, in columns and in its summary."""
     log = open_log(path)
     poses = Poses.collect(log)
     columns, other = in_columns(path)
@@ -330,7 +330,7 @@ def test_two_poses_per_stamp_keep_their_stamps(tmp_path: Path) -> None:
 
 
 def test_the_same_pose_published_again_has_its_stamp(tmp_path: Path) -> None:
-    """The tracker measures at 20 Hz, and what it measured last is published at 200 Hz."""
+    """The tracker measures at 20 Hz and publishes the latest pose at 200 Hz."""
     poses = smooth_poses(600)
     measured = poses[np.arange(600) // 10 * 10]
     again = Poses(poses.stamp_ns, measured.position_m, measured.quat_xyzw)
@@ -356,7 +356,7 @@ def test_stamps_that_are_zero_among_others_follow_from_log_time(
 
 @pytest.mark.parametrize("speed", [0.1, 1.0, 3.0])
 def test_a_clock_that_starts_at_zero_is_not_touched(tmp_path: Path, speed: float) -> None:
-    """That of a simulation, slower or faster than real time."""
+    """The clock of a simulation, slower or faster than real time."""
     poses = smooth_poses(900)
     stamps = np.round((poses.stamp_ns - START_NS) * speed).astype(np.int64)
     found, counts = read_alike(stamped(tmp_path / "a.mcap", stamps, poses))
@@ -367,7 +367,7 @@ def test_a_clock_that_starts_at_zero_is_not_touched(tmp_path: Path, speed: float
 @given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), min_size=1, max_size=80))
 @settings(max_examples=40)
 def test_the_summary_counts_what_reading_counts(tmp_path_factory: Any, rows: list[tuple[int, int]]) -> None:
-    """Whatever the stamps: zero, coarse, leading, late, after a gap."""
+    """For any stamps: zero, coarse, leading, late, after a gap."""
     moving = smooth_poses(len(rows), 20.0)
     odd = {
         0: lambda ns: 0,
@@ -404,7 +404,7 @@ def test_one_stamp_is_enough_to_go_by_stamps(tmp_path: Path, stamps: list[int]) 
 
 
 def test_an_invalid_log_time_is_noted(tmp_path: Path) -> None:
-    """In a file it has 64 bits without a sign; a stamp has a sign."""
+    """In a file log times are unsigned 64-bit integers, stamps are signed."""
     rows = [(2**63 + p.stamp_ns, pose_stamped(0, *p[1:])) for p in smooth_poses()]
     path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
     for found, log in (in_columns(path), (Poses.collect(one := open_log(path)), one)):
@@ -445,14 +445,14 @@ def in_columns(path: str, **options: Any) -> tuple[Poses, PoseLog]:
 def test_columns_equal_single_poses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int, mixed: bool
 ) -> None:
-    """For faults in the messages of either source."""
+    """With faults in the messages of either source."""
     poses = smooth_poses(300)
     sign = np.where(np.arange(300) % 50 > 40, -1.0, 1.0)[:, None]
     rows = list(Poses(poses.stamp_ns, poses.position_m, sign * poses.quat_xyzw))
     rows[20:23] = [rows[20]._replace(stamp_ns=row.stamp_ns) for row in rows[20:23]]  # held
     rows[100] = rows[100]._replace(position_m=(float("nan"), 0.0, 0.0))
     rows[120] = rows[120]._replace(stamp_ns=rows[119].stamp_ns)
-    rows[200:] = [row._replace(stamp_ns=row.stamp_ns - 10**9) for row in rows[200:]]  # the clock is set back
+    rows[200:] = [row._replace(stamp_ns=row.stamp_ns - 10**9) for row in rows[200:]]  # reset of the clock
     kind, start = "geometry_msgs/msg/PoseStamped", START_NS
     mine = [(start + i, pose_stamped(*p, frame="map")) for i, p in enumerate(rows)]
     others = [(start + 60 + i, pose_stamped(*p, frame="odom")) for i, p in enumerate(poses[:5])]
@@ -703,7 +703,7 @@ def test_a_folder_of_parts_is_one_recording_in_natural_order(tmp_path: Path) -> 
     assert_same(Poses.collect(log), poses)
     assert (log.counts, log.damage) == ({}, None)
     assert list_sources(str(folder))[0].messages == 120
-    (folder / "bag_12.mcap").touch()  # what a crash leaves
+    (folder / "bag_12.mcap").touch()  # as after a crash
     log = open_log(str(folder))
     assert_same(Poses.collect(log), poses)
     assert log.damage is not None

@@ -46,7 +46,7 @@ def exact_seconds(poses: Poses) -> list[str]:
 
 @pytest.mark.parametrize("head", ["", "timestamp tx ty tz qx qy qz qw", "a trajectory\nof two lines"])
 def test_tum(tmp_path: Path, head: str) -> None:
-    """As numpy writes it, with times to the microsecond."""
+    """As written by numpy, with times to the microsecond."""
     path = tmp_path / "a.txt"
     np.savetxt(path, columns(POSES), fmt=["%.6f", *["%.12f"] * 7], header=head)
     assert_read(path, time_ns=501)
@@ -467,7 +467,7 @@ def test_one_group_of_parquet_may_be_long(tmp_path: Path) -> None:
 def test_panics_of_the_library_are_reported_as_damage_in_one_line(
     step: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """As polars does of some damaged Parquet files: its threads print, and what is raised is no Exception."""
+    """As in polars for some damaged Parquet files: threads print, and a BaseException is raised."""
     import polars
 
     def panic(*_: object, **__: object) -> None:
@@ -529,7 +529,7 @@ def write_times(path: Path, times: np.ndarray, name: str = "t") -> Path:
 def test_times_whose_steps_are_no_seconds_are_in_the_unit_that_fits(
     tmp_path: Path, first: int, step: int, unit: str, unit_ns: int
 ) -> None:
-    """Whole numbers since the start: poses would be seconds to months apart otherwise."""
+    """Integers since the start: in seconds the poses would be seconds to months apart."""
     times = first + step * np.arange(300)
     log = open_log(str(write_times(tmp_path / "a.csv", times)))
     np.testing.assert_array_equal(Poses.collect(log).stamp_ns, times * unit_ns)
@@ -623,7 +623,7 @@ def test_angles_are_refused_with_the_way_to_a_quaternion(tmp_path: Path, angles:
 
 @pytest.mark.parametrize("separator", [";", "\t"])
 def test_exports_separated_by_other_than_commas(tmp_path: Path, separator: str) -> None:
-    """As spreadsheets save them where the comma is the decimal point."""
+    """As spreadsheets write them with decimal commas."""
     for name, path in (
         ("take.csv", write_motive(tmp_path / "take.csv", POSES, OTHER, hidden=HIDDEN)),
         ("trial.csv", write_vicon(tmp_path / "trial.csv")),
@@ -654,8 +654,8 @@ def test_motive_times_are_those_of_the_file_where_frames_are_of_another_rate(tmp
     np.testing.assert_array_equal(found.stamp_ns, np.arange(300) * 5_000_000)
 
 
-def test_motive_without_rigid_bodies_says_what_to_export(tmp_path: Path) -> None:
-    """Motive 3 exports none unless it is told to."""
+def test_motive_without_rigid_bodies_is_reported_with_the_remedy(tmp_path: Path) -> None:
+    """Motive 3 exports none by default."""
     path = tmp_path / "take.csv"
     about = ABOUT.format(version="1.23", rotation="Quaternion", units="Millimeters")
     path.write_text(f"{about}\n\n,Type\n,Name\n,ID\n,\nFrame,Time (Seconds)\n0,0.000000\n1,0.003000\n")
@@ -665,7 +665,7 @@ def test_motive_without_rigid_bodies_says_what_to_export(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("separator", [", ", "\t"])
 def test_names_in_a_comment_hold_for_values_with_blanks_and_tabs(tmp_path: Path, separator: str) -> None:
-    """Whole numbers with a comma and a blank after each are no trajectory of TUM."""
+    """Integers followed by a comma and a blank are no TUM trajectory."""
     path = tmp_path / "a.csv"
     names = separator.join(("qw", "qx", "qy", "qz", "x [m]", "y [m]", "z [m]", "t [s]"))
     path.write_text(

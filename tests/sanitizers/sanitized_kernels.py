@@ -1,4 +1,4 @@
-"""Has the kernels in the file SANITIZED_KERNELS take the place of those that are installed.
+"""Replaces the installed kernels by those in the file SANITIZED_KERNELS.
 
 A plugin of pytest, ``-p sanitized_kernels``, or imported first.
 """

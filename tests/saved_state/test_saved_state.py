@@ -37,7 +37,7 @@ TABLE = {
 KNOWN = knowledge_from(
     {"up": {"direction": [0, 0, 1]}, "object": {"box": {"size_m": [0.1, 0.1, 0.1]}}, "environment": TABLE}
 )
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 @cache
@@ -47,14 +47,14 @@ def recorded(name: str, count: int) -> Poses:
 
 def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: bool = False) -> list[str]:
     """All beliefs of a stream that is saved and restored before the poses ``cuts``."""
-    state, said = adaptation.start(MODEL, lag_s, KNOWN if known else EMPTY_MAP), list[str]()
+    state, lines_ = adaptation.start(MODEL, lag_s, KNOWN if known else EMPTY_MAP), list[str]()
     for i, pose in enumerate(poses):
         if i in cuts:
             save(path, state)
             state = load(path)
         state, beliefs = adaptation.advance(state, pose)
-        said += map(json_line, beliefs)
-    return [*said, *map(json_line, adaptation.finish(state)[1])]
+        lines_ += map(json_line, beliefs)
+    return [*lines_, *map(json_line, adaptation.finish(state)[1])]
 
 
 @needs_kernels

@@ -38,7 +38,7 @@ def quiet(name: str, seed: int) -> Simulated:
 
 @cache
 def each_contact(contact: Contact, motion: str, seed: int = 3) -> Simulated:
-    """Every contact, for 4 s of one kind of motion after a contact of another kind."""
+    """Each contact, for 4 s of one kind of motion after another contact."""
     before = Contact.VF if contact is Contact.FF else Contact.FF
     phases = (Phase(before, 2.0), Phase(contact, 4.0, motion), Phase(before, 2.0))
     return simulate(Scenario(phases, **QUIET), seed)
@@ -64,7 +64,7 @@ def to_world(element: Element, poses: Poses) -> list[Array]:
 
 
 def incidence(interval: TruthInterval, poses: Poses) -> Array:
-    """Residuals (N, k), in m or of unit vectors: zero where the elements touch as the contact says."""
+    """Residuals (N, k), in m or of unit vectors, of the contact: zero if the elements touch."""
     assert interval.geometry
     thing, world = interval.geometry.object, interval.geometry.environment
     moved = to_world(thing, poses)
@@ -149,7 +149,7 @@ def test_bodies_touch_within_their_extents_and_never_overlap() -> None:
 
 
 def test_elements_are_the_bodies_own_features() -> None:
-    """A face holds three vertices or more of its body, an edge two, a vertex one; all others lie behind."""
+    """A face has three vertices of its body or more, an edge two, a vertex one; all others are behind it."""
     for simulated in all_quiet():
         for interval, _ in stays(simulated):
             if interval.geometry is None:
@@ -184,7 +184,7 @@ def test_motion_is_continuous_and_possible_for_a_hand() -> None:
 
 
 def test_acceleration_is_continuous_where_contacts_change() -> None:
-    """Twice the rate halves the step of acceleration from frame to frame: a kink's would stay."""
+    """At twice the rate steps of acceleration between frames are half as large, unlike at a discontinuity."""
     steps = []
     for rate in (1000.0, 2000.0):
         scenario = replace(named_scenario("all_states", 0), rate_hz=rate, **QUIET)
@@ -196,7 +196,7 @@ def test_acceleration_is_continuous_where_contacts_change() -> None:
 
 @pytest.mark.parametrize("contact", CONTACTS)
 def test_motion_excites_every_free_direction(contact: Contact) -> None:
-    """The object turns about every axis that the contact leaves, and slides in both directions."""
+    """The object rotates about all free axes of the contact, and slides in both directions."""
     interval, poses = next(s for s in stays(each_contact(contact, "normal")) if s[0].contact is contact)
     assert interval.geometry
     thing, fixed = interval.geometry.object, interval.geometry.environment
@@ -220,7 +220,7 @@ def test_motion_excites_every_free_direction(contact: Contact) -> None:
 
 
 def crossing(direction: Array, point: Array, fixed: Element) -> Array:
-    """Where two lines cross: how far along either (m)."""
+    """Positions (m) along two lines at their crossing."""
     assert isinstance(fixed, Line)
     along = np.stack([-direction, fixed.direction], axis=1)
     return np.linalg.lstsq(along, point - fixed.point_m)[0]
@@ -317,7 +317,7 @@ def test_one_seed_is_one_recording() -> None:
 
 
 def test_body_frame_is_rigid_and_random() -> None:
-    """The object's shape is the named one, turned and shifted: distances between vertices stay."""
+    """The object's shape is the named one, rotated and shifted, with equal distances between vertices."""
     for seed in (0, 1):
         vertices = np.array(json.loads(quiet("paper_experiment", seed).metadata["object_vertices_m"]))
         distances = np.linalg.norm(vertices[:, None] - vertices[None], axis=2)
@@ -412,7 +412,7 @@ def test_impossible_formations_are_refused(change: dict[str, object]) -> None:
 @pytest.mark.parametrize("name", JOINTS)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_simulated_joints_constrain_the_motion(name: str, seed: int) -> None:
-    """The element of the body stays on that of the world, but for the way that the joint allows."""
+    """The body's element coincides with that of the world, up to the free motion of the joint."""
     simulated = quiet(name, seed)
     poses, joint = simulated.poses, simulated.joint
     assert joint is not None

@@ -1,4 +1,4 @@
-"""Random models of the Markov chain of the states, and runs of it."""
+"""Random models of the Markov chain of the states, and samples of it."""
 
 from dataclasses import replace
 
@@ -23,22 +23,22 @@ def prior(prior_changes: float = 20.0) -> Model:
     return replace(model, transitions=replace(model.transitions, prior_changes=prior_changes, counts=NOTHING))
 
 
-def some_model(rng: np.random.Generator, leave_per_s: float = 1.0, new_elements: bool = True) -> Model:
-    """A model with rates about ``leave_per_s`` and a random split; it hardly has a prior."""
+def random_model(rng: np.random.Generator, leave_per_s: float = 1.0, new_elements: bool = True) -> Model:
+    """A model with rates about ``leave_per_s``, random destinations and nearly no prior."""
     changes = 1e3 * rng.dirichlet(np.ones(N), N)
     changes[FREE, FREE] = 0.0
     if not new_elements:
         np.fill_diagonal(changes, 0.0)
     moving = changes.sum(axis=1) / (leave_per_s * np.exp(rng.normal(size=N) * 0.3))
-    seen = TransitionCounts(
+    counts = TransitionCounts(
         tuple(rng.dirichlet(np.ones(N)) * 1e3), tuple(moving), tuple(map(tuple, changes.tolist()))
     )
     model = prior(1e-6)
-    return replace(model, transitions=replace(model.transitions, counts=seen))
+    return replace(model, transitions=replace(model.transitions, counts=counts))
 
 
 def walk(model: Model, exposure: Array, rng: np.random.Generator) -> Ints:
-    """States (T,) of one run of the chain."""
+    """States (T,) of one sample of the chain."""
     state = [int(rng.choice(N, p=np.exp(log_initial(model))))]
     for a in exposure[1:]:
         if rng.random() < np.exp(tick_transitions(model, a).log_survival[state[-1]]):
@@ -51,17 +51,18 @@ def walk(model: Model, exposure: Array, rng: np.random.Generator) -> Ints:
     return np.array(state)
 
 
-def believed(
+def noisy_trellis(
     state: Ints, model: Model, exposure: Array, rng: np.random.Generator, blur: float
 ) -> hmm.Trellis:
-    """The trellis of a forward pass that sees each state through noise, all hypotheses kept.
+    """The trellis of a forward pass with noisy observations of the states, without pruning.
 
-    Lasting is paid for, as in the tracker's; a contact has a hypothesis per onset, free motion one per tick.
+    It includes the probability of staying, as in the tracker; a contact has a hypothesis per onset, free
+    motion one per tick.
     """
     ticks = len(state)
-    seen = np.eye(N)[state] + rng.normal(size=(ticks, N)) * blur
-    told = np.cumsum(np.vstack([np.zeros(N), (seen - 0.5) / blur**2]), axis=0)
-    told -= told[:, [FREE]]  # against free motion
+    observed = np.eye(N)[state] + rng.normal(size=(ticks, N)) * blur
+    evidence = np.cumsum(np.vstack([np.zeros(N), (observed - 0.5) / blur**2]), axis=0)
+    evidence -= evidence[:, [FREE]]  # against free motion
     stay = np.cumsum(
         np.vstack([np.zeros(N), *(tick_transitions(model, a).log_survival for a in exposure)]), axis=0
     )
@@ -70,7 +71,7 @@ def believed(
     for b in range(1, ticks + 1):
         here = np.flatnonzero((onset < b) & ((states != FREE) | (onset == b - 1)))
         i, a = states[here], onset[here]
-        paid = np.where(i == FREE, 0.0, stay[b, i] - stay[a + 1, i])
+        survival = np.where(i == FREE, 0.0, stay[b, i] - stay[a + 1, i])
         alive.append(here)
-        value.append(told[b, i] - told[a, i] + paid)
+        value.append(evidence[b, i] - evidence[a, i] + survival)
     return hmm.Trellis(states, onset, alive, value)

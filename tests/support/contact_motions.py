@@ -1,4 +1,4 @@
-"""Exact motions in contact, made from geometry alone: the oracle of true incidence."""
+"""Exact motions in contact, from geometry only: the reference of incidence."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 class Touching(NamedTuple):
-    """Poses of frame 1 in frame 2 and the elements that touch, as arrays like the paper's.
+    """Poses of frame 1 in frame 2 and the touching elements, as the paper's arrays.
 
     plane ``[n, h]``, line ``[d, q x d]``, point ``[q, 1]``.
     """
@@ -101,7 +101,7 @@ def x_of(contact, obj, environment):
     first, second = (environment, obj) if contact in (Contact.FE, Contact.FV) else (obj, environment)
     match contact:
         case Contact.FF:
-            # the height of the body's origin: where the faces lie along their normal cannot be told
+            # the height of the body's origin: motion does not determine the position of the faces
             return np.concatenate([first[:3], second[:3], [second[3] - first[3]]])
         case Contact.EF | Contact.FE:
             return np.concatenate([first[:3], point_of(first), second])

@@ -23,7 +23,7 @@ def both(function, *args, **options):
 
 
 def minimise(model, moments, row_weight, prior, anchors, x, iterations):
-    """Windows that take as many steps are fitted together."""
+    """As ``gauss_newton.minimise``; windows with the same number of steps are fitted together."""
     steps, found = np.broadcast_to(iterations, len(x)), {}
     for count in np.unique(steps):
         rows = np.flatnonzero(steps == count)
@@ -51,28 +51,28 @@ def _bank(model, reach_m, bank):
     return model_of(model, reach_m), bank.words, bank.onsets.words
 
 
-def grow(bank, model, window, scales, log_stay):
-    """As ``refit.grow``."""
-    grown = replace(bank.copy(), onsets=bank.onsets.copy())
-    parts.accumulate(*_bank(model, 1.0, grown), ticks_of(window), weights_of(scales), log_stay)
-    return grown
+def accumulate(bank, model, window, scales, log_stay):
+    """As ``refit.accumulate``."""
+    updated = replace(bank.copy(), onsets=bank.onsets.copy())
+    parts.accumulate(*_bank(model, 1.0, updated), ticks_of(window), weights_of(scales), log_stay)
+    return updated
 
 
-def givers(bank, model, reach_m):
-    """Whose geometry each hypothesis takes in ``global_search.exchange_geometry``."""
+def best_donors(bank, model, reach_m):
+    """As ``global_search.best_donors``."""
     return parts.best_donors(*_bank(model, reach_m, bank))
 
 
-def lost(bank, model):
-    """As ``global_search.lost``."""
-    return parts.lost(*_bank(model, 1.0, bank))
+def select_for_search(bank, model):
+    """As ``global_search.select_for_search``."""
+    return parts.select_for_search(*_bank(model, 1.0, bank))
 
 
 def starts(model, moments):
-    """As ``Family.starts`` of moments (B, C, C), and how many there are (B,)."""
+    """As ``Family.starts`` of moments (B, C, C), and their number (B,)."""
     return parts.relax(model_of(model, 1.0), moments)
 
 
-def dropped(bank, model, now, best, margin):
-    """As ``pruning.prune``: rows, words, those of onsets, the log of their sum, residual, best row."""
+def prune(bank, model, now, best, margin):
+    """As ``pruning.prune``: rows, words, words of the onsets, log total weight, residual, best row."""
     return parts.keep_best(*_bank(model, 1.0, bank), now, best, margin)

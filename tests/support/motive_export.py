@@ -1,4 +1,4 @@
-"""Files as OptiTrack Motive exports them."""
+"""Files in the format of exports of OptiTrack Motive."""
 
 import csv
 from pathlib import Path

@@ -1,7 +1,7 @@
 """The steps of documentation pages, and running them in a folder.
 
-A block marked ``console`` has commands after ``$ ``, each followed by what it prints; ``...`` stands for the
-rest of that. Blocks marked ``python`` are run as they are, and a ``text`` block after one is what it prints.
+A block marked ``console`` has commands after ``$ ``, each followed by its output; ``...`` stands for the rest
+of that. Blocks marked ``python`` are run as they are; a ``text`` block after one is its output.
 """
 
 import os
@@ -21,7 +21,7 @@ SETUP = {
     "$ .venv/bin/pip install -q -e '.[all]'",
     "$ source .venv/bin/activate",
 }
-"""The reader's; here, the package is at hand already."""
+"""Installation by the reader, not needed here."""
 
 
 class Step(NamedTuple):
@@ -62,7 +62,7 @@ def loosely(output: str) -> list[str]:
 
 
 def assert_shown(step: Step, output: str) -> None:
-    """Lines agree one by one; a line ``...`` on the page stands for all that follow it."""
+    """Check that lines agree; a last line ``...`` on the page stands for the rest."""
     expected, got = loosely(step.shown), loosely(output)
     if expected[-1] == "...":
         expected.pop()

@@ -1,4 +1,4 @@
-"""An object that a hand carries and then presses against its surroundings: poses, and the wrench of the hand.
+"""An object that is carried and then pressed against its surroundings: poses, and the wrench of the hand.
 
 Independent of the simulator: a contact is defined by the points of force, and the motion by its free
 directions.

@@ -22,7 +22,7 @@ _SECONDS: Final = {"f-f": 3.5, "e-f": 4.0, "f-e": 3.5, "e-e": 4.5}
 
 @cache
 def recorded(contacts: str) -> Simulated:
-    """A recording at 200 Hz of the contacts one after the other."""
+    """A recording at 200 Hz of successive contacts."""
     phases = tuple(Phase(Contact(name), _SECONDS[name]) for name in contacts.split())
     return simulate(Scenario(phases), 2)
 
@@ -38,6 +38,6 @@ def true_contacts(simulated: Simulated, stamp_ns: NDArray[np.int64]) -> list[Con
 
 
 def age_s(simulated: Simulated, stamp_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """For how long it had held by then."""
+    """The run length of the true contact at each stamp."""
     starts = np.array([interval.start_ns for interval in simulated.truth.intervals])
     return np.asarray((stamp_ns - starts[simulated.truth.at(stamp_ns)]) / 1e9)

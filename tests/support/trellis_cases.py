@@ -4,13 +4,13 @@ import numpy as np
 
 from contact_tracker import hmm
 
-SIZES = ((2, 6), (3, 6), (4, 5), (7, 4))  # states and ticks of which all paths can still be counted
+SIZES = ((2, 6), (3, 6), (4, 5), (7, 4))  # numbers of states and ticks with few enough paths
 
 
 class Case:
-    """A random trellis: hypotheses begin at any boundary, several or none of a state, and some die early.
+    """A random trellis: hypotheses begin at any boundary, several or none of a state, and some end early.
 
-    The last state has no memory, as free motion has none: a hypothesis per tick, alive for this tick only.
+    The last state has no memory, like free motion: a hypothesis per tick, for this tick only.
     """
 
     def __init__(self, seed, sizes=SIZES, death=0.3, absent=0.2, forbidden=0.15):
@@ -45,16 +45,16 @@ class Case:
         return self.log_initial, self.log_transition
 
     def paths(self):
-        """All (log weight, stretches) that cover every tick."""
+        """All paths: (log weight, segments) that cover every tick."""
 
-        def extend(boundary, before, weight, stretches):
+        def extend(boundary, before, weight, segments):
             if boundary == self.ticks:
-                yield weight, stretches
+                yield weight, segments
                 return
             for h in np.flatnonzero(self.onset == boundary):
                 into = self.log_initial if before is None else self.log_transition[boundary, before]
                 for end in range(boundary + 1, self.last[h] + 1):
                     total = weight + into[self.state[h]] + self.value[h, end]
-                    yield from extend(end, self.state[h], total, [*stretches, (int(h), boundary, end)])
+                    yield from extend(end, self.state[h], total, [*segments, (int(h), boundary, end)])
 
         return list(extend(0, None, 0.0, []))

@@ -39,12 +39,12 @@ each_contact = pytest.mark.parametrize("contact", CONTACTS)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def untold(label, judged, window, older):
-    return ambiguity.indistinguishable(label, judged, ambiguity.freedom_of(label, window, older))
+def indistinguishable(label, competing, window, older):
+    return ambiguity.indistinguishable(label, competing, ambiguity.freedom_of(label, window, older))
 
 
 def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):
-    """Ticks of exact poses with the noise of a good sensor; all of them in motion."""
+    """Ticks of exact poses with the noise variance of a good sensor, all in motion."""
     rng = np.random.default_rng(seed)
     count = len(position)
     jitter = Rotation.from_rotvec(rng.normal(size=(count, 3)) * np.sqrt(variance[1])).as_matrix()
@@ -61,8 +61,8 @@ def waves(number, seed=1):
     return np.sin(2.0 * np.pi * rng.uniform(0.2, 0.8, (5, number)) * time_s + phase).mean(axis=1)
 
 
-def test_an_object_that_whirls_about_within_a_tick_moves_in_all_directions():
-    """The mean of its orientations is no rotation, and may be a mirror or nothing at all."""
+def test_fast_rotation_within_a_tick_uses_all_directions():
+    """The mean of its orientations is no rotation: it may be a reflection or zero."""
     rng = np.random.default_rng(0)
     rotation = Rotation.random(20 * TICKS, random_state=rng).as_matrix()
     position = rng.normal(size=(20 * TICKS, 3))
@@ -91,7 +91,7 @@ def ways(element, how):
 
 @given(seeds)
 @settings(max_examples=20, deadline=None)
-def test_a_little_off_the_lift_changes_linearly(seed):
+def test_perturbations_are_the_derivative_of_the_lift(seed):
     rng = np.random.default_rng(seed)
     rotation, position = Rotation.random(random_state=rng), rng.normal(size=3)
     off = rng.normal(size=6)
@@ -105,8 +105,8 @@ def test_a_little_off_the_lift_changes_linearly(seed):
 
 
 @each_contact
-def test_noise_creates_as_much_apparent_motion_as_predicted(contact):
-    """An object at rest with sensor noise: apart from that of rest, the information is that of the noise."""
+def test_the_information_of_noise_is_as_predicted(contact):
+    """For an object at rest with noise, beyond the information of the resting pose."""
     model = CONTACT_MODELS[contact.column]
     rest = np.tile(touching(contact, np.random.default_rng(2), 1).rotation, (1000, 1, 1))
     window = ticks(rest, np.zeros((1000, 3)))
@@ -114,25 +114,25 @@ def test_noise_creates_as_much_apparent_motion_as_predicted(contact):
     anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
     tangent = model.family.tangent(bank.x, anchors)[0]
     information = refit.information(bank, model, SCALES)[0]
-    feigned = observability.noise_information(bank, model, tangent, window.variance[0])
-    some = 1e-6 * np.trace(feigned) * np.eye(len(feigned))
-    told = eigh(information, feigned + some, eigvals_only=True)
-    jittering = told[: -model.family.ROWS]
-    assert (jittering < 1.5).all()
-    assert jittering.max() > 0.6
-    if contact is not Contact.EE:  # which at rest has no constant part: two lines through the origin
-        assert told[-model.family.ROWS :].min() > 100.0
+    of_noise = observability.noise_information(bank, model, tangent, window.variance[0])
+    ridge = 1e-6 * np.trace(of_noise) * np.eye(len(of_noise))
+    eigenvalues = eigh(information, of_noise + ridge, eigvals_only=True)
+    noisy = eigenvalues[: -model.family.ROWS]
+    assert (noisy < 1.5).all()
+    assert noisy.max() > 0.6
+    if contact is not Contact.EE:  # without constant part at rest: two lines through the origin
+        assert eigenvalues[-model.family.ROWS :].min() > 100.0
 
 
 @each_contact
 @pytest.mark.parametrize("seed", [1, 2])
-def test_motion_in_all_directions_shows_everything(contact, seed):
+def test_with_motion_in_all_directions_everything_is_observed(contact, seed):
     true = touching(contact, np.random.default_rng(seed))
     geometry = found(contact, ticks(true.rotation, true.position_m))
     assert geometry.object.unobserved == geometry.environment.unobserved == ()
 
 
-def test_translation_shows_the_plane_s_normal_and_nothing_of_the_edge():
+def test_translation_determines_the_normal_of_the_plane_but_not_the_edge():
     turn = Rotation.random(random_state=np.random.default_rng(3))
     normal = np.array([0.0, 0.0, 1.0])
     position = np.column_stack([0.1 * waves(2), np.zeros(TICKS)])
@@ -141,7 +141,7 @@ def test_translation_shows_the_plane_s_normal_and_nothing_of_the_edge():
     assert abs(face.normal @ normal) > 0.999
     assert not len(ways(face, "turns_about"))
     np.testing.assert_allclose(np.abs(ways(face, "shifts_along") @ normal), 1.0, atol=1e-3)
-    # within the plane the edge points anywhere, and lies anywhere
+    # direction and place of the edge in the plane are unobserved
     np.testing.assert_allclose(np.abs(ways(edge, "turns_about") @ turn.inv().apply(normal)), 1.0, atol=0.01)
     assert len(ways(edge, "shifts_along")) == 2
     np.testing.assert_allclose(ways(edge, "shifts_along") @ edge.direction, 0.0, atol=1e-5)
@@ -162,8 +162,8 @@ def test_faces_that_slide_along_one_line_may_be_tilted_about_it():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_hinge_shows_the_vertex_but_for_where_it_lies_along_the_axis(seed):
-    """The vertex is right up to its unobserved directions; the plane may tilt about it."""
+def test_a_hinge_determines_the_vertex_except_along_the_axis(seed):
+    """The vertex is correct up to its unobserved directions; the tilt of the plane is unobserved."""
     rng = np.random.default_rng(seed)
     axis, vertex = Rotation.random(random_state=rng).apply([1.0, 0.0, 0.0]), rng.normal(size=3) * 0.1
     rotation = turning(axis, 0.6 * waves(1, seed)[:, 0])
@@ -183,8 +183,8 @@ def test_rest_has_no_information_on_vertex_and_face():
 # --- contacts ----------------------------------------------------------------------------------------------
 
 
-def turned_a_little(rotation, four):
-    """By 0.3 deg or so about other axes."""
+def slightly_rotated(rotation, four):
+    """The rotation with small errors of about 0.3 deg about other axes."""
     return rotation @ Rotation.from_rotvec(0.005 * four[:, 2:5]).as_matrix()
 
 
@@ -199,7 +199,7 @@ def kinds_of_motion():
         "line": (1, eye, 0.1 * four[:, :1] * axis),
         "hinge": (1, hinge, -hinge @ arm),
         "screw": (1, hinge, -hinge @ arm + 0.05 * four[:, :1] * axis),
-        "loose hinge": (1, turned_a_little(hinge, four), -hinge @ arm + 0.002 * four[:, 2:5]),
+        "loose hinge": (1, slightly_rotated(hinge, four), -hinge @ arm + 0.002 * four[:, 2:5]),
         "plane": (2, eye, plane),
         "cylinder": (2, hinge, -hinge @ arm + 0.1 * four[:, 1:2] * axis),
         "faces": (3, hinge, plane),
@@ -219,7 +219,7 @@ def test_the_directions_that_a_motion_uses_are_counted_in_any_frame(kind, seed):
 
 
 def rivals(**nats):
-    """Evidence by state; the others fit badly, except for free motion."""
+    """Evidence by state; states not given fit badly, except free motion."""
     names = [state.value.replace("-", "") for state in STATES]
     evidence = np.array([nats.get(name, -100.0) for name in names])
     return ambiguity.CompetingEvidence(
@@ -229,45 +229,45 @@ def rivals(**nats):
 
 def test_evidence_of_twenty_to_one_separates():
     window = ticks(*kinds_of_motion()["all"][1:])
-    judged = rivals(ff=50.0, ef=50.0 - 2.9, vf=50.0 - 3.1, ee=51.0)
-    assert untold(Contact.FF, judged, window, older=False) == (Contact.EF, Contact.EE)
+    competing = rivals(ff=50.0, ef=50.0 - 2.9, vf=50.0 - 3.1, ee=51.0)
+    assert indistinguishable(Contact.FF, competing, window, older=False) == (Contact.EF, Contact.EE)
 
 
 def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
-    """For each onset the best, without negligible ones, even if they began when the rival did."""
+    """For each onset the best one, without negligible ones, also at the onset of the rival."""
     onsets = np.array([0, 0, 1, 2, 2])
     banks = [blank(model, 0) for model in CONTACT_MODELS]
     edge, vertex = CONTACT_MODELS[Contact.EF.column], CONTACT_MODELS[Contact.VF.column]
     evidence = [5.0, 2.0, -300.0, -1.0, 4.0]
     banks[Contact.EF.column] = blank(edge, 5).replace_columns(onset=onsets, log_likelihood=evidence)
     banks[Contact.VF.column] = blank(vertex, 1).replace_columns(onset=1, log_likelihood=3.0)
-    judged = ambiguity.competing_evidence(banks, Contact.EF, 0, 20)
-    assert judged.evidence[Contact.VF.column] == pytest.approx(3.0 - 0.5 * (5.0 + 4.0))
-    assert judged.evidence[-1] == pytest.approx(-5.0)
-    assert judged.evidence[Contact.FF.column] == -np.inf
+    competing = ambiguity.competing_evidence(banks, Contact.EF, 0, 20)
+    assert competing.evidence[Contact.VF.column] == pytest.approx(3.0 - 0.5 * (5.0 + 4.0))
+    assert competing.evidence[-1] == pytest.approx(-5.0)
+    assert competing.evidence[Contact.FF.column] == -np.inf
 
 
-def test_freedom_that_is_not_used_separates_nothing_that_the_label_contains():
-    judged = rivals(ef=50.0, fe=49.0)
+def test_with_unused_freedom_contained_contacts_are_indistinguishable():
+    competing = rivals(ef=50.0, fe=49.0)
     for kind, expected in (
         ("all", "f-e"),
         ("faces", "f-e v-f f-v e-e free"),
         ("hinge", "f-f f-e v-f f-v e-e free"),
     ):
         window = ticks(*kinds_of_motion()[kind][1:])
-        assert " ".join(untold(Contact.EF, judged, window, older=False)) == expected
+        assert " ".join(indistinguishable(Contact.EF, competing, window, older=False)) == expected
     faces = ticks(*kinds_of_motion()["faces"][1:])
-    assert untold(Contact.FF, rivals(ff=50.0), faces, older=False) == ()
+    assert indistinguishable(Contact.FF, rivals(ff=50.0), faces, older=False) == ()
 
 
-def test_freedom_that_is_not_used_separates_nothing_that_fits():
-    """However well f-v explains it: an object that only slides may as well have an edge on a face."""
-    judged = rivals(fv=50.0, ef=20.0)
+def test_with_unused_freedom_all_fitting_contacts_are_indistinguishable():
+    """Even with high evidence of f-v: an object that only slides may also have an edge on a face."""
+    competing = rivals(fv=50.0, ef=20.0)
     window = ticks(*kinds_of_motion()["plane"][1:])
-    told = untold(Contact.FV, judged, window, older=False)
-    assert " ".join(told) == "e-f v-f e-e free"
+    found_states = indistinguishable(Contact.FV, competing, window, older=False)
+    assert " ".join(found_states) == "e-f v-f e-e free"
     window = ticks(*kinds_of_motion()["all"][1:])
-    assert untold(Contact.FV, judged, window, older=False) == ()
+    assert indistinguishable(Contact.FV, competing, window, older=False) == ()
 
 
 @pytest.mark.parametrize(
@@ -275,35 +275,35 @@ def test_freedom_that_is_not_used_separates_nothing_that_fits():
     [(0.5, 1.1, True), (0.5, 1.3, False), (2.0, 2.3, True), (2.0, 2.5, False)],
 )
 def test_residuals_below_the_noise_fit_equally_well(label_rms, rival_rms, fits):
-    judged = rivals(vf=50.0, fv=-100.0)
-    judged.rms[[Contact.VF.column, Contact.FV.column]] = label_rms, rival_rms
-    told = ambiguity.indistinguishable(Contact.VF, judged, ambiguity.Freedom(True, False))
-    assert (Contact.FV in told) == fits
+    competing = rivals(vf=50.0, fv=-100.0)
+    competing.rms[[Contact.VF.column, Contact.FV.column]] = label_rms, rival_rms
+    found_states = ambiguity.indistinguishable(Contact.VF, competing, ambiguity.Freedom(True, False))
+    assert (Contact.FV in found_states) == fits
 
 
 def test_rest_keeps_the_information_of_earlier_motion():
     rest = ticks(*kinds_of_motion()["rest"][1:])
     rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.innovation_excess)
-    judged = rivals(vf=50.0)
-    assert untold(Contact.VF, judged, rest, older=True) == ()
-    assert untold(Contact.VF, judged, rest, older=False) == (Contact.FREE,)
+    competing = rivals(vf=50.0)
+    assert indistinguishable(Contact.VF, competing, rest, older=True) == ()
+    assert indistinguishable(Contact.VF, competing, rest, older=False) == (Contact.FREE,)
 
 
 @pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
-def test_contacts_shown_in_all_directions_are_not_ambiguous(contacts):
+def test_contacts_observed_in_all_directions_are_not_ambiguous(contacts):
     done = segmented(contacts)
-    for believed in (*done.segments, done.filtered[-1]):
-        assert believed.inseparable == ()
-        assert believed.geometry.object.unobserved == believed.geometry.environment.unobserved == ()
+    for one in (*done.segments, done.filtered[-1]):
+        assert one.inseparable == ()
+        assert one.geometry.object.unobserved == one.geometry.environment.unobserved == ()
 
 
 @pytest.mark.parametrize(("contact", "motion"), [(Contact.EF, "one-axis"), (Contact.FE, "translation")])
 def test_the_true_contact_is_among_the_indistinguishable_ones(contact, motion):
     simulated = simulate(Scenario((Phase(contact, 4.0, motion),)), 1)
     done = segment(simulated.poses, MODEL)
-    for believed in (*(s for s in done.segments if s.end_ns - s.start_ns > 2e9), *done.filtered[-10:]):
-        assert contact in (believed.contact, *believed.inseparable)
-        assert len(believed.inseparable) >= 4
+    for one in (*(s for s in done.segments if s.end_ns - s.start_ns > 2e9), *done.filtered[-10:]):
+        assert contact in (one.contact, *one.inseparable)
+        assert len(one.inseparable) >= 4
     assert json.loads(json_line(done.filtered[-1]))["inseparable"] == list(done.filtered[-1].inseparable)
 
 
@@ -339,7 +339,7 @@ def test_json_names_the_indistinguishable_contacts():
 
 
 def exact_inverse(matrix):
-    """Of a matrix of fractions, by Gauss and Jordan."""
+    """The inverse of a matrix of fractions, by Gauss-Jordan elimination."""
     size = len(matrix)
     rows = [[*row, *(Fraction(int(i == k)) for i in range(size))] for k, row in enumerate(matrix)]
     for k in range(size):
@@ -354,13 +354,13 @@ def exact_inverse(matrix):
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.lists(st.floats(-3.0, 18.0), min_size=5, max_size=5))
 def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digits):
-    """Against the inverse of the sum, in as many digits as it takes."""
+    """Against the inverse of the sum in exact arithmetic."""
     rng = np.random.default_rng(seed)
     ways, root = (rng.normal(size=(5, 5)) + 3.0 * np.eye(5) for _ in range(2))
-    told, prior = 1.0 + 10.0 ** np.array(digits), root @ root.T
-    found = observability.posterior_covariance(told, ways, prior)
+    eigenvalues, prior = 1.0 + 10.0 ** np.array(digits), root @ root.T
+    found = observability.posterior_covariance(eigenvalues, ways, prior)
     exact = np.vectorize(Fraction, otypes=[object])
     dual = exact_inverse(exact(ways))
-    true = exact_inverse(dual.T @ np.diag(exact(told - 1.0)) @ dual + exact(prior)).astype(float)
+    true = exact_inverse(dual.T @ np.diag(exact(eigenvalues - 1.0)) @ dual + exact(prior)).astype(float)
     sd = np.sqrt(true.diagonal())
     np.testing.assert_allclose(found / np.outer(sd, sd), true / np.outer(sd, sd), atol=1e-6)

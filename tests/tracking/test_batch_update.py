@@ -1,4 +1,4 @@
-"""Updates by many ticks at a time equal those by one tick."""
+"""Updates by several ticks equal those by single ticks."""
 
 from dataclasses import replace
 from functools import cache
@@ -20,8 +20,7 @@ from contact_tracker.landmarks.landmark_memory import (
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
-from contact_tracker.tracking import batch_update as strides_
-from contact_tracker.tracking import tracker
+from contact_tracker.tracking import batch_update, tracker
 from contact_tracker.tracking.batch_update import update_in_batches
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.forward_pass import filter_batches, forward
@@ -58,23 +57,23 @@ def one_by_one(name):
 
 
 @cache
-def some_at_a_time(name):
+def in_batches(name):
     poses, knowledge = RECORDINGS[name]
     return list(filter_batches(poses, MODEL, knowledge=knowledge))
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_results_do_not_depend_on_the_number_of_ticks_at_once(name):
-    expected, found = one_by_one(name), some_at_a_time(name)
-    seen = [tick_result for _, some in found for tick_result in some]
-    assert [one.tick.stamp_ns for one in seen] == [one.tick.stamp_ns for one in expected]
-    for tick_result, one in zip(seen, expected, strict=True):
+    expected, found = one_by_one(name), in_batches(name)
+    results = [tick_result for _, some in found for tick_result in some]
+    assert [one.tick.stamp_ns for one in results] == [one.tick.stamp_ns for one in expected]
+    for tick_result, one in zip(results, expected, strict=True):
         for name_ in ("log_birth_weight", "log_transition", "residual"):
             np.testing.assert_array_equal(getattr(tick_result, name_), getattr(one.tick_result, name_))
         for a, b in zip(tick_result.live_hypotheses, one.state.live_hypotheses, strict=True):
             np.testing.assert_array_equal(a, b)
     many = np.cumsum([len(some) for _, some in found])
-    for end, (state, _) in zip(many, found, strict=True):  # the states in between are the same as well
+    for end, (state, _) in zip(many, found, strict=True):  # intermediate states are equal, too
         then = expected[end - 1].state
         for ours, theirs in zip(state.banks, then.banks, strict=True):
             np.testing.assert_array_equal(ours.words, theirs.words)
@@ -99,51 +98,57 @@ def test_results_do_not_depend_on_the_number_of_ticks_at_once(name):
         np.testing.assert_array_equal(state.window.variance, then.window.variance)
 
 
-def test_the_recordings_have_ticks_at_which_strides_end():
-    """With landmark updates, uninformative ticks, and nearly all states."""
+def test_the_recordings_have_ticks_at_which_batches_end():
+    """Landmark updates, uninformative ticks, and nearly all states."""
     resting = one_by_one("rest and gap")
-    assert sum(seen.state.deferred_exposure > 0.0 for seen in resting) > 10
-    assert sum(seen.tick.count == 0 for seen in resting) >= 5
+    assert sum(results.state.deferred_exposure > 0.0 for results in resting) > 10
+    assert sum(results.tick.count == 0 for results in resting) >= 5
     for name in ("contacts", "edges", "rest and gap"):
-        assert len({tuple(seen.state.memory.due_ns.items()) for seen in one_by_one(name)}) > 3
-    assert {seen.state.label for seen in one_by_one("contacts")} >= {Contact.FF, Contact.EF}
+        assert len({tuple(results.state.memory.due_ns.items()) for results in one_by_one(name)}) > 3
+    assert {results.state.label for results in one_by_one("contacts")} >= {Contact.FF, Contact.EF}
 
 
 def test_many_ticks_are_updated_at_once():
-    sizes = [len(some) for _, some in some_at_a_time("contacts")]
+    sizes = [len(some) for _, some in in_batches("contacts")]
     assert MOST // 2 < max(sizes) <= MOST
     assert np.mean(sizes) > 3.0
 
 
-def moments(k, count):
-    """A state, and so many ticks after it as hypotheses meet them."""
-    seen = one_by_one("contacts")
-    state, ahead = seen[k].state, []
-    for later in seen[k + 1 : k + 1 + count]:
-        ahead.append(predict(state, later.tick, advanced_window(state, later.tick)).tick_input)
+def tick_inputs(k, count):
+    """A state, and the inputs of the next ``count`` ticks."""
+    results = one_by_one("contacts")
+    state, inputs = results[k].state, []
+    for later in results[k + 1 : k + 1 + count]:
+        inputs.append(predict(state, later.tick, advanced_window(state, later.tick)).tick_input)
         state = later.state
-    return seen[k].state, ahead
+    return results[k].state, inputs
 
 
 @pytest.mark.parametrize("k", [1, 9, 24])
-def test_a_stride_ends_at_the_first_possible_landmark_update(k):
-    """The caller decides on that by the belief; no tick with a landmark update may be skipped."""
-    state, ahead = moments(k, 20)
-    seen = one_by_one("contacts")[k + 1 : k + 21]
-    weights = [np.exp(one.state.log_state_weight - one.state.log_state_weight.max()) for one in seen]
-    sureness = MODEL.certainty.posterior_power
-    sure = [(w**sureness).max() / (w**sureness).sum() for w in weights]
-    given = state.banks, ahead, MODEL.noise.extra_contact_variance, scales_of(MODEL), MODEL.search.margin_nats
+def test_a_batch_ends_at_the_first_possible_landmark_update(k):
+    """The caller decides on the update by the belief; no tick with an update may be skipped."""
+    state, inputs = tick_inputs(k, 20)
+    results = one_by_one("contacts")[k + 1 : k + 21]
+    weights = [np.exp(one.state.log_state_weight - one.state.log_state_weight.max()) for one in results]
+    exponent = MODEL.certainty.posterior_power
+    top = [(w**exponent).max() / (w**exponent).sum() for w in weights]
+    given = (
+        state.banks,
+        inputs,
+        MODEL.noise.extra_contact_variance,
+        scales_of(MODEL),
+        MODEL.search.margin_nats,
+    )
     for probability in (0.5, 0.8, MAP_INSERTION_PROBABILITY, 0.99):
-        for due in ({}, {seen[10].belief.onset_ns: seen[10].tick.stamp_ns}):
-            teaches = [
+        for due in ({}, {results[10].belief.onset_ns: results[10].tick.stamp_ns}):
+            stops = [
                 one.state.label is not Contact.FREE
                 and p >= probability
                 and one.tick.stamp_ns >= due.get(one.belief.onset_ns, 0)
-                for one, p in zip(seen, sure, strict=True)
+                for one, p in zip(results, top, strict=True)
             ]
-            updated = bank_update.update(*given, StopCondition(probability, sureness, due))
-            assert len(updated.tick_weights) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
+            updated = bank_update.update(*given, StopCondition(probability, exponent, due))
+            assert len(updated.tick_weights) == ([*stops, True].index(True) + 1 if any(stops) else 20)
     assert len(bank_update.update(*given).tick_weights) == 20
 
 
@@ -154,45 +159,45 @@ def averaged(poses, state):
 
 
 def test_with_a_lag_ticks_are_updated_one_by_one():
-    """Hypotheses have pasts, which kernels do not see."""
+    """The kernels do not have the lag histories of hypotheses."""
     poses = recorded(FACE_TO_EDGE).poses[:400]
     start, ticks = averaged(poses, tracker.start(MODEL, lag_s=0.5))
-    taken = list(update_in_batches(start, ticks))
-    assert [len(seen) for _, seen in taken] == [1] * len(ticks)
-    for tick, (state, _) in zip(ticks, taken, strict=True):
+    batches = list(update_in_batches(start, ticks))
+    assert [len(results) for _, results in batches] == [1] * len(ticks)
+    for tick, (state, _) in zip(ticks, batches, strict=True):
         start, _ = tracker.update(start, tick, Detail.WEIGHTS)
         np.testing.assert_array_equal(state.lag_history, start.lag_history)
         assert state.lag_history.any()
 
 
-def test_windows_are_worked_out_for_a_few_ticks_ahead_only(monkeypatch):
-    """However many a batch of poses closes: of sparse ones each closes many."""
+def test_windows_are_computed_for_a_few_ticks_ahead_only(monkeypatch):
+    """Also if a batch of poses closes many ticks, as sparse poses do."""
     poses = recorded(FACE_TO_EDGE).poses[:400:40]
     stamp_ns = poses.stamp_ns[0] + 5 * SECOND * np.arange(len(poses))
     start, ticks = averaged(replace(poses, stamp_ns=stamp_ns), tracker.start(MODEL))
     assert len(ticks) > 400
-    most, slidings = [], strides_._windows
+    most, windows = [], batch_update._windows
 
     def counted(*args):
-        found = slidings(*args)
+        found = windows(*args)
         most.append(len(found))
         return found
 
-    monkeypatch.setattr(strides_, "_windows", counted)
-    assert sum(len(seen) for _, seen in update_in_batches(start, ticks)) == len(ticks)
+    monkeypatch.setattr(batch_update, "_windows", counted)
+    assert sum(len(results) for _, results in update_in_batches(start, ticks)) == len(ticks)
     assert max(most) == MOST
 
 
-def test_nan_weights_end_a_stride():
-    """With nothing of the contact that would be the first of those that weigh most."""
-    state, ahead = moments(9, 3)
-    begins = (ahead[0].births.proposals[0].pick([]), *ahead[0].births.proposals[1:])
-    births = ahead[0].births._replace(proposals=begins, log_birth_weight=np.full(7, np.nan))
+def test_nan_weights_end_a_batch():
+    """Also if the bank of the first contact with the largest weight is empty."""
+    state, inputs = tick_inputs(9, 3)
+    begins = (inputs[0].births.proposals[0].pick([]), *inputs[0].births.proposals[1:])
+    births = inputs[0].births._replace(proposals=begins, log_birth_weight=np.full(7, np.nan))
     banks = (blank(CONTACT_MODELS[0], 0), *state.banks[1:])
     given = MODEL.noise.extra_contact_variance, scales_of(MODEL), MODEL.search.margin_nats
     updated = bank_update.update(
         banks,
-        [ahead[0]._replace(births=births), *ahead[1:]],
+        [inputs[0]._replace(births=births), *inputs[1:]],
         *given,
         StopCondition(MAP_INSERTION_PROBABILITY, 0.5, {}),
     )
@@ -200,8 +205,10 @@ def test_nan_weights_end_a_stride():
 
 
 def test_landmark_updates_are_due_after_half_the_duration_again():
-    met = [Landmark(onset, stamp, None, np.zeros(3)) for onset, stamp in ((0, 100), (0, 101), (500, 500))]
-    memory = LandmarkMemory((met[0],), tuple(met[1:]))
+    landmarks = [
+        Landmark(onset, stamp, None, np.zeros(3)) for onset, stamp in ((0, 100), (0, 101), (500, 500))
+    ]
+    memory = LandmarkMemory((landmarks[0],), tuple(landmarks[1:]))
     assert memory.due_ns == {0: 152, 500: 500}
     assert LONGER * 101 == 151.5
     assert not memory.is_due(0, 151)

@@ -18,7 +18,7 @@ from restricted_motions import MOTIONS, poses_of
 from short_recordings import MODEL
 
 FREE = Contact.FREE.column
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 @needs_kernels
@@ -35,7 +35,7 @@ def test_curved_contact_is_any_other(name):
 
 @needs_kernels
 def test_a_rolling_disc_is_not_surely_free():
-    """Where its rim is, is hard to find in most pieces: what one has found, the others use."""
+    """The rim is hard to find in most pieces of the motion; one found in a piece is used in others."""
     poses = gate(poses_of(MOTIONS["disc of 0.1 m that rolls on a face"], np.random.default_rng(1)))
     found = segment(poses, MODEL)
     assert np.mean(found.beliefs.probability[20:, FREE] > 0.9) < 0.1
@@ -45,7 +45,7 @@ def test_a_rolling_disc_is_not_surely_free():
 @needs_kernels
 @pytest.mark.parametrize("lag_s", [0.0, 0.5])
 def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(lag_s):
-    """Of surroundings that are one face: free motion is as little sure as where nothing is given."""
+    """With one face as surroundings, free motion is as uncertain as without a prior map."""
     face = known_to(Plane(np.array([0.0, 0.0, 1.0]), -0.6), Accuracy())
     knowledge = PriorMap((NamedElement("table", face),), environment_complete=True)
     possible = {Contact.FF, Contact.EF, Contact.VF}
@@ -66,7 +66,7 @@ def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(lag_s)
 
 
 def curved_segment(monkeypatch, wrenches):
-    """The fit of a segment of curved motion with this evidence of wrenches for each state."""
+    """The fit of a segment of curved motion with this log evidence of wrenches by state."""
     poses = gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 4.0))
     monkeypatch.setattr(segment_fit, "curved_probabilities", lambda window, *_: np.full(len(window), 0.99))
     evidence = None if wrenches is None else np.array(wrenches)
@@ -82,8 +82,8 @@ def curved_segment(monkeypatch, wrenches):
 
 @needs_kernels
 def test_curved_motion_is_tested_before_wrenches_decide(monkeypatch):
-    untold = curved_segment(monkeypatch, None)
-    assert set(untold.inseparable) == set(CONTACTS)
+    without_evidence = curved_segment(monkeypatch, None)
+    assert set(without_evidence.inseparable) == set(CONTACTS)
     touching = curved_segment(monkeypatch, [0.0, 0.0, 0.0, 40.0, 39.0, 0.0, -40.0])
     assert touching.contact is Contact.VF
     assert touching.inseparable == (Contact.FV,)
@@ -104,7 +104,7 @@ def test_free_motion_is_free():
 
 
 def test_free_motion_is_tested_at_intervals(monkeypatch):
-    """Not before it has lasted, and again whenever it has lasted half as long again; anew after a contact."""
+    """After a minimum duration, then after each growth by half; it starts again after a contact."""
     asked = []
     monkeypatch.setattr(curved_motion, "curved_evidence", lambda window, _: asked.append(len(window)) or 9.0)
     known = NO_CURVED_MOTION

@@ -59,7 +59,7 @@ def fitted(contact: Contact, **more: object) -> SegmentFit:
 
 
 def test_constraints_are_those_of_all_contacts_of_the_time() -> None:
-    """The first to be found joins last: what counts is what holds together, not which came last."""
+    """The first to be found begins last: constraints are those of simultaneous contacts."""
     later = FittedContact(Contact.EF, 0.9, ((6, 9),), GEOMETRY, ())
     earlier = FittedContact(Contact.VF, 0.9, ((2, 7),), GEOMETRY, ())
     ranks = ((frozenset([0]), 4), (frozenset([1]), 3), (frozenset([0, 1]), 5))
@@ -69,7 +69,7 @@ def test_constraints_are_those_of_all_contacts_of_the_time() -> None:
     assert [one.constraints for one in segment.further] == [5, 5]
     assert [belief.constraints for belief in beliefs] == [2, 2, 3, 3, 3, 3, 5, 5, 4, 4]
     assert fit.constraints == 5
-    assert pickle.loads(pickle.dumps(fit)).formation.ranks == ranks  # processes hand it over
+    assert pickle.loads(pickle.dumps(fit)).formation.ranks == ranks  # as between processes
 
 
 def further(start_ns: int) -> FurtherContact:
@@ -84,29 +84,29 @@ def lagging(*recent: Belief) -> Belief:
     return lagged_belief(state._replace(recent=recent, lag_history=history, log_state_weight=weight), 0)
 
 
-def said(stamp_ns: int, contact: Contact = Contact.VF, **more: object) -> Belief:
+def belief_at(stamp_ns: int, contact: Contact = Contact.VF, **more: object) -> Belief:
     return replace(Belief(stamp_ns, contact, np.full(7, 1 / 7), stamp_ns, None, np.zeros(6)), **more)
 
 
-def test_with_a_lag_an_open_formation_stays_unsure() -> None:
-    assert lagging(said(5), said(9)).probability.max() > 0.95
-    belief = lagging(said(5, is_open=True), said(9))
+def test_with_a_lag_an_open_formation_limits_the_probability() -> None:
+    assert lagging(belief_at(5), belief_at(9)).probability.max() > 0.95
+    belief = lagging(belief_at(5, is_open=True), belief_at(9))
     assert belief.probability[Contact.VF.column] == pytest.approx(0.9)
     assert belief.probability.sum() == pytest.approx(1.0)
 
 
-def test_with_a_lag_nothing_joins_before_its_time() -> None:
+def test_with_a_lag_contacts_begin_at_their_time() -> None:
     one, two = (further(4),), (replace(further(4), constraints=4), replace(further(8), constraints=4))
-    assert lagging(said(5, Contact.FREE), said(9, further=one)).further == one
-    belief = lagging(said(5, Contact.FREE), said(6, further=one), said(9, further=two))
+    assert lagging(belief_at(5, Contact.FREE), belief_at(9, further=one)).further == one
+    belief = lagging(belief_at(5, Contact.FREE), belief_at(6, further=one), belief_at(9, further=two))
     assert (belief.further, belief.constraints) == (one, one[0].constraints)
-    assert lagging(said(5, Contact.FREE), said(9, further=two)).further == ()
+    assert lagging(belief_at(5, Contact.FREE), belief_at(9, further=two)).further == ()
 
 
 def test_a_resumed_stream_continues_from_the_last_report() -> None:
     resumed = FormationChanges()
     resumed.before = (further(4),)
-    assert resumed.update(said(9, further=(further(4),))) == ([], [])
+    assert resumed.update(belief_at(9, further=(further(4),))) == ([], [])
 
 
 def test_kinds_excluded_by_the_prior_map_are_not_reported() -> None:
@@ -134,8 +134,8 @@ def test_neighbours_that_wrenches_make_equal_are_one_segment() -> None:
     first, second = finished(Contact.VF, 0, 6), finished(Contact.EF, 6, 4)
     chosen = [(first, fitted(Contact.VF)), (second, fitted(Contact.VF))]
     ((segment, fit),) = joined_by_wrenches(chosen)
-    told, beliefs = segment.with_fit(fit)
-    assert (told.start_ns, told.end_ns, told.contact) == (0, 999, Contact.VF)
+    joined, beliefs = segment.with_fit(fit)
+    assert (joined.start_ns, joined.end_ns, joined.contact) == (0, 999, Contact.VF)
     assert {belief.onset_ns for belief in beliefs} == {0}
     np.testing.assert_array_equal(probabilities(chosen), beliefs.probability)
 

@@ -1,4 +1,4 @@
-"""Gaps in a stream: each is followed for some seconds, tick by tick, in little time and memory."""
+"""Gaps in a stream: each is tracked for some seconds, tick by tick, in little time and memory."""
 
 import tracemalloc
 from dataclasses import replace
@@ -27,7 +27,7 @@ SECOND = 1_000_000_000
 
 
 def with_gaps(count: int, gap_s: float, steady: int = 0) -> Poses:
-    """Poses of which each, but for the ``steady`` first, comes after a gap."""
+    """Poses with a gap before each except the first ``steady`` ones."""
     poses = recorded(FACE_TO_EDGE).poses[: 10 * count : 10]
     periods_ns = np.where(np.arange(count) < steady, SECOND // 20, int(gap_s * SECOND))
     return Poses(np.cumsum(periods_ns), poses.position_m, poses.quat_xyzw)
@@ -49,7 +49,7 @@ def test_windows_of_a_gap_are_those_of_tick_after_tick(window_s):
 
 
 def test_the_evidence_of_a_tick_without_motion_is_zero():
-    """That is why ticks of a gap are not evaluated when they leave the window."""
+    """So ticks of a gap need no evaluation when they leave the window."""
     seen = list(forward(with_gaps(30, 1.0), MODEL, detail=Detail.WEIGHTS))[-1].state
     empty = np.flatnonzero(~seen.window.innovation_excess.any(axis=1))
     assert len(empty) > 100
@@ -105,7 +105,7 @@ def test_neither_with_a_lag_nor_with_known_elements_is_a_gap_passed_in_one_step(
 
 
 def test_trackers_side_by_side_take_little_memory_in_gaps():
-    """The poses that are taken in together close up to 50 ticks each, in each of many trackers."""
+    """Poses of one batch close up to 50 ticks each, in several trackers."""
     poses = with_gaps(130, 5.0, steady=14)
     state, _ = online.advance(online.start(MODEL), poses[:80])
     assert len(state.trackers.trackers) > 3

@@ -19,7 +19,7 @@ from contact_tracker.tracking.offline_smoother import segment
 MODEL = load_model()
 TICK_NS = MODEL.tick_ns
 NEAR_A_CHANGE_NS = 3 * TICK_NS
-"""So near to a change of contact the probabilities may differ: the change may fall a tick later."""
+"""Within this time of a change of contact probabilities may differ: it may be a tick later."""
 FIRST_TICKS = 8
 once = settings(max_examples=1, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
@@ -27,7 +27,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 @cache
 def recorded():
-    """Face on face, then edge on face; 200 Hz, the noise of motion capture."""
+    """f-f, then e-f; 200 Hz, noise of motion capture."""
     return simulate(Scenario((Phase(Contact.FF, 2.2), Phase(Contact.EF, 3.0))), 2).poses
 
 
@@ -56,7 +56,7 @@ def filtered(done):
 
 
 def same_segments(done, ticks=0.0, onsets_ns=None):
-    """The same contacts one after the other, beginning within ``ticks`` of each other."""
+    """Whether the contacts are the same, with onsets within ``ticks`` of each other."""
     assert [s.contact for s in done.segments] == [s.contact for s in expected().segments]
     onsets_ns = [s.start_ns for s in expected().segments] if onsets_ns is None else onsets_ns
     off_ns = [s.start_ns - onset for s, onset in zip(done.segments, onsets_ns, strict=True)]
@@ -64,7 +64,7 @@ def same_segments(done, ticks=0.0, onsets_ns=None):
 
 
 def difference(done, of=smoothed, stamp_ns=None):
-    """Greatest difference (T,) of probabilities, tick by tick at nearest stamps; away from changes."""
+    """Largest difference (T,) of probabilities in each tick, at nearest stamps, away from changes."""
     stamp_ns = done.stamp_ns if stamp_ns is None else stamp_ns
     nearest = np.abs(stamp_ns[:, None] - expected().stamp_ns).argmin(axis=1)
     changes = np.array([s.start_ns for s in expected().segments[1:]])
@@ -73,7 +73,7 @@ def difference(done, of=smoothed, stamp_ns=None):
 
 
 def same_geometry(done, world=None, world_shift=None, body=None, body_shift=None, within_m=0.004):
-    """Of the edge on the face: within 1 deg, and so far."""
+    """Whether the elements of e-f agree within 1 deg and ``within_m``."""
     world, body = world or Rotation.identity(), body or Rotation.identity()
     world_shift, body_shift = (np.zeros(3) if s is None else s for s in (world_shift, body_shift))
     before, after = expected().segments[1].geometry, done.segments[1].geometry
@@ -110,7 +110,7 @@ def test_the_world_frame(seed):
 
 
 def test_the_world_frame_while_nothing_is_settled():
-    """Young hypotheses too: a turn of the world only turns their geometry.
+    """Also for young hypotheses: a rotation of the world only rotates their geometry.
 
     In the first ticks of a contact many geometries fit equally well: rounding decides which of them is found.
     """
@@ -123,7 +123,7 @@ def test_the_world_frame_while_nothing_is_settled():
 @given(seed=seeds)
 @once
 def test_the_body_frame(beside_m, seed):
-    """Markers are glued on anyhow, or half a metre beside the object."""
+    """For any body frame, and one half a metre beside the object."""
     rng = np.random.default_rng(seed)
     body, aside = Rotation.random(random_state=rng), rng.normal(size=3)
     shift = aside / np.linalg.norm(aside) * beside_m
@@ -138,7 +138,7 @@ def test_the_body_frame(beside_m, seed):
 
 
 def test_the_clock():
-    """To the last bit: stamps are whole nanoseconds, and only their differences become seconds."""
+    """Bit-identical: stamps are integer nanoseconds, and only their differences are converted to seconds."""
     shift_ns = 1_700_000_000_123_456_789
     done = segment(replace(recorded(), stamp_ns=recorded().stamp_ns + shift_ns), MODEL)
     np.testing.assert_array_equal(smoothed(done), smoothed(expected()))
@@ -155,7 +155,7 @@ def test_the_frame_rate():
 
 
 def test_the_direction_of_time():
-    """Offline, a contact is what it is: the same segments in reverse order."""
+    """Offline, the reversed recording has the same segments in reverse order."""
     poses, stamps = recorded(), recorded().stamp_ns
     back = Poses(stamps[0] + stamps[-1] - stamps[::-1], poses.position_m[::-1], poses.quat_xyzw[::-1])
     done = segment(back, MODEL)

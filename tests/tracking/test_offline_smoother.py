@@ -77,8 +77,8 @@ def test_every_tick_has_the_noise_that_is_known_at_the_end():
 
 
 @each_recording
-def test_the_future_helps(contacts):
-    """Smoothing is nowhere much worse than the filter, and at the end they agree: there is no future left."""
+def test_smoothing_is_better_than_filtering(contacts):
+    """Smoothing is never much worse than filtering; in the last tick both agree."""
     found = segmented(contacts)
     held = true_contacts(recorded(contacts), found.stamp_ns)
     smoothed, filtered = (
@@ -107,9 +107,9 @@ def test_a_very_short_recording_is_one_segment(count):
 
 
 def test_progress_is_the_number_of_poses_read():
-    told = []
-    segment(recorded(FACE_TO_EDGE).poses[: 2 * BATCH + 1], MODEL, told.append)
-    assert told == [BATCH, 2 * BATCH, 2 * BATCH + 1]
+    counts = []
+    segment(recorded(FACE_TO_EDGE).poses[: 2 * BATCH + 1], MODEL, counts.append)
+    assert counts == [BATCH, 2 * BATCH, 2 * BATCH + 1]
 
 
 # --- in pieces ---------------------------------------------------------------------------------------------
@@ -122,13 +122,13 @@ def ticks_seen():
 
 
 def again_and_again(times):
-    """The same pass one time after the other, as far as the segmenter looks at it."""
+    """The forward pass repeated, with the fields that the segmenter uses."""
     ticks = len(ticks_seen())
     for number in range(times):
         for seen in ticks_seen():
             before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
             alive, tick, change = seen.state.live_hypotheses, seen.tick, seen.state.log_transition
-            if number:  # nothing lasts from one to the next
+            if number:  # hypotheses end with each repetition
                 change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.log_transition
             yield FilteredTick(
                 state=seen.state._replace(
@@ -165,7 +165,7 @@ def test_pieces_together_are_the_whole(monkeypatch):
     np.testing.assert_array_equal(found.filtered.rows["probability"], expected.filtered.probability)
     np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
     np.testing.assert_allclose(found.beliefs.probability, expected.beliefs.probability, atol=1e-5)
-    for a, b in zip(found.segments, expected.segments, strict=True):  # the noise was not known as well then
+    for a, b in zip(found.segments, expected.segments, strict=True):  # the noise estimate was less accurate
         assert a.geometry.environment.normal @ b.geometry.environment.normal > np.cos(2e-3)
     assert len(found.segments) == 12
 
@@ -206,9 +206,9 @@ def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch
 
 
 def test_progress_is_reported_without_online_beliefs():
-    told = []
-    list(pieces(recorded(FACE_TO_EDGE).poses[:1101], MODEL, told.append, online=Detail.WEIGHTS))
-    assert told == [500, 1000, 1101]
+    counts = []
+    list(pieces(recorded(FACE_TO_EDGE).poses[:1101], MODEL, counts.append, online=Detail.WEIGHTS))
+    assert counts == [500, 1000, 1101]
 
 
 def test_segments_do_not_depend_on_the_number_of_online_beliefs():
@@ -229,7 +229,7 @@ def test_a_full_buffer_releases_its_older_half(monkeypatch):
     assert len(some) > 3
     assert most < 30
     np.testing.assert_array_equal(found.stamp_ns, segmented(FACE_TO_EDGE).stamp_ns)
-    assert names(found) == FACE_TO_EDGE  # the path is what it would be anyway
+    assert names(found) == FACE_TO_EDGE  # the path is the same
 
 
 def test_worker_processes_give_the_same_result(monkeypatch):
@@ -255,6 +255,6 @@ def test_of_a_very_long_segment_the_moving_parts_are_fitted(monkeypatch):
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 1000)
     everything = fit_segments([stretch])[0]
     for a, b in ((some, everything),):
-        # either side of a plane may be called its front
+        # the sign of the normal is arbitrary
         assert abs(a.geometry.environment.normal @ b.geometry.environment.normal) > np.cos(5e-3)
         assert a.inseparable == b.inseparable

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.tracking.pose_buffer import BLOCK, Waiting, watched
+from contact_tracker.tracking.pose_buffer import BLOCK, PoseBuffer, with_pose_callback
 from contact_tracker.tracking.segmentation import Segmentation
 
 
@@ -31,7 +31,7 @@ def test_a_piece_comes_after_the_poses_that_were_read_for_it() -> None:
         noted.extend(poses.stamp_ns.tolist())
 
     found = []
-    for piece in watched(numbered(0, 10_000), pieces, note):
+    for piece in with_pose_callback(numbered(0, 10_000), pieces, note):
         found.append(piece.outliers)
         assert noted == passed == list(range(sum(found)))
     assert found == list(counts)
@@ -40,11 +40,11 @@ def test_a_piece_comes_after_the_poses_that_were_read_for_it() -> None:
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 40), max_size=30), st.integers(2, 30))
 def test_pending_poses_are_evenly_thinned_to_the_limit(blocks: list[int], limit: int) -> None:
-    waiting, count = Waiting(limit), 0
+    buffer, count = PoseBuffer(limit), 0
     for size in blocks:
-        waiting.extend(numbered(count, size))
+        buffer.extend(numbered(count, size))
         count += size
-        kept = waiting.poses.stamp_ns
+        kept = buffer.poses.stamp_ns
         assert len(kept) <= limit
         every = 1
         while -(-count // every) > limit:
@@ -53,11 +53,11 @@ def test_pending_poses_are_evenly_thinned_to_the_limit(blocks: list[int], limit:
 
 
 def test_the_oldest_poses_are_dropped_and_then_all_are_kept() -> None:
-    waiting = Waiting(limit=100)
-    waiting.extend(numbered(0, 400))
-    waiting.drop(99)
-    assert waiting.poses.stamp_ns.tolist() == [396]
-    waiting.extend(numbered(400, 3))
-    assert waiting.poses.stamp_ns.tolist() == [396, 400, 401, 402]
-    waiting.drop(1)
-    assert waiting.poses.stamp_ns.tolist() == [400, 401, 402]
+    buffer = PoseBuffer(limit=100)
+    buffer.extend(numbered(0, 400))
+    buffer.drop(99)
+    assert buffer.poses.stamp_ns.tolist() == [396]
+    buffer.extend(numbered(400, 3))
+    assert buffer.poses.stamp_ns.tolist() == [396, 400, 401, 402]
+    buffer.drop(1)
+    assert buffer.poses.stamp_ns.tolist() == [400, 401, 402]

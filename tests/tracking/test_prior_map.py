@@ -43,7 +43,7 @@ def recorded():
 
 @cache
 def surfaces():
-    """Object and table as the simulation has them: all elements of the one, the touched face of the other."""
+    """Object and table of the simulation: all elements of the object, the touched face of the table."""
     simulated = recorded()
     body = convex(np.array(json.loads(simulated.metadata["object_vertices_m"])), 1e-6)
     elements = elements_of(body, number_name, ACCURACY, np.eye(3), np.zeros(3))
@@ -68,7 +68,7 @@ def accuracy(beliefs):
 
 
 def true_name(interval):
-    """The name of the object's touching element: that of the known one."""
+    """The name of the true touching element of the object in the prior map."""
     element = interval.geometry.object
     same = [
         k.name for k in surfaces()[0] if k.kind == interval.contact.value[0] and alike(k.element, element)
@@ -108,7 +108,7 @@ def test_the_touching_elements_are_named():
 
 
 def test_known_elements_are_refined():
-    """As a prior, it is refined: the motion determines the table better than the user knew it."""
+    """The motion determines the table more accurately than the prior map."""
     table = with_everything().segments[0].geometry.environment
     truth = recorded().truth.intervals[0].geometry.environment
     place = recorded().poses.position_m[:150].mean(axis=0)
@@ -123,7 +123,7 @@ def test_elements_missing_from_a_complete_map_cannot_touch():
 
 @pytest.mark.parametrize("in_use", [True, False])
 def test_contacts_without_known_elements_have_no_hypotheses(in_use, monkeypatch):
-    """Of an object that is one face: compiled or not."""
+    """For an object with one face, compiled or not."""
     in_use = in_use and compiled.in_use()
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     face = next(k for k in surfaces()[0] if k.kind == "f")
@@ -135,7 +135,7 @@ def test_contacts_without_known_elements_have_no_hypotheses(in_use, monkeypatch)
 
 @pytest.mark.parametrize("complete", [True, False])
 def test_a_known_table_in_the_wrong_place_is_not_used(complete):
-    """Three centimetres and eight degrees off, and sure of it: nothing that touches is named "table"."""
+    """Off by 3 cm and 8 deg with a small covariance: no touching element is named "table"."""
     plane = surfaces()[1]
     tilted = plane.normal + 0.14 * np.linalg.svd(plane.normal[None])[2][1]
     normal = tilted / np.linalg.norm(tilted)
@@ -154,7 +154,7 @@ def test_a_known_table_in_the_wrong_place_is_not_used(complete):
 
 
 def test_up_helps_where_little_has_moved():
-    """The face's normal is known from the start; without it, it is anywhere for a while."""
+    """The normal of the face is known from the start, otherwise only after some motion."""
     up = Up(surfaces()[1].normal, 0.02)
     poses = recorded().poses[:60]
     beliefs = segment(poses, MODEL, knowledge=PriorMap(up=up)).filtered
@@ -212,7 +212,7 @@ def test_arguments_define_the_prior_map(tmp_path, capsys):
     ids=["box", "up"],
 )
 def test_incomplete_and_wrong_knowledge_does_no_harm(table):
-    """Directions along axes, of elements that are not there: beliefs are probabilities all the same."""
+    """For absent elements with directions along axes, posteriors are still distributions."""
     for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge_from(table)).filtered:
         assert np.isfinite(belief.probability).all()
         assert belief.probability.sum() == pytest.approx(1.0)

@@ -25,7 +25,7 @@ def is_distribution(probability: np.ndarray) -> bool:
 @given(posteriors, states, st.sets(states), st.floats(0.0, 1.0))
 @example(np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.4, 0.4]), Contact.EF, {Contact.FREE}, 1.0)
 def test_sharing_among_inseparable_states_keeps_a_distribution(posterior, label, others, purpose):
-    """Also where the label is not the most probable state, as on a Viterbi path or some time ago."""
+    """Also if the label is not the most probable state, as on a Viterbi path or with a lag."""
     others = tuple(state for state in STATES if state in others - {label})
     shared = ambiguity.redistribute(posterior, label, others, purpose)
     assert is_distribution(shared)
@@ -49,7 +49,7 @@ def test_free_motion_shares_where_all_possible_contacts_are_open():
 
 @given(posteriors, states, states)
 def test_indistinguishable_states_share_whichever_is_the_label(posterior, first, second):
-    """A contact is not more probable because another, indistinguishable one has the label."""
+    """The shares do not depend on which of the indistinguishable contacts is the label."""
     every = [tuple(state for state in STATES if state is not label) for label in (first, second)]
     if Contact.FREE in (first, second):
         return

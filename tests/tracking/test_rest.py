@@ -1,4 +1,4 @@
-"""An object at rest: no information, no change of beliefs, and hardly any time."""
+"""An object at rest: no information, no change of beliefs, and little computation."""
 
 import numpy as np
 import pytest
@@ -21,10 +21,10 @@ MOVED = 1200
 
 
 def paused(seconds: float) -> Poses:
-    """Motion with a rest of some seconds in the middle of it, seen through the same noise."""
+    """Motion with a rest of some seconds in the middle, with the same noise."""
     made = recorded(FACE_TO_EDGE).poses
     rng, rest, around = np.random.default_rng(0), int(seconds * RATE_HZ), slice(MOVED - 15, MOVED + 15)
-    # where the object is just then, without the noise of one frame
+    # the pose at that time, without the noise of one frame
     place, turn = (
         np.polynomial.polynomial.polyfit(np.linspace(-1.0, 1.0, 30), values[around], 3)[0]
         for values in (made.position_m, made.quat_xyzw)
@@ -45,7 +45,7 @@ def seen(seconds: float) -> list[FilteredTick]:
 
 
 def still(ticks: list[FilteredTick]) -> list[int]:
-    """Those in which the tracker waited."""
+    """The uninformative ticks."""
     return [i for i, one in enumerate(ticks) if not one.state.hazard_exposure and i]
 
 
@@ -73,7 +73,7 @@ def test_time_at_rest_counts_once_the_object_moves_on():
     assert ticks[-1].state.deferred_exposure == 0.0
 
 
-def test_after_rest_the_belief_is_what_it_was_loosened_with_time():
+def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
     ticks = seen(5.0)
     last = still(ticks)[-1]
     rested, next_tick, contact = ticks[last].state, ticks[last + 1].tick, ticks[last].belief.contact
@@ -88,7 +88,7 @@ def test_after_rest_the_belief_is_what_it_was_loosened_with_time():
 
 @pytest.mark.parametrize("rest_s", [2.0, 40.0])
 def test_a_rest_in_the_middle_changes_no_segment(rest_s):
-    """Not one longer than the window, either."""
+    """Also with a rest longer than the window."""
     without, with_rest = (segment(paused(s), MODEL).segments for s in (0.0, rest_s))
     assert [one.contact for one in with_rest] == [one.contact for one in without]
     for a, b in zip(without, with_rest, strict=True):
@@ -97,14 +97,14 @@ def test_a_rest_in_the_middle_changes_no_segment(rest_s):
 
 
 def test_withheld_poses_at_the_end_do_not_change_earlier_beliefs():
-    """Spent at the last boundary, even that of an hour: the same posterior before, and the same evidence."""
+    """Exposure at the last boundary, even of an hour, changes neither earlier posteriors nor the evidence."""
     ticks = seen(5.0)
-    met = RecordedPass.over(ticks[: still(ticks)[-1] + 1])
-    trellis, steps, initial = met.trellis, np.array(met.change), log_initial(MODEL)
+    recorded_pass = RecordedPass.over(ticks[: still(ticks)[-1] + 1])
+    trellis, steps, initial = recorded_pass.trellis, np.array(recorded_pass.change), log_initial(MODEL)
     posterior, _, evidence = hmm.expect(trellis, initial, steps)
     withheld = 3600.0 / MODEL.tick_s * hazard_exposure(0.0)
     steps[-1] = tick_transitions(MODEL, withheld).log_transition
-    # contacts may have lasted, all states may begin anew, and no data tell them apart
+    # contacts may have lasted, all states may begin, and no data distinguish them
     *alive, last = trellis.alive
     *log_likelihood, known = trellis.log_likelihood
     contact = trellis.state[last] != FREE
@@ -127,8 +127,8 @@ def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():
     assert still(ticks)
     for one in ticks:
         state = one.state
-        for told, expected in zip(
+        for found, expected in zip(
             state.live_hypotheses, LiveHypotheses.of(state.banks, state.ticks - 1), strict=True
         ):
-            np.testing.assert_array_equal(told, expected)
+            np.testing.assert_array_equal(found, expected)
         np.testing.assert_array_equal(state.best_rows, [bank.best_row for bank in state.banks])

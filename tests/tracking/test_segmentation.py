@@ -60,7 +60,7 @@ def same(a, b):
 
 @many
 @given(seed=seeds, count=st.integers(0, 12), parts=st.integers(1, 4))
-def test_beliefs_read_back_to_the_last_bit(seed, count, parts):
+def test_beliefs_in_columns_are_bit_identical(seed, count, parts):
     expected = list(some_beliefs(np.random.default_rng(seed), count))
     cuts = np.linspace(0, count, parts + 1).astype(int)
     pieces = [Beliefs.of(expected[a:b]) for a, b in pairwise(cuts)]
@@ -71,7 +71,7 @@ def test_beliefs_read_back_to_the_last_bit(seed, count, parts):
     assert all(same(a, b) for a, b in zip(found[1:][::2], expected[1:][::2], strict=True))
     assert found.contacts == [b.contact for b in expected]
     np.testing.assert_array_equal(found.stamp_ns, [b.stamp_ns for b in expected])
-    for piece, rows in zip(pieces, before, strict=True):  # joining leaves the parts what they were
+    for piece, rows in zip(pieces, before, strict=True):  # joining does not change the parts
         assert piece.rows.tobytes() == rows.tobytes()
     if count:
         assert same(found[-1], expected[-1])

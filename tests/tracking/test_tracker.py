@@ -28,7 +28,7 @@ each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGE
 
 
 def run(poses, model=MODEL):
-    """All beliefs of a stream, the last tick included, and the state at its end."""
+    """All beliefs of a stream, including the last tick, and the state at its end."""
     state, beliefs = tracker.start(model), []
     for pose in poses:
         state, belief = tracker.step(state, pose)
@@ -38,7 +38,7 @@ def run(poses, model=MODEL):
 
 
 def same(a, b):
-    """Whether two beliefs are the same to the last bit."""
+    """Whether two beliefs are bit-identical."""
     return a.to_json() == b.to_json() and np.array_equal(a.residual, b.residual, equal_nan=True)
 
 
@@ -68,7 +68,7 @@ def test_beliefs_are_well_formed(contacts):
             assert np.linalg.eigvalsh(element.covariance).min() > -1e-7
             if not isinstance(element, Point):
                 axis = element.normal if isinstance(element, Plane) else element.direction
-                assert axis.max() == np.abs(axis).max(), "of both signs the one that is told"
+                assert axis.max() == np.abs(axis).max(), "the canonical sign"
 
 
 @each_recording
@@ -101,7 +101,7 @@ def test_free_motion_begins_where_it_was_first_reported():
 
 
 def test_the_tick_since_when_it_is_free_is_known_across_a_long_gap():
-    """Of which only the beginning is followed tick by tick."""
+    """Only the beginning of the gap is tracked tick by tick."""
     poses = moving(np.random.default_rng(3), 6.0, 100.0, 3e-4, 2.6e-3)
     torn = replace(poses, stamp_ns=poses.stamp_ns + (np.arange(len(poses)) >= 400) * 65 * 10**9)
     began_ns, across = [], 0
@@ -121,7 +121,7 @@ def test_residuals_of_the_true_contact_are_at_the_noise():
 
 
 def test_beliefs_depend_on_past_poses_only():
-    """Whatever comes later, also if nothing does: the same beliefs to the last bit."""
+    """Bit-identical for any later poses, or none."""
     simulated, beliefs = recorded(FACE_TO_EDGE), segmented(FACE_TO_EDGE).filtered
     cut = 411
     nonsense = simulated.poses[cut : cut + 100]
@@ -142,12 +142,12 @@ def test_online_steps_equal_the_filtered_beliefs_of_the_segmenter():
 
 
 @pytest.fixture
-def no_doubt(monkeypatch):
+def without_ambiguity(monkeypatch):
     """The raw posterior, without sharing among indistinguishable states."""
     monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: ambiguity.Freedom(False, False))
 
 
-def test_the_filter_equals_the_smoother_on_the_poses_so_far(no_doubt):
+def test_the_filter_equals_the_smoother_on_the_poses_so_far(without_ambiguity):
     """The recursion of the tracker against ``hmm.smooth`` of the same hypotheses, after each tick."""
     poses = recorded(FACE_TO_EDGE).poses[300:500]
     for ticks in range(1, 11):
@@ -156,7 +156,7 @@ def test_the_filter_equals_the_smoother_on_the_poses_so_far(no_doubt):
         np.testing.assert_allclose(seen.beliefs[-1].probability, seen.filtered[-1].probability, atol=1e-9)
 
 
-def test_a_lag_equals_the_smoother_with_that_much_future(no_doubt):
+def test_a_lag_equals_the_smoother_with_that_much_future(without_ambiguity):
     poses, lag = recorded(FACE_TO_EDGE).poses[300:500], 3
     state, found = tracker.start(MODEL, lag * MODEL.tick_s), []
     for pose in poses:
@@ -189,7 +189,7 @@ def test_a_state_is_a_value():
 
 
 def test_memory_is_bounded():
-    """A stream without an end in one contact, whose onset is never forgotten."""
+    """For an endless stream in one contact, whose onset is kept."""
     model = replace(MODEL, search=replace(MODEL.search, window_s=3.0))
     scenario = Scenario((Phase(Contact.FF, 45.0),), rate_hz=100.0)
     state, sizes = tracker.start(model), []
@@ -199,7 +199,7 @@ def test_memory_is_bounded():
             last = belief
             sizes.append(len(pickle.dumps(state)) if len(sizes) % 5 == 0 else 0)
     assert len(state.window) == 30
-    assert max(sizes[350:]) <= 1.3 * max(sizes[200:300])  # more or fewer hypotheses live
+    assert max(sizes[350:]) <= 1.3 * max(sizes[200:300])  # the number of hypotheses varies
     assert last.contact is Contact.FF
 
 
@@ -257,8 +257,8 @@ def at_rest(ticks):
 
 def test_beliefs_at_rest_change_as_slowly_as_the_transition_model():
     """Beliefs at rest change as slowly as the Markov chain at rest."""
-    believed, chain = at_rest(40)
-    assert np.abs(believed - chain).max() < 0.1
+    posterior, chain = at_rest(40)
+    assert np.abs(posterior - chain).max() < 0.1
 
 
 def test_a_tracker_without_poses_has_no_beliefs():
@@ -276,17 +276,17 @@ def test_finishing_twice_repeats_no_belief():
 
 
 def in_parts(poses, cuts, lag_s=0.0):
-    """All beliefs, gaps included, of a stream that was thought to have ended at each of the ``cuts``."""
-    state, said = tracker.start(MODEL, lag_s), []
+    """All beliefs, including gaps, of a stream that was finished and continued at each of the ``cuts``."""
+    state, beliefs = tracker.start(MODEL, lag_s), []
     for first, end in pairwise([0, *cuts, len(poses)]):
         for pose in poses[first:end]:
             state, closed = tracker.accumulate_pose(state, pose)
             for tick in closed:
                 state, online = tracker.update(state, tick)
-                said.append(tracker.answer(state, online))
+                beliefs.append(tracker.answer(state, online))
         state, rest = tracker.finish(state)
-        said += rest
-    return [belief for belief in said if belief is not None]
+        beliefs += rest
+    return [belief for belief in beliefs if belief is not None]
 
 
 def test_poses_may_come_one_by_one_and_many_at_once():
@@ -311,7 +311,7 @@ def paused(at, pause_s):
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 2.0, 20.0])
-def test_a_stream_that_goes_on_after_its_end_has_paused(pause_s):
+def test_a_stream_continued_after_its_end_is_as_after_a_pause(pause_s):
     """After whole ticks: bit-identical to an uninterrupted stream."""
     poses = paused(100, pause_s)
     whole, parts = in_parts(poses, []), in_parts(poses, [100])
@@ -321,7 +321,7 @@ def test_a_stream_that_goes_on_after_its_end_has_paused(pause_s):
 
 @pytest.mark.parametrize("cuts", [[211], [211, 212]])
 def test_an_end_within_a_tick_causes_no_jump(cuts):
-    """Uniform motion: no frame stands out after it, and how it moves is learnt anew, as after a gap."""
+    """For uniform motion: no outliers after it; the strength of motion is estimated again, as after a gap."""
     seconds = np.arange(800) / 200.0
     position_m = np.outer(seconds, [0.5, 0.0, 0.0]) + np.random.default_rng(0).normal(size=(800, 3)) * 3e-4
     poses = Poses((seconds * 1e9).astype(np.int64), position_m, np.tile([0.0, 0.0, 0.0, 1.0], (800, 1)))
@@ -331,7 +331,7 @@ def test_an_end_within_a_tick_causes_no_jump(cuts):
             state, _ = tracker.step(state, pose)
         state, _ = tracker.finish(state)
     assert state.outliers == 0
-    rest = 10 + len(cuts)  # the row of the rest of the tick, of which each end has made one more
+    rest = 10 + len(cuts)  # the row of the rest of the tick; each end has added one
     assert not state.window.motion_ratio[rest : rest + SETTLING_TICKS].any()
     assert state.window.motion_ratio[rest + SETTLING_TICKS :].any()
 
@@ -341,10 +341,10 @@ def test_an_end_within_a_tick_causes_no_jump(cuts):
 @pytest.mark.parametrize("pause_s", [0.0, 0.03, 0.08, 2.0])
 def test_a_pause_loses_and_repeats_no_belief(pause_s, lag_s):
     poses, cuts = paused(107, pause_s), [1, 107, 108, 181]
-    said = in_parts(poses, cuts, lag_s)
-    stamps = np.array([belief.stamp_ns for belief in said])
+    beliefs = in_parts(poses, cuts, lag_s)
+    stamps = np.array([belief.stamp_ns for belief in beliefs])
     assert (np.diff(stamps) > 0).all()
     assert set(poses.stamp_ns[np.array([*cuts, 300]) - 1]) <= set(stamps), "the last pose of each part"
     assert np.diff(stamps).max() < 2 * TICK_NS
-    for belief in said:
+    for belief in beliefs:
         json.dumps(belief.to_json(), allow_nan=False)

@@ -23,7 +23,7 @@ from contact_tracker.tracking.transition_model import (
 NOTHING = TransitionCounts((0.0,) * 7, (0.0,) * 7, ((0.0,) * 7,) * 7)
 MODEL = replace(load_model(), transitions=replace(load_model().transitions, counts=NOTHING))
 FREE = Contact.FREE.column
-# f-f > e-f > {v-f, e-e}, f-f > f-e > {f-v, e-e}; everything meets and leaves the surface
+# f-f > e-f > {v-f, e-e}, f-f > f-e > {f-v, e-e}; free is a neighbour of all
 LIKELY = {
     "f-f": {"e-f", "f-e", "free"},
     "e-f": {"f-f", "v-f", "e-e", "free"},
@@ -39,7 +39,7 @@ each_preset = pytest.mark.parametrize("name", preset_names())
 
 @each_preset
 @pytest.mark.parametrize("activity", [0.0, 0.3, 1.0])
-def test_nothing_is_impossible_and_everything_is_a_probability(name, activity):
+def test_all_changes_have_positive_probabilities(name, activity):
     model = load_model(name)
     exposed = hazard_exposure(activity)
     leave = np.exp(tick_transitions(model, exposed).log_transition)
@@ -80,7 +80,7 @@ def test_recordings_begin_as_the_model_says():
 
 
 def seen(rng, much=100.0):
-    """Random counts of everything."""
+    """Random transition counts."""
     changes = rng.gamma(0.3, much, (7, 7))
     changes[FREE, FREE] = 0.0
     return TransitionCounts(
@@ -126,7 +126,7 @@ def test_no_observation_makes_a_change_impossible(prior_changes):
 
 
 @pytest.mark.parametrize("tick_s", [0.05, 0.1, 0.4])
-def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick_s):
+def test_without_data_the_chain_is_a_distribution_that_changes_at_its_rate(tick_s):
     """Without evidence: the log probability of staying is added in each tick but the first."""
     rng = np.random.default_rng(0)
     model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, counts=seen(rng)))

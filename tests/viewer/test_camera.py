@@ -16,7 +16,7 @@ CUBE = Extent(np.zeros(3), float(np.sqrt(0.03)), CUBE_M)
 
 
 def at(places: Sequence[Sequence[float]] | np.ndarray) -> Poses:
-    """Unturned poses, 100 Hz."""
+    """Poses without rotation, at 100 Hz."""
     position = np.asarray(places, float)
     stamps = 10_000_000 * np.arange(len(position), dtype=np.int64)
     return Poses(stamps, position, np.tile([0.0, 0.0, 0.0, 1.0], (len(position), 1)))
@@ -54,7 +54,7 @@ def test_up_is_of_the_plane_that_was_touched_longest_in_all() -> None:
 
 
 def test_faces_of_unknown_height_do_not_determine_up() -> None:
-    """They last longer than the vertex that does, and are parallel to what it touches."""
+    """They last longer than v-f, which does, and are parallel to its face."""
     open_plane = Plane(Z, 0.3, np.diag([1e-6, 1e-6, 1e-6, 0.09]))
     faces = ContactGeometry(Plane(Z, 0.3, open_plane.covariance), open_plane)
     camera, poses = Camera(CUBE), at([[0.0, 0.0, 0.0]])
@@ -119,7 +119,7 @@ def test_contacts_far_from_the_bodys_origin_are_in_view() -> None:
     assert np.ptp(drawing.meshes[2].vertices[:, 0]) > 0.8, "and drawn as large as the object seems"
     far = replace_place(geometry, 50.0)
     assert not camera.add_contact(far, draw(far, poses, UNKNOWN_EXTENT), poses, 1), (
-        "but nobody steps back 50 m"
+        "but not for a contact 50 m away"
     )
 
 

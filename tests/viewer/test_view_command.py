@@ -16,7 +16,7 @@ from mcap_logs import smooth_poses
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four seconds, the truth changes after two."""
+    """A log of 4 s; the true contact changes after 2 s."""
     poses = smooth_poses(800)
     first, last = int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])
     truth = Truth.from_changes([first, first + 2_000_000_000], ["free", "v-f"], last)
@@ -27,7 +27,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder that gets a file for each recording that the viewer would have shown."""
+    """A folder with a file for each recording that would be shown in the viewer."""
     folder = tmp_path / "shown"
     folder.mkdir()
 

@@ -55,7 +55,7 @@ STARTS_NS = [ORIGIN_NS + first * TICK_NS for _, first, _ in PHASES]
 
 @pytest.fixture(autouse=True)
 def strict_rerun() -> Iterator[None]:
-    """Data that rerun would drop with a warning fail the test."""
+    """Fail the test for data that rerun drops with a warning."""
     rr.set_strict_mode(True)
     yield
     rr.set_strict_mode(False)
@@ -91,7 +91,7 @@ def truth() -> Truth:
 
 
 def as_pieces(*pieces: Segmentation) -> Pieces:
-    """Reads all poses and finds what is known beforehand."""
+    """A function that reads all poses and returns a given segmentation."""
 
     def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
         deque(poses, maxlen=0)
@@ -222,7 +222,7 @@ def test_events_have_time_probability_and_geometry(written: Path) -> None:
 
 
 def in_pieces(poses: Iterable[Pose], whole: Segmentation) -> Iterator[Segmentation]:
-    """A piece per phase, the moment that half of the next one has been read: what is filtered is ahead."""
+    """A piece per phase, when half of the next one has been read: filtered beliefs are ahead."""
     stream, end = iter(poses), 0
     for number, segment in enumerate(whole.segments):
         last = number == len(whole.segments) - 1
@@ -247,7 +247,7 @@ def test_a_recording_in_pieces_is_drawn_as_one(
 
 
 def contents(path: Path) -> dict[tuple[str, str], list[Any]]:
-    """All rows by entity and component, as text (nan equals nan), but when they were written."""
+    """All rows by entity and component, as text (nan equals nan), without the time of writing."""
     found: dict[tuple[str, str], list[Any]] = {}
     for chunk in RrdReader(path).stream().to_chunks():
         batch = chunk.to_record_batch()
@@ -309,7 +309,7 @@ def test_a_folder_that_is_not_there_is_an_os_error(
 
 
 def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
-    """Poses as they come, each belief once its tick is complete."""
+    """Stream poses, and each belief once its tick is complete."""
     due = list(beliefs)
     with LiveViewer(CUBE_M, to_file(path)) as view:
         for pose in poses:
@@ -319,7 +319,7 @@ def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
 
 
 def test_a_settled_contact_is_reported_live(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
-    """As it does on stdout: the line of the change says 0.8, that one more."""
+    """As on stdout: the line of the change has 0.8, the one when settled more."""
     beliefs = [
         replace(b, probability=np.where(np.arange(7) == b.contact.column, 0.94, 0.01)) if i == 20 else b
         for i, b in enumerate(segmentation.filtered)
@@ -417,7 +417,7 @@ def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, po
 
 
 def with_a_wall(segmentation: Segmentation) -> Segmentation:
-    """A vertex touches a wall, too, from half of the first segment to its end, and in half of the third."""
+    """With a vertex on a wall in the second half of the first segment and in half of the third."""
     wall = ContactGeometry(Point(np.array([0.1, 0.0, 0.0])), Plane(X, 0.4))
     segments, beliefs = list(segmentation.segments), list(segmentation.beliefs)
     for number, tick in ((0, 15), (2, 75)):
@@ -574,7 +574,7 @@ def test_an_element_that_is_not_finite_draws_nothing() -> None:
 
 
 def test_the_object_is_round_and_the_surroundings_square() -> None:
-    """Seen along the rod, or from above."""
+    """In the view along the rod, or from above."""
     for element, axis in ((Line(Z, np.zeros(3)), 2), (Point(np.zeros(3)), 2), (Plane(Z, 0.0), 2)):
         counts = []
         for form in (shapes.of_object, shapes.of_surroundings):

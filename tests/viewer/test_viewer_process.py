@@ -45,7 +45,7 @@ def at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def stand_in(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
-    """Have ``script`` run where the viewer would."""
+    """Run ``script`` instead of the viewer."""
     path = folder / "viewer"
     path.write_text(f"#!/bin/sh\n{script}\n")
     path.chmod(0o755)
@@ -54,7 +54,7 @@ def stand_in(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None
 
 @pytest.fixture
 def windowless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_home: Path) -> Iterator[None]:
-    """The real viewer, without its window."""
+    """The real viewer without a window."""
     program, note = Path(rerun_cli.__path__[0]) / "rerun", tmp_path / "pid"
     words = shlex.join([str(program), "--serve-grpc"])
     stand_in(tmp_path, monkeypatch, f'echo $$ > {shlex.quote(str(note))}; exec {words} "$@"')
@@ -75,12 +75,12 @@ def test_a_viewer_that_does_not_answer_is_ended(
     note = tmp_path / "pid"
     stand_in(tmp_path, monkeypatch, f"echo $$ > {shlex.quote(str(note))}; sleep 60")
 
-    def hears_nothing(_: int) -> bool | None:
+    def listens_to_nothing(_: int) -> bool | None:
         if waits and note.exists() and note.read_text():
             raise KeyboardInterrupt
         return None
 
-    monkeypatch.setattr(sinks, "answers", hears_nothing)
+    monkeypatch.setattr(sinks, "answers", listens_to_nothing)
     monkeypatch.setattr(sinks, "_START_S", 60.0 if waits else 3.0)
     with pytest.raises(KeyboardInterrupt if waits else ViewerError):
         sinks.start(free_port, ())
@@ -112,17 +112,17 @@ def test_a_viewer_is_started_locally_with_the_users_choice_on_analytics(
 
 @LINUX
 def test_a_viewer_is_reachable_from_this_machine_only(windowless: None, free_port: int) -> None:
-    """Of the addresses of this machine alone, one is asked for, and only that one answers."""
+    """It answers on the loopback address only."""
     LiveViewer(sink=to_viewer(free_port)).close()
     socket.create_connection(("127.0.0.1", free_port), timeout=5).close()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.2", free_port), timeout=5)
 
 
-def test_a_viewer_is_not_taken_from_the_current_folder(
+def test_a_viewer_in_the_current_folder_is_not_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
 ) -> None:
-    """Recordings are opened where they lie, and so may other files that came with them."""
+    """The folder of a recording may contain other programs."""
     (tmp_path / "rerun_cli.py").write_text("open('taken', 'w')")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("RERUN_CLI_PATH", "no such viewer")
@@ -151,7 +151,7 @@ def test_a_viewer_logs_at_the_users_level(
 
 @pytest.mark.parametrize("level", [SILENT, "debug"])
 def test_rerun_does_not_print_its_log(level: str) -> None:
-    """It would write lines, and colours, of its own; this is the quickest way to some."""
+    """Else rerun prints lines with colours; this is the quickest way to one."""
     program = "import rerun as rr; rr.RecordingStream('test').memory_recording()"
     command = [sys.executable, "-c", program]
     done = subprocess.run(

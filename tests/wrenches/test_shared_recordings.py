@@ -7,7 +7,7 @@ import pytest
 from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.adaptation.with_wrenches import wrench_evidence
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.evaluate import Judge
+from contact_tracker.evaluation.evaluate import Evaluator
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_wrenches
 
@@ -19,10 +19,10 @@ def test_wrenches_decide_what_motion_leaves_open(shared_recordings: Path, number
     poses = Poses.join(list(log.batches()))
     found = read_wrenches(path, "/object/wrench", log.source, poses)
     evidence, _ = wrench_evidence(poses, found.wrenches, model)
-    judge = Judge(need_truth(path))
-    judge.poses(poses)
+    evaluator = Evaluator(need_truth(path))
+    evaluator.add_poses(poses)
     for piece in OfflineTracker(model, wrenches=evidence).pieces(poses):
-        judge.piece(piece)
-    offline = judge.finish().offline
+        evaluator.add_piece(piece)
+    offline = evaluator.finish().offline
     assert offline.accuracy() > least
     assert offline.sure_wrong < 0.03

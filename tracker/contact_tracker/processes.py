@@ -1,8 +1,9 @@
-"""Processes of this machine that help a command: they start when it asks and end with it.
+"""Worker processes of a command on this machine, which end with it.
 
-``local_processes`` calls a function with many arguments: when a process ends, it is certain which job it was
-at, and it costs no other. ``helpers`` is an executor for a caller that submits work while it goes on reading;
-if one process ends early, the command fails. Both have an executor of the standard library for each process.
+``local_processes`` calls a function with many arguments: if a process ends, the job that it was working on is
+known, and no other job is lost. ``helpers`` is an executor for a caller that submits work while it continues
+to read; if one process ends early, the command fails. Both use one executor of the standard library for each
+process.
 """
 
 import os
@@ -24,21 +25,21 @@ from contact_tracker.interrupts import end_with_parent, kept_from_children
 T = TypeVar("T")
 _THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
 _AHEAD: Final = 2
-"""Jobs that a process of a batch has at once: the next one waits for no answer."""
+"""Jobs that a process of a batch has at once, so that it can continue before its answer is collected."""
 _MOST_DEATHS: Final = 2
-"""A job during which so many processes have ended is given up."""
+"""A job is given up when this many processes have ended while working on it."""
 _ENDED: Final = "a process has ended before its work was done: it may have taken too much memory"
 
 
 class Killed(NamedTuple):
-    """Instead of an answer: the processes that were to give it have ended."""
+    """Replaces the answer to a job if the processes that worked on it have ended."""
 
 
 KILLED: Final = Killed()
 
 
 class Jobs(Protocol):
-    """Calls a function with the arguments of each job, and gives these with the answer, in any order."""
+    """Calls a function with the arguments of each job; yields the arguments with the answer, in any order."""
 
     def __call__(
         self, function: Callable[..., T], jobs: Iterable[tuple[Any, ...]]
@@ -47,33 +48,33 @@ class Jobs(Protocol):
 
 @contextmanager
 def helpers(count: int, prepare: Callable[[], None]) -> Iterator[Executor]:
-    """An executor of so many processes, which first ``prepare``; they end with this context.
+    """An executor with ``count`` processes, which first call ``prepare``; they end with this context.
 
     Raises
     ------
     ContactTrackerError
-        One ended before its work was done.
+        A process ended before its work was done.
     """
     _use_one_thread_each()
-    helping = _Helpers()
+    executor = _Helpers()
     try:
         with kept_from_children():
-            helping.start(count, prepare)
-        yield helping
-        helping.check()
+            executor.start(count, prepare)
+        yield executor
+        executor.check()
     except BrokenProcessPool:
-        for process in active_children():  # an executor waits for one that it started meanwhile
+        for process in active_children():  # else an executor waits for one that it has just started
             process.kill()
         raise ContactTrackerError(f"{_ENDED}; try --processes 1") from None
     finally:
-        helping.shutdown(cancel_futures=True)
+        executor.shutdown(cancel_futures=True)
 
 
 class _Helpers(Executor):
     """One ``ProcessPoolExecutor`` for each process.
 
     A shared one iterates over its table of processes while it still adds to it, which fails if a process ends
-    meanwhile.
+    in the meantime.
     """
 
     def __init__(self) -> None:
@@ -81,14 +82,14 @@ class _Helpers(Executor):
         self._futures: list[list[Future[Any]]] = []
 
     def start(self, count: int, prepare: Callable[[], None]) -> None:
-        """Start so many processes, without waiting for them."""
+        """Start ``count`` processes, without waiting for them."""
         for _ in range(count):
             executor = _executor_of_one(prepare)
             self._executors.append(executor)
             self._futures.append([executor.submit(int)])
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Give the work to the process that has least to do."""
+        """Submit to the process with the fewest unfinished calls."""
         self._futures = [[f for f in futures if not f.done()] for futures in self._futures]
         least = min(range(len(self._futures)), key=lambda number: len(self._futures[number]))
         future = self._executors[least].submit(fn, *args, **kwargs)
@@ -101,7 +102,7 @@ class _Helpers(Executor):
             future.result()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes, after what they are at; without ``cancel_futures`` after all that was given."""
+        """End all processes after their present call; without ``cancel_futures`` after all calls."""
         if cancel_futures:
             for future in chain.from_iterable(self._futures):
                 future.cancel()
@@ -114,8 +115,8 @@ def _executor_of_one(prepare: Callable[[], None]) -> ProcessPoolExecutor:
 
 
 def _use_one_thread_each() -> None:
-    """Processes that are started from now on use one thread each in numerics, unless the user has said
-    otherwise."""
+    """Processes that are started from now on use one thread each in numerics, unless the environment sets
+    another number."""
     for name in _THREADS:
         os.environ.setdefault(name, "1")
 
@@ -123,7 +124,7 @@ def _use_one_thread_each() -> None:
 class Runner:
     """Runs a function on many arguments in ``processes`` (1: in this one); ``done`` is called after each.
 
-    ``prepare`` is what other processes than this one do first.
+    Other processes than this one first call ``prepare``.
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class Runner:
         Raises
         ------
         ContactTrackerError
-            A process ended without an answer, as one does that takes too much memory.
+            A process ended without an answer, for example because it took too much memory.
         """
         processes = min(self._processes, len(jobs))
         if processes <= 1:
@@ -166,7 +167,7 @@ def _numbered(_: int, function: Callable[..., T], arguments: tuple[Any, ...]) ->
 
 
 def _nothing() -> None:
-    """Nothing has to be done first."""
+    """No preparation."""
 
 
 @contextmanager
@@ -176,14 +177,15 @@ def local_processes(
     most_deaths: int = _MOST_DEATHS,
     ahead: int = _AHEAD,
 ) -> Iterator[Jobs]:
-    """So many processes of this machine, which first ``prepare``; they end with this context.
+    """Local processes, each of which first calls ``prepare``; they end with this context.
 
-    A job at which ``most_deaths`` processes have ended is given up; ``ahead`` jobs are with each process.
+    A job is given up when ``most_deaths`` processes have ended while working on it; each process has up to
+    ``ahead`` jobs.
 
     Raises
     ------
     ContactTrackerError
-        One cannot even start.
+        A process ends as soon as it is started.
     """
     _use_one_thread_each()
     lanes = [_Lane() for _ in range(processes)]
@@ -205,11 +207,11 @@ class _Task:
 
 
 class _Lane:
-    """One process and the tasks that it was given, the first of which it is at."""
+    """One process and its tasks, of which it is working on the first."""
 
     def __init__(self) -> None:
         self.tasks: deque[tuple[_Task, Future[Any]]] = deque()
-        self._is_given_one = False
+        self._is_submitting = False
         self._executor: ProcessPoolExecutor | None = None
         self._started: Future[int] | None = None
 
@@ -227,22 +229,22 @@ class _Lane:
             raise ContactTrackerError(f"a process has ended before its work was done, {reason}") from None
 
     def give(self, task: _Task, function: Callable[..., Any]) -> bool:
-        """Whether the process has taken it; else it has ended."""
+        """Submit a task; returns False if the process has ended."""
         assert self._executor is not None
-        self._is_given_one = True  # stays so if an interrupt comes before it is in ``tasks``
+        self._is_submitting = True  # stays so if an interrupt comes before it is in ``tasks``
         try:
             self.tasks.append((task, self._executor.submit(_call, function, task.arguments)))
         except BrokenProcessPool:
-            self._is_given_one = False
+            self._is_submitting = False
             return False
-        self._is_given_one = False
+        self._is_submitting = False
         return True
 
     def stop(self) -> None:
-        """End the process in the middle of what it is at; ``join`` waits for it."""
-        is_at_work = self._is_given_one or any(not future.done() for _, future in self.tasks)
+        """Interrupt the process if it is working; ``join`` waits for its end."""
+        is_working = self._is_submitting or any(not future.done() for _, future in self.tasks)
         if (
-            is_at_work
+            is_working
             and self._started is not None
             and self._started.done()
             and self._started.exception() is None
@@ -274,7 +276,7 @@ def _answers(
     source, again = iter(jobs), deque[_Task]()
 
     def fill() -> None:
-        for many in range(1, ahead + 1):  # one for each before any has two
+        for many in range(1, ahead + 1):  # first one task for each
             for lane in lanes:
                 while len(lane.tasks) < many:
                     task = again.popleft() if again else _next(source)
@@ -283,7 +285,7 @@ def _answers(
                     if lane.give(task, function):
                         continue
                     again.appendleft(task)
-                    if lane.tasks:  # it has ended at one of them, which is found out when that is collected
+                    if lane.tasks:  # it has ended during one of them, which ``_collect`` handles
                         break
                     lane.join()
                     _start([lane], prepare)
@@ -309,7 +311,7 @@ def _next(source: Iterator[tuple[Any, ...]]) -> _Task | None:
 def _collect(
     lane: _Lane, prepare: Callable[[], None], most_deaths: int, again: deque[_Task]
 ) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """The answers of a process; if it has ended, another takes its place, and its tasks come ``again``."""
+    """The answers of a process; if it has ended, it is replaced and its tasks are queued in ``again``."""
     while lane.tasks and lane.tasks[0][1].done():
         task, future = lane.tasks[0]
         try:
@@ -331,7 +333,7 @@ def _collect(
 
 
 def _begin(prepare: Callable[[], None]) -> None:
-    """In a process of its own."""
+    """Initialise a worker process."""
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     end_with_parent()
     prepare()
@@ -340,5 +342,5 @@ def _begin(prepare: Callable[[], None]) -> None:
 def _call(function: Callable[..., T], arguments: tuple[Any, ...]) -> T:
     try:
         return function(*arguments)
-    except SystemExit as leave:  # what was begun is cleared away
-        os._exit(int(leave.code or 1))
+    except SystemExit as end:  # temporary files have been removed
+        os._exit(int(end.code or 1))

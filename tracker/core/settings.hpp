@@ -1,17 +1,16 @@
-// Constants of the algorithm. Python passes them in (`configure`): none is said
-// twice.
+// Constants of the algorithm; Python passes them in (`configure`), so that each is defined once.
 #pragma once
 
 #include <vector>
 
 namespace kernels {
 
-// Of Levenberg and Marquardt's damping, as in `fit`.
+// Levenberg-Marquardt damping, see `gauss_newton.py`.
 struct Damping {
     double first, least, most, less, more, least_share, least_curvature;
 };
 
-// `rounds` are steps and how many of the best go on.
+// Round of the search: steps per start, and the number of best starts kept.
 struct Round {
     int steps, kept;
 };

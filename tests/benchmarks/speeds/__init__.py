@@ -1,1 +1,1 @@
-"""What speed.py measures, a file for each row of its table."""
+"""Measurements of speed.py, a file for each row of its table."""

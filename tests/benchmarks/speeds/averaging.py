@@ -1,4 +1,4 @@
-"""Averaging: from poses to ticks, the noise and the free motion included."""
+"""Averaging: from poses to ticks, including noise and free motion."""
 
 from pathlib import Path
 
@@ -18,16 +18,16 @@ def measure(setup: Setup) -> list[Figure]:
 
 def _figures(log: Path, target: str, model: Model, runs: int) -> list[Figure]:
     poses = Poses.collect(open_log(str(log)))
-    count = gather(poses, model)
-    taken = cpu_s(lambda: gather(poses, model), runs)
+    count = average(poses, model)
+    taken = cpu_s(lambda: average(poses, model), runs)
     return [
         Figure(f"{log.stem}: averaging", 1e6 * taken / len(poses), "us per pose"),
         Figure(f"{log.stem}: averaging", 1e3 * taken / count, "ms per tick", target),
     ]
 
 
-def gather(poses: Poses, model: Model) -> int:
-    """How many ticks the poses close."""
+def average(poses: Poses, model: Model) -> int:
+    """Average poses into ticks; returns the number of ticks that they close."""
     state, count = tick_grid.begin(model, poses), 0
     for some in poses.batches():
         state, closed = tick_grid.advance(state, some, model)

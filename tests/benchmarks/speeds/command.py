@@ -1,4 +1,4 @@
-"""The command line as a user runs it, in a process of its own: CPU and wall time, peak memory."""
+"""CPU and wall time and peak memory of the command line, run in a process of its own."""
 
 import os
 import resource
@@ -17,7 +17,7 @@ class Ran(NamedTuple):
 
 
 def run(*arguments: str, may_fail: bool = False) -> Ran:
-    """Run ``contact-tracker`` to its end; raises CalledProcessError where it fails, unless it may."""
+    """Run ``contact-tracker`` to its end; raises CalledProcessError if it fails, unless it may."""
     process = _start(arguments, subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -27,7 +27,7 @@ def run(*arguments: str, may_fail: bool = False) -> Ran:
 
 
 def first_lines_s(lines: int, *arguments: str) -> float:
-    """Wall time from the start until that many lines are on stdout; the process is ended then."""
+    """Wall time from the start until ``lines`` are on stdout; then the process is ended."""
     begin_s = time.perf_counter()
     process = _start(arguments, subprocess.PIPE)
     assert process.stdout is not None

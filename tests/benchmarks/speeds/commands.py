@@ -1,4 +1,4 @@
-"""A command on logs of all lengths, each run a process of its own: CPU time per recorded second, memory."""
+"""CPU time per recorded second and memory of a command on logs of several lengths."""
 
 from collections.abc import Iterator
 from statistics import median
@@ -9,12 +9,12 @@ from speeds.figures import Setup
 from speeds.long_logs import write_long_log
 
 ONCE_FROM_S: Final = 600
-"""Logs as long as that are run once: what disturbs a measurement has averaged out."""
+"""Logs of at least this length are run once, as disturbances average out."""
 IDLE: Final = ("--duration", "0.05")
 
 
 class Measured(NamedTuple):
-    """A log of ``seconds``: CPU time of the whole process and without its start, and its peak memory."""
+    """A log of ``seconds``: CPU time of the process, in total and without start-up, and its peak memory."""
 
     seconds: int
     cpu_s: float
@@ -23,12 +23,12 @@ class Measured(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """CPU time per recorded time, the start aside."""
+        """CPU time per recorded time, without start-up."""
         return self.working_s / self.seconds
 
 
 def lengths(setup: Setup, command: tuple[str, ...], idle: tuple[str, ...] = IDLE) -> Iterator[Measured]:
-    """Of each length in turn; with the options ``idle`` the command ends after its start."""
+    """The figures for each length; with the options ``idle`` the command ends after start-up."""
     for seconds in setup.lengths_s:
         log = write_long_log(setup.log, seconds, setup.scratch / f"{seconds}_s.mcap")
         runs = 1 if seconds >= ONCE_FROM_S else setup.runs

@@ -1,4 +1,4 @@
-"""What a row of the table is made from, and how CPU time is taken. Imports nothing heavy: see ``peak_mb``."""
+"""Set-up and figures of the speed benchmark, and CPU time. Imports nothing large: see ``peak_mb``."""
 
 import resource
 import sys
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class Setup(NamedTuple):
-    """What is measured on: a 200 Hz and a 1 kHz log, how often, how long, and where files may be written."""
+    """A 200 Hz log and a 1 kHz log, the model, the number of runs, lengths, and a folder for files."""
 
     log: Path
     fast_log: Path
@@ -21,7 +21,7 @@ class Setup(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """One line of the table; ``target`` is what it has to reach, in the same unit."""
+    """One row of the table; ``target`` in the same unit."""
 
     what: str
     value: float
@@ -40,9 +40,9 @@ def cpu_s(work: Callable[[], object], runs: int) -> float:
 
 
 def peak_mb(usage: resource.struct_rusage) -> float:
-    """Most memory ever resident, in 10^6 bytes.
+    """Peak of the resident memory, in 10^6 bytes.
 
-    A process starts with the peak of the one that started it, therefore all of those stay small.
+    A process inherits the peak of its parent, so the parents must stay small.
     """
     return usage.ru_maxrss * (1.0 if sys.platform == "darwin" else 1024.0) / 1e6
 

@@ -1,4 +1,4 @@
-"""Growth: what a tick takes late in a log against the same poses in its first minute, in turns."""
+"""Growth: time per tick late in a log, relative to the same poses in its first minute."""
 
 import growth
 from speeds.figures import Figure, Setup

@@ -1,4 +1,4 @@
-"""Live: the command ``live`` on logs of all lengths, as fast as it goes; its memory must not grow."""
+"""Live: the command ``live`` on logs of several lengths, as fast as possible; its memory must not grow."""
 
 from speeds.figures import Figure, Setup
 from speeds.offline import commands

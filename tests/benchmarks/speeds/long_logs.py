@@ -1,6 +1,6 @@
-"""A log of any length: the poses of a recording played forth and back, so that the motion never jumps.
+"""A log of any length: the poses of a recording forward and backward repeatedly, without jumps.
 
-Imports nothing of the tracker: who measures the memory of others stays small.
+Imports nothing of the tracker, so that a process that measures the memory of others stays small.
 """
 
 import json
@@ -17,14 +17,14 @@ TYPE: Final = "geometry_msgs/msg/PoseStamped"
 TRUTH: Final = "truth.json"
 STAMP: Final = struct.Struct("<iI")
 _STAMP_AT: Final = 4
-"""Of a little-endian CDR message that begins with a header: after the encapsulation."""
+"""Offset of the stamp in a little-endian CDR message that begins with a header: after the encapsulation."""
 
 
 def write_long_log(source: Path, seconds: float, path: Path) -> Path:
-    """Write ``seconds`` of the one PoseStamped topic of ``source`` to ``path``, at its own rate.
+    """Write ``seconds`` of the one PoseStamped topic of ``source`` to ``path``, at the same rate.
 
-    Nothing but the stamps changes, so that memory stays small here, and the log compresses as logs do. Where
-    ``source`` says what really holds, the log does.
+    Only the stamps change, so that little memory is needed and the log compresses as others. It has ground
+    truth if ``source`` has.
     """
     with source.open("rb") as file:
         reader = make_reader(file)
@@ -40,28 +40,28 @@ def write_long_log(source: Path, seconds: float, path: Path) -> Path:
         schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
         channel_id = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
         count = round(seconds * 1e9 / period_ns)
-        for number, data in enumerate(_forth_and_back([r[2].data for r in records], count)):
+        for number, data in enumerate(_forward_and_backward([r[2].data for r in records], count)):
             stamp_ns = stamps[0] + number * period_ns
             stamped = data[:_STAMP_AT] + STAMP.pack(*divmod(stamp_ns, 10**9)) + data[_STAMP_AT + STAMP.size :]
             writer.add_message(channel_id, stamp_ns, stamped, stamp_ns)
         for intervals in truth:
-            told = json.dumps(list(_toured(intervals, stamps[0], stamps[-1], stamps[0] + count * period_ns)))
-            writer.add_attachment(0, 0, TRUTH, "application/json", told.encode())
+            repeated = _repeated_truth(intervals, stamps[0], stamps[-1], stamps[0] + count * period_ns)
+            writer.add_attachment(0, 0, TRUTH, "application/json", json.dumps(list(repeated)).encode())
         writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 
-def _forth_and_back(messages: list[bytes], count: int) -> Iterator[bytes]:
-    """The first ``count`` messages of an endless tour; at the ends none comes twice in a row."""
+def _forward_and_backward(messages: list[bytes], count: int) -> Iterator[bytes]:
+    """The first ``count`` of endless repetitions; at the ends no message is repeated."""
     return islice(cycle(chain(messages, messages[-2:0:-1])), count)
 
 
-def _toured(intervals: list[Any], first_ns: int, last_ns: int, end_ns: int) -> Iterator[Any]:
-    """What really holds on that tour, until ``end_ns``."""
+def _repeated_truth(intervals: list[Any], first_ns: int, last_ns: int, end_ns: int) -> Iterator[Any]:
+    """The true intervals of these repetitions, until ``end_ns``."""
     for begin_ns in range(first_ns, end_ns, 2 * (last_ns - first_ns)):
         for one in intervals:
-            forth = begin_ns - first_ns
-            yield one | {"start_ns": one["start_ns"] + forth, "end_ns": one["end_ns"] + forth}
+            shift_ns = begin_ns - first_ns
+            yield one | {"start_ns": one["start_ns"] + shift_ns, "end_ns": one["end_ns"] + shift_ns}
         for one in reversed(intervals):
-            back = begin_ns + 2 * last_ns - first_ns
-            yield one | {"start_ns": back - one["end_ns"], "end_ns": back - one["start_ns"]}
+            mirror_ns = begin_ns + 2 * last_ns - first_ns
+            yield one | {"start_ns": mirror_ns - one["end_ns"], "end_ns": mirror_ns - one["start_ns"]}

@@ -1,4 +1,4 @@
-"""Offline: ``segment`` on logs from a minute to ten hours: time per recorded second, memory."""
+"""Offline: ``segment`` on logs of several lengths: time per recorded second, memory."""
 
 from speeds.commands import lengths
 from speeds.figures import Figure, Setup, length
@@ -10,7 +10,7 @@ def measure(setup: Setup) -> list[Figure]:
 
 
 def commands(setup: Setup, command: tuple[str, ...], name: str, faster: str, smaller: str) -> list[Figure]:
-    """A command on logs of all lengths, the start of the program aside; the targets are for the longest."""
+    """Figures of a command on logs of several lengths, without start-up; the targets are for the longest."""
     figures = []
     for measured in lengths(setup, command):
         what, at_end = f"{name} {length(measured.seconds)}", measured.seconds == setup.lengths_s[-1]

@@ -1,4 +1,4 @@
-"""Online: CPU time per tick, from the log's bytes to the belief, by how old the present contact is."""
+"""Online: CPU time per tick, from the log's bytes to the belief, by the run length of the contact."""
 
 import time
 from pathlib import Path
@@ -18,16 +18,16 @@ Array = NDArray[np.float64]
 
 SECONDS: Final = 120.0
 AGES_S: Final = (0.0, 3.0, 10.0, 20.0, 30.0)
-"""A recording of 10 s per contact, forth and back, holds contacts of 20 s, and of 30 s with its rest."""
+"""A recording of 10 s per contact, forward and backward, has contacts of 20 s, and of 30 s with its rest."""
 
 
 class Ticks(NamedTuple):
-    """``cpu_s`` (T,) of each tick, ``age_s`` (T,) of the contact then believed and whether it said nothing,
-    as at ``rest`` (T,); ``poses`` in all of them."""
+    """``cpu_s`` (T,) of each tick, ``age_s`` (T,) of its labelled contact, and whether it was
+    ``uninformative`` (T,), as at rest; ``poses`` in all of them."""
 
     cpu_s: Array
     age_s: Array
-    rest: NDArray[np.bool_]
+    uninformative: NDArray[np.bool_]
     poses: int
 
 
@@ -41,19 +41,19 @@ def measure(setup: Setup) -> list[Figure]:
 
 def _figures(source: Path, model: Model, setup: Setup, share: str, p99: str) -> list[Figure]:
     log = write_long_log(source, SECONDS, setup.scratch / f"{source.stem}_online.mcap")
-    runs = [follow(log, model) for _ in range(setup.runs)]
+    runs = [track(log, model) for _ in range(setup.runs)]
     taken_ms = 1e3 * np.median([run.cpu_s for run in runs], axis=0)  # the same ticks in each run
     name, age_s = source.stem, runs[0].age_s
     figures = [
         Figure(f"{name}: share of a core", float(0.1 * taken_ms.mean() / model.tick_s), "%", share),
-        Figure(f"{name}: all in all", float(1e3 * taken_ms.sum() / runs[0].poses), "us per pose"),
+        Figure(f"{name}: in total", float(1e3 * taken_ms.sum() / runs[0].poses), "us per pose"),
         *_spread(name, taken_ms, p99),
     ]
     for low_s, high_s in zip(AGES_S, (*AGES_S[1:], np.inf), strict=True):
         among = taken_ms[(age_s >= low_s) & (age_s < high_s)]
         ages = f"{low_s:g} to {high_s:g} s" if high_s < np.inf else f"over {low_s:g} s"
         figures += _spread(f"{name}: contact of {ages}", among) if len(among) else []
-    return [*figures, *_spread(f"{name}: at rest, or else mute", taken_ms[runs[0].rest])]
+    return [*figures, *_spread(f"{name}: uninformative", taken_ms[runs[0].uninformative])]
 
 
 def _spread(what: str, taken_ms: Array, p99: str = "") -> list[Figure]:
@@ -65,9 +65,9 @@ def _spread(what: str, taken_ms: Array, p99: str = "") -> list[Figure]:
     ]
 
 
-def follow(log: Path, model: Model) -> Ticks:
-    """Track a log as ``live`` does, and look at the clock at each belief."""
-    state, poses, cpu_s, age_s, rest = tracker.start(model), 0, [], [], []
+def track(log: Path, model: Model) -> Ticks:
+    """Track a log as ``live`` does, with the CPU time of each belief."""
+    state, poses, cpu_s, age_s, uninformative = tracker.start(model), 0, [], [], []
     begin_s = time.process_time()
     for pose in open_log(str(log)):
         poses += 1
@@ -79,6 +79,6 @@ def follow(log: Path, model: Model) -> Ticks:
             now_s = time.process_time()
             cpu_s.append(now_s - begin_s)
             age_s.append(1e-9 * (belief.stamp_ns - belief.onset_ns))
-            rest.append(not state.hazard_exposure)
+            uninformative.append(not state.hazard_exposure)
             begin_s = now_s
-    return Ticks(np.array(cpu_s), np.array(age_s), np.array(rest), poses)
+    return Ticks(np.array(cpu_s), np.array(age_s), np.array(uninformative), poses)

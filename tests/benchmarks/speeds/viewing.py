@@ -1,4 +1,4 @@
-"""Writing for the viewer: frames per second, streamed with each belief and as a whole recording."""
+"""Writing for the viewer: poses per second, streamed with each belief and as a whole recording."""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -25,15 +25,15 @@ def measure(setup: Setup) -> list[Figure]:
     model, log = load_model(setup.model), str(setup.log)
     vertices = vertices_from_metadata(read_metadata(log))
     poses = _beginning(log)
-    state, told = tracker.start(model), list[tuple[Pose, Belief | None]]()
+    state, tracked = tracker.start(model), list[tuple[Pose, Belief | None]]()
     for pose in poses:
         state, belief = tracker.step(state, pose)
-        told.append((pose, belief))
+        tracked.append((pose, belief))
     segmentation, path = segment(poses, model), setup.scratch / "view.rrd"
 
     def stream() -> None:
         with LiveViewer(vertices, to_file(path)) as viewer:
-            for pose, belief in told:
+            for pose, belief in tracked:
                 viewer.pose(pose)
                 if belief is not None:
                     viewer.belief(belief)

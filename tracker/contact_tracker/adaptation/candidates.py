@@ -1,4 +1,4 @@
-"""Candidate models of a stream: ticks that hold frames, and alternatives of the noise."""
+"""Candidate models of a stream: ticks with enough frames, and alternatives of the noise."""
 
 from dataclasses import replace
 from math import sqrt
@@ -13,50 +13,51 @@ from contact_tracker.motion.sensor_noise import begin, estimate_noise
 from contact_tracker.motion.tick_averaging import tick_variances
 
 TOLERANCE: Final = 1.05
-"""Tolerance of the tick's length, for periods that jitter."""
+"""Tolerance of the tick's length, for jitter of the periods."""
 TICKS_PER_WINDOW: Final = 10
-ODD: Final = 2.0
-"""Periods by more than this factor longer than the median are gaps, shorter ones those of two bodies."""
+IRREGULAR: Final = 2.0
+"""Periods longer than the median by more than this factor are gaps; shorter ones are those of two bodies."""
 NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
-"""Candidates for the noise of a tick: geometric means of its deviations in position (m) and orientation
-(rad). Within a factor of the square root of two from the true one contacts are found as well as with it."""
+"""Candidates for the noise of a tick: geometric means of its standard deviations in position (m) and
+orientation (rad). Within a factor of the square root of two of the true noise contacts are found equally
+well."""
 LEAST_FACTOR: Final = 1.2
-"""A candidate gets a tracker if its floor exceeds the averaged white noise by this factor."""
+"""A candidate is tracked if its floor exceeds the averaged white noise by this factor."""
 WANDER_M: Final = (1.25e-4, 3.5e-4, 1e-3)
-"""Candidates for correlated errors of the position, such as those of calibration, unless smaller than the
-noise."""
+"""Candidates for correlated errors of the position, such as those of calibration; those below the noise are
+not tracked."""
 WANDER_ROTATION_PER_POSITION: Final = 5.0
 """Ratio of correlated errors of orientation and position (rad/m)."""
 SLOW_PERIOD_S: Final = 0.045
 """Above this period, differences of poses may be motion as much as noise."""
 SHARES: Final = (0.5, 0.25, 0.125)
-"""Candidates for the share of the deviations that is noise then."""
+"""Candidates, in slow streams, for the share of the deviations that is noise."""
 LOG_PRIOR_STEP: Final = -1.0
-"""Log prior (nats) of each larger floor and each smaller share against the one before."""
+"""Log prior (nats) of each larger floor and each smaller share relative to the one before."""
 LOG_PRIOR_WANDER: Final = 12.0
-"""Log prior odds (nats) of correlated errors: few streams are without, and a model that has them finds
-contacts anyway, while without them true contacts do not fit. If there are none, the evidence against them is
-much larger after some seconds of motion."""
+"""Log prior odds (nats) of correlated errors. Few streams have none; a model with them finds contacts in any
+case, while without them true contacts may not fit. If there are none, the evidence against them is much
+larger after some seconds of motion."""
 ROTATION_PER_POSITION: Final = (2.0, 40.0)
 """Range of the ratio of the deviations (rad/m), if the stream does not determine it."""
 USUAL_ROTATION_PER_POSITION: Final = 7.0
 
 
 def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
-    """The mean of the periods that are within a factor of ``ODD`` of the median; 0 for a single pose.
+    """Mean of the periods within a factor of ``IRREGULAR`` of the median; 0 for a single pose.
 
-    The median itself is off where stamps jitter.
+    With jitter of the stamps the median itself is biased.
     """
     if len(stamp_ns) < 2:
         return 0.0
     ratio = np.diff(stamp_ns) / np.median(np.diff(stamp_ns))
-    usual = (ratio <= ODD) & (ratio >= 1.0 / ODD)
+    usual = (ratio <= IRREGULAR) & (ratio >= 1.0 / IRREGULAR)
     return float(np.diff(stamp_ns)[usual].mean()) * 1e-9
 
 
 def with_ticks_for(model: Model, period_s: float) -> Model:
-    """The model with ticks of at least ``poses_per_tick`` poses of this period, as far as the window
-    allows."""
+    """The model with ticks of at least ``poses_per_tick`` poses of this period, but at most a tenth of the
+    window."""
     needed_s = min(model.poses_per_tick * period_s, model.search.window_s / TICKS_PER_WINDOW)
     return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
 
@@ -69,19 +70,19 @@ class Candidate(NamedTuple):
 
 
 def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
-    """The model itself, and copies with other noise.
+    """The model, and copies with other noise.
 
-    Averaging reduces white noise, but filtered noise less, by an unknown factor. A filter treats position and
-    orientation alike, so the ratio of their noise is that of the frames. In slow streams the noise may be
-    smaller than the differences of frames; and there may be correlated errors.
+    Averaging reduces filtered noise less than white noise, by an unknown factor. A filter has the same effect
+    on position and orientation, so the ratio of their noise is that of the frames. In slow streams the noise
+    may be smaller than the differences of frames, and there may be correlated errors.
 
     Parameters
     ----------
     poses : the first of the stream.
     """
-    alone = Candidate(model, 0.0)
+    unchanged = Candidate(model, 0.0)
     if not model.noise.estimated:
-        return (alone,)
+        return (unchanged,)
     sigma = np.array(estimate_noise(poses))
     known = np.isfinite(sigma).all() and sigma[0] > 0.0
     ratio = (
@@ -92,14 +93,16 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
     white = tick_variances(begin(*sigma) if known else begin(0.0, 0.0), np.array(count), model)
     least = float(white.prod()) ** 0.25
     floors = [scale for scale in NOISE_SCALES if scale > LEAST_FACTOR * least]
-    more = [_with_floor(model, scale / sqrt(ratio), scale * sqrt(ratio)) for scale in floors]
+    larger = [_with_floor(model, scale / sqrt(ratio), scale * sqrt(ratio)) for scale in floors]
     is_slow = span_s > SLOW_PERIOD_S * (len(poses) - 1)
-    less = [replace(model, noise=replace(model.noise, estimate_share=share)) for share in SHARES if is_slow]
-    lasting = [_with_wander(model, scale) for scale in WANDER_M if scale > white[0] ** 0.5]
+    smaller = [
+        replace(model, noise=replace(model.noise, estimate_share=share)) for share in SHARES if is_slow
+    ]
+    correlated = [_with_wander(model, scale) for scale in WANDER_M if scale > white[0] ** 0.5]
     return (
-        alone,
-        *(Candidate(one, LOG_PRIOR_STEP * i) for some in (less, more) for i, one in enumerate(some, 1)),
-        *(Candidate(one, LOG_PRIOR_WANDER) for one in lasting),
+        unchanged,
+        *(Candidate(one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)),
+        *(Candidate(one, LOG_PRIOR_WANDER) for one in correlated),
     )
 
 

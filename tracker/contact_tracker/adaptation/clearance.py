@@ -1,5 +1,5 @@
-"""Test of the prior map against the poses: how deep known vertices of the object get inside known faces of
-the surroundings, and how near they come to them."""
+"""Test of the prior map against the poses: depth of known vertices of the object inside known faces of the
+surroundings, and least distance from them."""
 
 from math import inf
 from typing import Final, NamedTuple
@@ -14,15 +14,15 @@ from contact_tracker.motion.poses import Poses
 LEAST_M: Final = 0.005
 """Depth that rounded edges and compliance do not explain."""
 SIGMAS: Final = 10.0
-"""Standard deviations of the prior map that are significant."""
-ENOUGH: Final = 3
+"""Depth, in standard deviations of the prior map, that is significant."""
+LEAST_POSES: Final = 3
 """Number of poses that are needed, since single ones may be wrong."""
 
 
 class Clearance(NamedTuple):
-    """Number of ``poses`` with a vertex inside a face by more than the accuracy of the prior map allows, the
-    largest depth ``deep_m`` with its ``vertex`` and ``face``; and the ``nearest`` face with the least
-    distance ``gap_m``, beyond that accuracy."""
+    """Number of ``poses`` with a vertex inside a face by more than the accuracy of the prior map; the largest
+    depth ``deep_m`` with its ``vertex`` and ``face``; the ``nearest`` face and its least distance ``gap_m``
+    beyond that accuracy."""
 
     poses: int = 0
     deep_m: float = 0.0
@@ -63,7 +63,7 @@ def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
 
 def findings(found: Clearance) -> tuple[Finding, ...]:
     """Findings while poses come in."""
-    if found.poses < ENOUGH:
+    if found.poses < LEAST_POSES:
         return ()
     text = (
         f"what is given does not fit the poses: {found.vertex} of the object is up to "
@@ -73,9 +73,9 @@ def findings(found: Clearance) -> tuple[Finding, ...]:
 
 
 def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]:
-    """Findings of the whole stream: that the object has stayed away from all known faces.
+    """Findings at the end of the stream: the object came near none of the known faces.
 
-    None if not all vertices of the object are known.
+    Empty if not all vertices of the object are known.
     """
     if not knowledge.object_complete or not 0.0 < found.gap_m < inf:
         return ()
@@ -87,7 +87,7 @@ def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]
 
 
 def _spread_m(element: Plane | Point) -> float:
-    """Standard deviation of the element's place."""
+    """Standard deviation of the offset of a plane, or the largest of the coordinates of a point."""
     covariance = element.covariance
     if covariance is None:
         return 0.0

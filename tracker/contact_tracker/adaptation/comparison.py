@@ -1,7 +1,7 @@
 """Comparison of trackers with different noise of a tick, by their evidence (docs/theory.md, T33).
 
-A tracker's evidence is relative to its own model of free motion. For a comparison free motion has to be the
-same for all; and noise that looks like motion at rest must not decide.
+A tracker's evidence is relative to its own model of free motion. For a comparison the model of free motion
+must be the same for all, and noise at rest must not be taken for motion.
 """
 
 from collections.abc import Sequence
@@ -16,12 +16,13 @@ from contact_tracker.tracking.state import TrackerState
 
 Array = NDArray[np.float64]
 
-HOPELESS_AFTER_S: Final = 1.5
-HOPELESS_NATS: Final = 40.0
-"""After this much motion trackers this far behind the best are dropped."""
-DROPPED_AFTER_S: Final = 5.0
+EARLY_DROP_AFTER_S: Final = 1.5
+EARLY_MARGIN_NATS: Final = 40.0
+"""After this much motion trackers this far behind the best are dropped: a large margin, since the first ticks
+mislead."""
+DROP_AFTER_S: Final = 5.0
 MARGIN_NATS: Final = 20.0
-"""The same earlier, with a larger margin, since the first ticks mislead."""
+"""The same later, with a smaller margin."""
 DECIDED_AFTER_S: Final = 10.0
 """After this much motion the best tracker is chosen, if it is also the best by evidence alone."""
 LONGEST_S: Final = 30.0
@@ -63,10 +64,10 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
     log_distance = np.log(free[:, 0] + squared_lever_m2 * free[:, 1])
     log_angle = np.log(free[:, 1])
     posterior = np.array([tick.posterior for tick in ticks])
-    withheld = (posterior @ _DISTANCES) * (log_distance[0] - log_distance)
-    withheld += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
+    difference = (posterior @ _DISTANCES) * (log_distance[0] - log_distance)
+    difference += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
     gain = np.array([tick.gain for tick in ticks])
-    return np.asarray(gain + 0.5 * motion.likelihood_exponent * withheld)
+    return np.asarray(gain + 0.5 * motion.likelihood_exponent * difference)
 
 
 def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray[np.bool_]:
@@ -78,11 +79,11 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray
     log_weight, log_prior : (K,), in nats; their difference is the evidence. Before ``LONGEST_S``, the best
         by weight and the best by evidence alone are both kept if they differ.
     """
-    if moved_s < HOPELESS_AFTER_S:
+    if moved_s < EARLY_DROP_AFTER_S:
         return np.ones(len(log_weight), np.bool_)
-    margin = MARGIN_NATS if moved_s >= DROPPED_AFTER_S else HOPELESS_NATS
-    ranked = log_weight, log_weight - log_prior
-    best, favoured = (int(one.argmax()) for one in ranked)
-    if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == favoured):
-        return np.asarray(np.arange(len(log_weight)) == favoured, np.bool_)
-    return np.asarray(np.any([one > one.max() - margin for one in ranked], axis=0))
+    margin = MARGIN_NATS if moved_s >= DROP_AFTER_S else EARLY_MARGIN_NATS
+    scores = log_weight, log_weight - log_prior
+    best, best_by_evidence = (int(one.argmax()) for one in scores)
+    if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == best_by_evidence):
+        return np.asarray(np.arange(len(log_weight)) == best_by_evidence, np.bool_)
+    return np.asarray(np.any([one > one.max() - margin for one in scores], axis=0))

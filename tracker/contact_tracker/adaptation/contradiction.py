@@ -1,8 +1,8 @@
 """Test whether the prior map contradicts the motion.
 
-Known elements are a prior. If it is right, it costs next to nothing; if it is wrong, true contacts fit badly
-or not at all, and wrong ones fit instead. So a tracker without the prior map runs beside one with it; the
-difference of their evidence is the evidence against the prior map.
+Known elements are a prior. A correct one hardly lowers the evidence; with a wrong one true contacts fit badly
+or not at all. So a tracker without the prior map runs beside one with it; the difference of their evidence is
+the evidence against the prior map.
 """
 
 from typing import Final, NamedTuple
@@ -15,12 +15,12 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking import tracker
 
 WRONG_NATS: Final = 8.0
-"""Lead of the tracker without the prior map from which that is reported as wrong. Right directions cost up to
-5 nats, if they are two and a half standard deviations off, or while a wrong contact fits."""
+"""Lead of the tracker without the prior map above which the prior map is reported as wrong. Correct
+directions cost up to 5 nats: if they are off by 2.5 standard deviations, or while a wrong contact fits."""
 DOUBTED_NATS: Final = 6.0
-"""Lead from which no label is sure."""
+"""Lead above which probabilities are reduced."""
 LONGEST_S: Final = 60.0
-"""Seconds of motion after which the comparison ends: an error that has not shown by then does no harm."""
+"""Seconds of motion after which the comparison ends: an error that is not detected by then is harmless."""
 
 
 class Contradiction(NamedTuple):
@@ -60,7 +60,7 @@ def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Pose
 
 
 def findings(known: Contradiction, knowledge: PriorMap) -> tuple[Finding, ...]:
-    """The finding, if there is one."""
+    """The finding, if a contradiction is found."""
     if not known.is_found:
         return ()
     what = "--up" if knowledge.up is not None else "what is given"

@@ -14,7 +14,7 @@ from contact_tracker.tracking.belief import Belief
 Array = NDArray[np.float64]
 
 DOUBT: Final = 0.5
-"""Share of the probability that is spread evenly while the stream is in doubt."""
+"""Weight of the uniform distribution while the stream is in doubt."""
 
 
 def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
@@ -43,10 +43,10 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
             further=(),
             is_open=False,
         )
-    # only one of the trackers looks for further contacts, and caps its own label
+    # only one of the trackers searches further contacts, and only its label is limited
     return replace(source, probability=at_most(probability, label) if source.is_open else probability)
 
 
-def spread_out(probability: Array) -> Array:
-    """Posterior (..., 7) mixed with a uniform one: the poses may not be what they seem."""
+def mixed_with_uniform(probability: Array) -> Array:
+    """Posterior (..., 7) mixed with a uniform one, while the poses or the prior map may be wrong."""
     return np.asarray((1.0 - DOUBT) * probability + DOUBT / len(STATES))

@@ -1,4 +1,4 @@
-"""Offline: as much of a recording as decides on ticks and noise, then all of it with these."""
+"""Offline: choice of ticks and noise on the first part of a recording, then segmentation of the whole."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.adaptation import online
-from contact_tracker.adaptation.mixture import spread_out
+from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -21,15 +21,15 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 MOST_POSES: Final = 1_000_000
-"""After so many the best model so far is taken: poses are kept in memory meanwhile."""
+"""Number of poses after which the best model so far is chosen; until then all are kept in memory."""
 INITIAL_AUTOCORRELATION: Final = 0.5
-"""Offline, the prediction errors of free motion are taken to be correlated until they are known: nearly as
-much as in any recorded motion, so that smooth free motion at the start is not taken for a contact. Online
-that would delay labels; and where wrenches are measured, these show whether anything touches at the start."""
+"""Autocorrelation of the prediction errors of free motion, offline, until it is estimated: nearly that of any
+recorded motion, so that smooth free motion at the start is not confused with contact. Online it would delay
+labels; it is not needed where a wrench shows a contact force at the start."""
 
 
 class OfflineTracker:
-    """Segments one recording piece by piece; afterwards ``report`` says what it was adapted to."""
+    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class OfflineTracker:
 
     @property
     def report(self) -> Report | None:
-        """None of a recording without poses."""
+        """None if the recording has no poses."""
         return report(self._state)
 
     def pieces(
@@ -54,74 +54,73 @@ class OfflineTracker:
         progress: Callable[[int], None] | None = None,
         detail: Detail = Detail.SHARED,
     ) -> Iterator[Segmentation]:
-        """As ``offline_smoother.pieces``; ``detail`` is that of the beliefs that are ``filtered``.
+        """As ``offline_smoother.pieces``; ``detail`` is that of the ``filtered`` beliefs.
 
         Raises
         ------
         InvalidPose
             While iterating, where poses did not pass the gate.
         """
-        looked_at, rest, early = self._choose(_valid(batches(poses)), detail)
+        inspected, rest, early = self._choose(_validated(batches(poses)), detail)
         best = self._state.best
         if best is None:
             yield Segmentation()
             return
-        everything = _Stream(chain(looked_at, self._inspected(rest)))
+        stream = _Stream(chain(inspected, self._inspected(rest)))
         others = self._knowledge, self._executor, None, detail, self._wrenches
         may_begin_free = self._wrenches is None or self._wrenches.begins_free()
-        model = _cautious_at_first(best.model) if may_begin_free else best.model
-        found = offline_smoother.pieces(everything, model, progress, *others)
-        waiting = early  # beliefs from before the model was chosen
+        model = _with_initial_autocorrelation(best.model) if may_begin_free else best.model
+        found = offline_smoother.pieces(stream, model, progress, *others)
         for piece in found:
-            count = min(len(waiting), len(piece.filtered))
-            said, waiting = waiting[:count], waiting[count:]
+            count = min(len(early), len(piece.filtered))
+            reported, early = early[:count], early[count:]
             piece = replace(piece, filtered=piece.filtered[count:])
             if self._state.is_in_doubt:
-                piece = _doubted(piece)
-            yield replace(piece, filtered=Beliefs.join([said, piece.filtered]))
+                piece = _in_doubt(piece)
+            yield replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
 
     def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """Poses on their way, looked at and compared with what is given."""
+        """Pass poses on, after inspection and the test of the prior map."""
         for poses in stream:
-            self._state = online.compare(online.look_at(self._state, poses), poses)
+            self._state = online.check_prior_map(online.inspect_poses(self._state, poses), poses)
             yield poses
 
     def _choose(
         self, stream: Iterator[Poses], detail: Detail
     ) -> tuple[Iterator[Poses], Iterator[Poses], Beliefs]:
-        """Poses until the model is chosen, the rest, and the online beliefs until then, if they have enough
-        ``detail``."""
-        looked_at, beliefs, count = list[Poses](), list[Beliefs](), 0
+        """Poses until the model is chosen, the rest, and the online beliefs until then, if ``detail`` is
+        enough."""
+        inspected, beliefs, count = list[Poses](), list[Beliefs](), 0
         for some in stream:
             used = 0
             while used < len(some) and not self._state.is_decided:
-                part = some[used : used + online.TOGETHER]
-                self._state, said = online.advance(self._state, part, detail)
-                beliefs.append(_kept(said, detail))
+                part = some[used : used + online.BATCH_POSES]
+                self._state, new = online.advance(self._state, part, detail)
+                beliefs.append(_in_columns(new, detail))
                 used += len(part)
-            looked_at.append(some[:used])
+            inspected.append(some[:used])
             count += used
             if self._state.is_decided or count >= MOST_POSES:
                 stream = chain([some[used:]] if used < len(some) else [], stream)
                 break
         else:
-            self._state, said = online.finish(self._state)
-            beliefs.append(_kept(said, detail))
-        return _released(looked_at), stream, Beliefs.join(beliefs)
+            self._state, new = online.finish(self._state)
+            beliefs.append(_in_columns(new, detail))
+        return _released(inspected), stream, Beliefs.join(beliefs)
 
 
-def _kept(said: list[Belief], detail: Detail) -> Beliefs:
-    """The beliefs in columns, if detailed enough: it may take hours until the model is chosen."""
-    return Beliefs.of(said if detail >= Detail.SHARED else ())
+def _in_columns(beliefs: list[Belief], detail: Detail) -> Beliefs:
+    """The beliefs in columns, to save memory, as the choice may take hours; none if ``detail`` is too low."""
+    return Beliefs.of(beliefs if detail >= Detail.SHARED else ())
 
 
-def _cautious_at_first(model: Model) -> Model:
+def _with_initial_autocorrelation(model: Model) -> Model:
     assumed = max(model.motion.initial_autocorrelation, INITIAL_AUTOCORRELATION)
     return replace(model, motion=replace(model.motion, initial_autocorrelation=assumed))
 
 
-def _valid(stream: Iterator[Poses]) -> Iterator[Poses]:
-    """Poses on their way, checked."""
+def _validated(stream: Iterator[Poses]) -> Iterator[Poses]:
+    """Pass poses on if they are valid."""
     last_ns: int | None = None
     for poses in stream:
         if len(poses):
@@ -130,20 +129,21 @@ def _valid(stream: Iterator[Poses]) -> Iterator[Poses]:
         yield poses
 
 
-def _doubted(piece: Segmentation) -> Segmentation:
-    """Of which nothing is sure."""
+def _in_doubt(piece: Segmentation) -> Segmentation:
+    """The piece with its probabilities mixed with uniform ones."""
     return replace(
         piece,
         segments=tuple(
-            replace(one, probability=float(spread_out(np.array(one.probability)))) for one in piece.segments
+            replace(one, probability=float(mixed_with_uniform(np.array(one.probability))))
+            for one in piece.segments
         ),
-        beliefs=piece.beliefs.with_probability(spread_out(piece.beliefs.probability)),
-        filtered=piece.filtered.with_probability(spread_out(piece.filtered.probability)),
+        beliefs=piece.beliefs.with_probability(mixed_with_uniform(piece.beliefs.probability)),
+        filtered=piece.filtered.with_probability(mixed_with_uniform(piece.filtered.probability)),
     )
 
 
 class _Stream:
-    """Poses in columns, as ``poses.Batched``."""
+    """Stream of poses in columns, as ``poses.Batched``."""
 
     def __init__(self, columns: Iterator[Poses]) -> None:
         self._columns = columns
@@ -156,7 +156,7 @@ class _Stream:
 
 
 def _released(parts: list[Poses]) -> Iterator[Poses]:
-    """Each once, and then no longer kept."""
+    """Yield each part and drop it, to free its memory."""
     parts.reverse()
     while parts:
         yield parts.pop()
@@ -168,12 +168,12 @@ def segment(
     progress: Callable[[int], None] | None = None,
     knowledge: PriorMap = EMPTY_MAP,
 ) -> Segmentation:
-    """Segment a whole recording, as ``offline_smoother.segment`` does, adapted to its stream.
+    """Segment a whole recording, as ``offline_smoother.segment``, adapted to its stream.
 
     Raises
     ------
     InvalidPose
-        Poses that did not pass the gate: take ``gate`` of ``motion.pose_validation`` first.
+        Poses that did not pass the gate: apply ``gate`` of ``motion.pose_validation`` first.
     """
     found = OfflineTracker(model, knowledge).pieces(poses, progress, Detail.GEOMETRY)
     return Segmentation.join(list(found))

@@ -1,4 +1,4 @@
-"""Online: a pose at a time, or several; ticks, noise and doubt are those of the stream."""
+"""Online: adaptation to a stream that comes pose by pose or in batches."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -9,7 +9,7 @@ from contact_tracker.adaptation.contradiction import Contradiction
 from contact_tracker.adaptation.conventions import NOTHING_KNOWN, Conventions
 from contact_tracker.adaptation.conventions import advance as advance_conventions
 from contact_tracker.adaptation.conventions import findings as convention_findings
-from contact_tracker.adaptation.mixture import spread_out
+from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.side_by_side import SideBySide
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import (
@@ -27,7 +27,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.state import TrackerState
 
-TOGETHER: Final = 50
+BATCH_POSES: Final = 50
 """Number of poses that are inspected together."""
 
 
@@ -35,8 +35,8 @@ class AdaptiveState(NamedTuple):
     """The state of a stream; bounded in size, however long the stream.
 
     The ``trackers`` side by side; the tests of ``conventions``, of a ``contradiction`` to the prior map and
-    of the ``clearance``; the ``inspection`` of the poses. ``uninspected`` are the latest ``many`` poses, of
-    which the trackers have the first ``taken_in`` parts; the others wait for the end of the tick. ``last_ns``
+    of the ``clearance``; the ``inspection`` of the poses. ``uninspected`` are the latest ``many`` poses; the
+    trackers have the first ``taken_in`` parts of these and get the others at the end of the tick. ``last_ns``
     is the stamp of the last pose.
     """
 
@@ -52,7 +52,7 @@ class AdaptiveState(NamedTuple):
 
     @property
     def is_decided(self) -> bool:
-        """Whether ticks and noise are chosen for good, and the order of quaternions is known."""
+        """Whether the choice of ticks and noise is final, and the order of quaternions is known."""
         return self.trackers.is_decided and self.conventions.is_settled
 
     @property
@@ -62,7 +62,7 @@ class AdaptiveState(NamedTuple):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the stream shows of itself."""
+        """Findings about the stream."""
         tick_s, fast = self.trackers.model.tick_s, tuple[Finding, ...]()
         if self._impacts_are_possible:
             fast = impacts(self.inspection, tick_s)
@@ -75,18 +75,18 @@ class AdaptiveState(NamedTuple):
 
     @property
     def _contradictions(self) -> tuple[Finding, ...]:
-        """Where nothing else explains why contacts do not fit what is given."""
+        """A contradiction to the prior map, reported if no other finding explains it."""
         return contradiction.findings(self.contradiction, self.trackers.knowledge)
 
     @property
     def is_in_doubt(self) -> bool:
-        """Whether something was found that makes labels wrong."""
+        """Whether a finding makes labels unreliable."""
         return any(finding.doubts_labels for finding in self.findings)
 
     @property
-    def is_in_doubt_yet(self) -> bool:
-        """The same, or it is too early to know: an object that is given may be fast, and what is given may
-        not fit."""
+    def may_be_in_doubt(self) -> bool:
+        """The same, or it is not known yet: impacts may be shorter than a tick, and the prior map may be
+        wrong."""
         if self.contradiction.is_likely:
             return True
         too_early = self._impacts_are_possible and not self.inspection.blocks
@@ -106,7 +106,7 @@ class AdaptiveState(NamedTuple):
 
 
 def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> AdaptiveState:
-    """No pose has come yet. With ``lag_s`` answers are of that long ago, and better."""
+    """State before the first pose. With a fixed lag of ``lag_s`` beliefs are later and more accurate."""
     return AdaptiveState(
         side_by_side.begin(model, lag_s, knowledge),
         NOTHING_INSPECTED,
@@ -120,7 +120,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
 
 
 def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None]:
-    """Take in one pose; a belief comes out when it closes a tick, from data up to that tick only.
+    """Update by one pose; returns a belief if the pose closes a tick, from data up to that tick only.
 
     When the rate becomes known, and after a gap, one pose closes several ticks: the belief is that of the
     last; ``advance`` returns all.
@@ -128,7 +128,7 @@ def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None
     Raises
     ------
     InvalidPose
-        It did not pass the gate.
+        The pose did not pass the gate.
     """
     state, beliefs = advance(state, pose)
     return state, beliefs[-1] if beliefs else None
@@ -137,9 +137,9 @@ def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None
 def advance(
     state: AdaptiveState, poses: Pose | Poses, detail: Detail = Detail.FORMATION
 ) -> tuple[AdaptiveState, list[Belief]]:
-    """Take in one pose or several, in order; the beliefs of the ticks that they close.
+    """Update by one pose or several, in order; returns the beliefs of the ticks that they close.
 
-    No label is sure while the poses are in doubt.
+    While the poses may be in doubt, probabilities are mixed with uniform ones.
 
     Raises
     ------
@@ -155,22 +155,22 @@ def advance(
         state = state._replace(last_ns=int(poses.stamp_ns[-1]))
     beliefs = list[Belief]()
     while len(poses):
-        some, poses = poses[: TOGETHER - state.many], poses[TOGETHER - state.many :]
-        state, said = _advance(state, some, len(some), detail)
-        beliefs += said
+        some, poses = poses[: BATCH_POSES - state.many], poses[BATCH_POSES - state.many :]
+        state, new = _advance(state, some, len(some), detail)
+        beliefs += new
     return state, beliefs
 
 
-def look_at(state: AdaptiveState, poses: Poses) -> AdaptiveState:
-    """Inspect poses, whoever tracks them."""
+def inspect_poses(state: AdaptiveState, poses: Poses) -> AdaptiveState:
+    """Update the inspection and the test of the clearance by poses, which are tracked elsewhere."""
     return state._replace(
         inspection=inspect(state.inspection, poses),
         clearance=clearance.advance(state.clearance, state.trackers.knowledge, poses),
     )
 
 
-def compare(state: AdaptiveState, poses: Poses) -> AdaptiveState:
-    """Advance the test of the prior map by poses, however they are tracked."""
+def check_prior_map(state: AdaptiveState, poses: Poses) -> AdaptiveState:
+    """Update the test of a contradiction to the prior map by poses, which are tracked elsewhere."""
     trackers = state.trackers
     if not trackers.trackers:
         return state
@@ -179,50 +179,57 @@ def compare(state: AdaptiveState, poses: Poses) -> AdaptiveState:
 
 
 def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
-    """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back.
+    """End of the stream: the beliefs of the last, partial tick and of the ticks within the lag.
 
-    Should it go on after all, it has paused, as after a gap.
+    The state can be advanced further, as after a gap.
     """
-    state, beliefs = _take_in(state, Detail.FORMATION)
+    state, beliefs = _update_trackers(state, Detail.FORMATION)
     if state.uninspected:
-        state = look_at(state, Poses.join(state.uninspected))._replace(uninspected=(), many=0, taken_in=0)
+        state = _inspect_batch(state)
     trackers, rest = side_by_side.finish(state.trackers)
-    return state._replace(trackers=trackers), [*beliefs, *_as_sure_as_allowed(state, rest)]
+    return state._replace(trackers=trackers), [*beliefs, *_with_doubt(state, rest)]
 
 
 def _advance(
     state: AdaptiveState, poses: Pose | Poses, many: int, detail: Detail
 ) -> tuple[AdaptiveState, list[Belief]]:
-    """No more poses than are inspected together, those that wait for it included."""
+    """Advance by at most ``BATCH_POSES`` uninspected poses, those from before included."""
     state = state._replace(uninspected=(*state.uninspected, poses), many=state.many + many)
-    if isinstance(poses, Pose) and _may_wait(state, poses):
-        return state, []  # as mostly, where poses come one by one: trackers need them at the end of the tick
-    state, beliefs = _take_in(state, detail)
-    if state.many == TOGETHER:
-        state = look_at(state, Poses.join(state.uninspected))._replace(uninspected=(), many=0, taken_in=0)
+    if isinstance(poses, Pose) and _is_within_tick(state, poses):
+        return state, []  # most single poses: the trackers need them at the end of the tick only
+    state, beliefs = _update_trackers(state, detail)
+    if state.many == BATCH_POSES:
+        state = _inspect_batch(state)
     return state, beliefs
 
 
-def _may_wait(state: AdaptiveState, pose: Pose) -> bool:
-    return state.many < TOGETHER and side_by_side.goes_on(state.trackers, pose.stamp_ns)
+def _inspect_batch(state: AdaptiveState) -> AdaptiveState:
+    state = inspect_poses(state, Poses.join(state.uninspected))
+    return state._replace(uninspected=(), many=0, taken_in=0)
 
 
-def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
-    """The trackers take in what waits for the end of a tick."""
-    waiting = state.uninspected[state.taken_in :]
-    if not waiting:
+def _is_within_tick(state: AdaptiveState, pose: Pose) -> bool:
+    """Whether a pose closes neither a tick nor a batch."""
+    return state.many < BATCH_POSES and side_by_side.goes_on(state.trackers, pose.stamp_ns)
+
+
+def _update_trackers(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
+    """Update the trackers by the poses that they do not have yet."""
+    pending = state.uninspected[state.taken_in :]
+    if not pending:
         return state, []
-    poses, conventions = Poses.join(waiting), state.conventions
+    poses, conventions = Poses.join(pending), state.conventions
     trackers, beliefs = side_by_side.advance(state.trackers, poses, detail)
     if trackers.trackers:
         model, rests = trackers.trackers[0].model, trackers.rest.goes_on(state.trackers.rest)
         conventions = advance_conventions(conventions, model, trackers.knowledge, poses, rests)
     state = state._replace(trackers=trackers, conventions=conventions, taken_in=len(state.uninspected))
-    state = compare(state, poses)
-    return state, _as_sure_as_allowed(state, beliefs)
+    state = check_prior_map(state, poses)
+    return state, _with_doubt(state, beliefs)
 
 
-def _as_sure_as_allowed(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
-    if not beliefs or not state.is_in_doubt_yet:
+def _with_doubt(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
+    """The beliefs, mixed with uniform ones while the stream may be in doubt."""
+    if not beliefs or not state.may_be_in_doubt:
         return beliefs
-    return [replace(belief, probability=spread_out(belief.probability)) for belief in beliefs]
+    return [replace(belief, probability=mixed_with_uniform(belief.probability)) for belief in beliefs]

@@ -1,4 +1,4 @@
-"""What was adapted to a stream, and what the stream shows of itself."""
+"""Report of the adaptation to a stream: ticks, noise and findings."""
 
 from typing import NamedTuple
 
@@ -13,9 +13,9 @@ from contact_tracker.motion.tick_averaging import white_variances
 
 
 class Report(NamedTuple):
-    """``model`` as asked for and the one ``chosen``, whether it ``is_decided``; deviations (m, rad) of the
-    ``noise`` of a pose, as estimated or given, of a ``tick``, which usually holds ``poses_per_tick``, and of
-    errors that are ``lasting`` over ticks; what the stream shows of itself (``findings``)."""
+    """The requested ``model`` and the one ``chosen``, whether the choice ``is_decided``; standard deviations
+    (m, rad) of the ``noise`` of a pose, as estimated or given, of a ``tick``, with usually
+    ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``."""
 
     model: Model
     chosen: Model
@@ -28,7 +28,7 @@ class Report(NamedTuple):
 
 
 def report(state: AdaptiveState) -> Report | None:
-    """Of the stream so far; None before its rate is known."""
+    """Report of the stream so far; None before its rate is known."""
     best = state.best
     if best is None or best.averaging is None:
         return None

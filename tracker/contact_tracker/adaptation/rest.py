@@ -16,11 +16,11 @@ from contact_tracker.motion.tick_averaging import Tick
 Array = NDArray[np.float64]
 
 SPAN_TICKS: Final = 5
-SMOOTH: Final = 4.0
-"""Motion leads away if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
+DISPLACEMENT_RATIO: Final = 4.0
+"""There is motion if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
 factor."""
 LASTING_TICKS: Final = 3
-"""Number of consecutive ticks in which it has to lead away; noise does so once, hardly three times."""
+"""Number of consecutive ticks in which it must; noise does so once, but seldom three times."""
 REST_S: Final = LONGEST_COAST_S
 """Time without motion after which the other trackers wait. After a gap of that length the filters of free
 motion start again in any case."""
@@ -106,19 +106,19 @@ def _missed(before: Rest, tick: Tick, now: Rest) -> Rest:
 
 
 def is_moving(lifted_poses: Array) -> bool:
-    """Whether the object moves in the newest of the latest ticks, of zeta (n, 25). Noise alone does not lead
-    away over several ticks."""
+    """Whether the object moves in the newest of the latest ticks, of zeta (n, 25): in orientation or position,
+    the displacements over several spans exceed those of noise."""
     if len(lifted_poses) < SPAN_TICKS + LASTING_TICKS:
         return False
     spans = [lifted_poses[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
-    return any(all(_leads_away(span[:, part]) for span in spans) for part in (R, T))
+    return any(all(_exceeds_noise(span[:, part]) for span in spans) for part in (R, T))
 
 
-def _leads_away(places: Array) -> bool:
-    """Whether the places (N, d) lead farther than as many steps of noise; ticks without frames do not
-    count."""
-    steps_sq = (np.diff(places, axis=0) ** 2).sum(axis=1)
+def _exceeds_noise(values: Array) -> bool:
+    """Whether the displacement from the first to the last of the values (N, d) exceeds that of white noise;
+    ticks without frames are left out."""
+    steps_sq = (np.diff(values, axis=0) ** 2).sum(axis=1)
     steps_sq = steps_sq[steps_sq > 0.0]
     if len(steps_sq) < 2:
         return False
-    return float(((places[-1] - places[0]) ** 2).sum()) > SMOOTH * float(steps_sq.mean())
+    return float(((values[-1] - values[0]) ** 2).sum()) > DISPLACEMENT_RATIO * float(steps_sq.mean())

@@ -1,5 +1,4 @@
-"""Motion first, then wrenches: what the hand carries is estimated from the ticks in which motion shows no
-contact."""
+"""Evidence of wrenches: a first pass labels by motion, and its ticks of free motion determine the load."""
 
 from collections.abc import Callable
 from typing import Final
@@ -17,11 +16,11 @@ from contact_tracker.wrenches.tick_wrench import average
 from contact_tracker.wrenches.wrenches import Wrenches
 
 LEAST_SHARE: Final = 0.1
-"""Of the ticks that must have wrenches, lest the two streams are not of one clock."""
+"""Share of the ticks that must have wrenches: with fewer the two streams may have different clocks."""
 
 
 class NoLoad(Exception):
-    """Why the wrenches of a recording tell nothing; its text is one line."""
+    """The wrenches of a recording cannot be used; the text, one line, has the reason."""
 
 
 def wrench_evidence(
@@ -32,19 +31,19 @@ def wrench_evidence(
     mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[WrenchEvidence, Load]:
-    """What wrenches of the hand on the object say of its contacts, in the whole of a recording.
+    """Evidence of the wrenches of the hand on the object for its contacts, in a whole recording.
 
     Parameters
     ----------
     poses : all of them, validated.
     wrenches : about the body's origin, in its axes, on the clock of the poses.
-    mass_kg : of the object and what else the sensor carries, where it is known.
-    progress : called now and then with the number of poses read so far.
+    mass_kg : of the object and all else that the sensor carries, if known.
+    progress : called at intervals with the number of poses read so far.
 
     Raises
     ------
     NoLoad
-        Wrenches and poses do not overlap, or too little free motion shows what the hand carries.
+        Wrenches and poses do not overlap, or there is too little free motion to determine the load.
     """
     found = Segmentation.join(list(OfflineTracker(model, knowledge).pieces(poses, progress, Detail.WEIGHTS)))
     ticks = average(poses, wrenches.valid, found.stamp_ns)

@@ -111,8 +111,8 @@ class Tracker:
     def _advance(self, poses: Sequence[Pose]) -> list[Belief]:
         beliefs = list[Belief]()
         for pose in poses:
-            self._state, said = adaptation.advance(self._state, pose)
-            beliefs += said
+            self._state, new = adaptation.advance(self._state, pose)
+            beliefs += new
         return beliefs
 
 

@@ -1,9 +1,9 @@
-"""Learning a model's parameters from recordings, with or without truth.
+"""Calibration: learning a model's parameters from recordings, with or without truth.
 
 ::
 
     recording -> Study   (ticks, true or estimated states, fitted segments; one process each)
     studies -> Model     (learn: the stream's noise, floors from residuals, transitions by EM, direct search)
-    folds -> Report      (cross-validation: each recording judged by a model learned from others)
+    folds -> Report      (cross-validation: each recording scored by a model learned from others)
     Model -> TOML        (writing)
 """

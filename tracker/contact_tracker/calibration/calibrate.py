@@ -1,10 +1,10 @@
-"""Calibration: study all recordings, learn from them, and cross-validate."""
+"""Calibration on all recordings, and cross-validation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from contact_tracker.calibration.learn import Lesson, learn
+from contact_tracker.calibration.learn import LearnedModel, learn
 from contact_tracker.calibration.learned import How, Learned
 from contact_tracker.calibration.study import ModelScore, Source, Study, score_model, study_recording
 from contact_tracker.config.parameters import Model
@@ -12,8 +12,9 @@ from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.evaluate import Evaluation
 from contact_tracker.processes import Runner
 
-DOUBTFUL: Final = (How.RESIDUALS, How.CONTACTS)
-"""Parameters learned from residuals of estimated contacts are left out first."""
+LEFT_OUT_FIRST: Final = (How.RESIDUALS, How.CONTACTS)
+"""If learning makes held-out recordings worse, parameters from residuals of estimated contacts are left out
+first."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,9 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A recording scores by the initial model and by one learned from other recordings.
+    """Scores of a held-out recording by the initial model and by one learned from other recordings.
 
-    ``chain`` is the log probability of its true states under the transitions of either, where they are known.
+    ``chain`` is the log probability of its true states, if known, under the transitions of both.
     """
 
     before: ModelScore
@@ -47,7 +48,7 @@ class Calibration:
 
     plan: Plan
     studies: tuple[Study, ...]
-    lesson: Lesson
+    learned: LearnedModel
     held_out: tuple[HeldOut, ...]
     left_out: tuple[str, ...]
     """Keys that were not learned, because without truth they make held-out recordings less probable."""
@@ -80,11 +81,11 @@ def calibrate(plan: Plan, run: Runner) -> Calibration:
         held_out = _hold_out(plan, studies, run)
         if any(study.labelled for study in studies) or not _is_worse(held_out) or not plan.wanted:
             break
-        harmful = [learned for learned in plan.wanted if learned.how in DOUBTFUL] or list(plan.wanted)
+        harmful = [learned for learned in plan.wanted if learned.how in LEFT_OUT_FIRST] or list(plan.wanted)
         left_out += tuple(learned.key for learned in harmful)
         plan = replace(plan, wanted=tuple(learned for learned in plan.wanted if learned not in harmful))
-    lesson = _learn(plan, studies, range(len(studies)), run)
-    return Calibration(plan, tuple(studies), lesson, tuple(held_out), left_out)
+    learned = _learn(plan, studies, range(len(studies)), run)
+    return Calibration(plan, tuple(studies), learned, tuple(held_out), left_out)
 
 
 def _is_worse(held_out: Sequence[HeldOut]) -> bool:
@@ -99,7 +100,7 @@ def mean_log_loss(evaluations: Sequence[Evaluation]) -> float:
     return sum(tally.log_loss_s for tally in tallies) / seconds if seconds else float("nan")
 
 
-def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Runner) -> Lesson:
+def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Runner) -> LearnedModel:
     """Learn from the recordings in ``rows``."""
 
     def loss(model: Model) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Final
 
-from contact_tracker.calibration.floors import POSITION, ROTATION, doubt, learn_floors
+from contact_tracker.calibration.floors import POSITION, ROTATION, excess_significance, learn_floors
 from contact_tracker.calibration.learned import rounded, value_of, with_value
 from contact_tracker.calibration.segment_residuals import ContactSegment
 from contact_tracker.config.parameters import ZERO, Model
@@ -12,13 +12,13 @@ from contact_tracker.states import CONTACTS
 
 FLOOR_OF: Final = {"noise.contact_position_m": POSITION, "noise.contact_rotation_rad": ROTATION}
 SHOWN: Final = 5.0
-"""Standard errors by which residuals must exceed the common floor; neighbours are correlated."""
+"""Standard errors by which residuals must exceed the common floor; many, as neighbours are correlated."""
 
 
 def learn_contact_errors(model: Model, segments: Sequence[ContactSegment], keys: Sequence[str]) -> Model:
     """The errors ``keys`` of each contact: its own floor beyond the common one, in quadrature.
 
-    Contacts with too few residuals, or whose residuals the common floor explains, have none.
+    They are zero for contacts with too few residuals, or whose residuals the common floor explains.
     """
     if not keys:
         return model
@@ -30,7 +30,7 @@ def learn_contact_errors(model: Model, segments: Sequence[ContactSegment], keys:
     for key in keys:
         floor = FLOOR_OF[key]
         own = [value_of(one, floor) ** 2 - value_of(model, floor) ** 2 for one in alone]
-        is_significant = [doubt(bare, some, floor) > SHOWN for some in mine]
+        is_significant = [excess_significance(bare, some, floor) > SHOWN for some in mine]
         errors = [rounded(sqrt(max(o, 0.0))) if s else 0.0 for o, s in zip(own, is_significant, strict=True)]
         model = with_value(model, key, (*errors, 0.0))
     return model

@@ -1,8 +1,8 @@
 """The E-step: expected changes and stays of the Markov chain of the states in a recording, given a model.
 
-States are known (``KnownStates``: truth) or estimated (``BelievedStates``: the hypotheses of a forward pass,
-their evidence held fixed). Where truth is missing for a moment, as often at a change, all paths through it
-are weighed by the model.
+States are known (``KnownStates``: truth) or estimated (``EstimatedStates``: the hypotheses of a forward pass,
+their evidence held fixed). Short intervals without truth, as often at a change, are summed over all paths by
+the model.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from contact_tracker.tracking.transition_model import FREE, log_initial, tick_tr
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LONGEST_SILENCE_S: Final = 1.0
+LONGEST_UNKNOWN_S: Final = 1.0
 """Longer intervals without truth separate the states before and after."""
 _DIAGONAL: Final = np.arange(len(STATES))
 
@@ -40,7 +40,7 @@ class Expected(NamedTuple):
 
 
 class Chain(Protocol):
-    """One recording."""
+    """The chain of states of one recording."""
 
     @property
     def exposure(self) -> Array:
@@ -65,7 +65,7 @@ class KnownStates:
         steps = self._steps(model)
         known = np.flatnonzero(self.label != UNKNOWN)
         log_evidence = 0.0
-        longest = LONGEST_SILENCE_S / model.tick_s
+        longest = LONGEST_UNKNOWN_S / model.tick_s
         if len(known) and known[0] <= longest:
             begins[self.label[known[0]]] = 1.0
             log_evidence += float(initial[self.label[known[0]]])
@@ -84,10 +84,10 @@ class KnownStates:
 
     def _steps(self, model: Model) -> Array:
         """Log probability (T, 7, 7) of each step; the truth has no changes into the same contact."""
-        chance = [tick_transitions(model, exposure) for exposure in self.exposure]
-        steps = np.array([change for change, _ in chance])
+        transitions = [tick_transitions(model, exposure) for exposure in self.exposure]
+        steps = np.array([change for change, _ in transitions])
         if len(steps):
-            steps[:, _DIAGONAL, _DIAGONAL] = [stay for _, stay in chance]
+            steps[:, _DIAGONAL, _DIAGONAL] = [stay for _, stay in transitions]
         return steps
 
 
@@ -100,27 +100,27 @@ def _bridge(steps: Array, first: int, last: int) -> tuple[Array, float]:
     state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
     alive = [np.arange(b * states, (b + 1) * states) for b in range(ticks)]
     alive[0], alive[-1] = alive[0][[first]], alive[-1][[last]]
-    silent = hmm.Trellis(state, onset, alive, [np.zeros(len(some)) for some in alive])
-    _, changes, log_share = hmm.expect(silent, np.zeros(states), steps)
+    without_evidence = hmm.Trellis(state, onset, alive, [np.zeros(len(some)) for some in alive])
+    _, changes, log_share = hmm.expect(without_evidence, np.zeros(states), steps)
     return changes, log_share
 
 
 @dataclass(frozen=True, eq=False)
-class BelievedStates:
+class EstimatedStates:
     """The hypotheses of a forward pass; the evidence in ``trellis`` excludes the probability of staying."""
 
     trellis: hmm.Trellis
     exposure: Array
 
     @classmethod
-    def of(cls, trellis: hmm.Trellis, exposure: Array, model: Model) -> "BelievedStates":
+    def of(cls, trellis: hmm.Trellis, exposure: Array, model: Model) -> "EstimatedStates":
         """From the trellis of a forward pass by ``model``, which includes the probability of staying."""
-        return cls(_paying(trellis, exposure, model, -1.0), exposure)
+        return cls(_with_survival(trellis, exposure, model, -1.0), exposure)
 
     def expect(self, model: Model) -> Expected:
         """Forward-backward over the same hypotheses with the transitions of ``model``."""
         steps = np.array([tick_transitions(model, exposure).log_transition for exposure in self.exposure])
-        trellis = _paying(self.trellis, self.exposure, model, 1.0)
+        trellis = _with_survival(self.trellis, self.exposure, model, 1.0)
         posterior, changes, log_evidence = hmm.expect(trellis, log_initial(model), steps)
         changes[:, FREE, FREE] = 0.0  # for free motion this is staying
         stays = np.zeros_like(posterior)
@@ -128,17 +128,17 @@ class BelievedStates:
         return Expected(posterior[0], stays, changes, log_evidence)
 
 
-def _paying(trellis: hmm.Trellis, exposure: Array, model: Model, sign: float) -> hmm.Trellis:
+def _with_survival(trellis: hmm.Trellis, exposure: Array, model: Model, sign: float) -> hmm.Trellis:
     """The trellis with ``sign`` times the log probability of staying added to contacts, after their first
     tick."""
     stay = np.array([tick_transitions(model, e).log_survival for e in exposure]).reshape(-1, len(STATES))
     stay[:, FREE] = 0.0
     until = np.concatenate([np.zeros((1, len(STATES))), np.cumsum(stay, axis=0)])
-    paid = [
+    changed = [
         likelihood
         + sign * (until[b, trellis.state[alive]] - until[trellis.onset[alive] + 1, trellis.state[alive]])
         for b, (alive, likelihood) in enumerate(
             zip(trellis.alive, trellis.log_likelihood, strict=True), start=1
         )
     ]
-    return trellis._replace(log_likelihood=paid)
+    return trellis._replace(log_likelihood=changed)

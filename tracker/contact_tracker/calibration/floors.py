@@ -98,7 +98,7 @@ def _whitened_sq(model: Model, all_residuals: Sequence[Residuals], key: str) -> 
     return lambda floor: np.minimum(square / (free * (variance + floor**2)), CLIP**2)
 
 
-def doubt(model: Model, segments: Sequence[ContactSegment], key: str) -> float:
+def excess_significance(model: Model, segments: Sequence[ContactSegment], key: str) -> float:
     """Standard errors by which residuals exceed the floors of ``model``; 0 with too few."""
     all_residuals = [refined(s, model, FIRST_STEPS)[1] for s in segments]
     if _size(all_residuals, key) < FEWEST:

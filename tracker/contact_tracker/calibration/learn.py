@@ -1,4 +1,4 @@
-"""Learn a model from studies of recordings: closed forms first, each with the results before it."""
+"""Learn a model from studies of recordings: first closed forms, in turn, then a direct search."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from contact_tracker.config.parameters import Model
 
 
 @dataclass(frozen=True)
-class Lesson:
+class LearnedModel:
     """A learned model with its derivation: ``floors`` by contact, log posterior by round of EM (empty if
     transitions were not learned), ``searched`` parameters."""
 
@@ -27,7 +27,7 @@ class Lesson:
 
 def learn(
     start: Model, studies: Sequence[Study], wanted: Sequence[Learned], loss: Callable[[Model], float]
-) -> Lesson:
+) -> LearnedModel:
     """Learn ``wanted`` from one or more ``studies``; other parameters stay as in ``start``. A search lowers
     ``loss``."""
     keys = {how: [learned.key for learned in wanted if learned.how is how] for how in How}
@@ -47,4 +47,4 @@ def learn(
         learning = learn_transitions(model, [study.chain for study in studies])
         model, rounds = learning.model, learning.log_posterior
     model, searched = coordinate_search(model, keys[How.SEARCH], loss)
-    return Lesson(model, floors, rounds, searched)
+    return LearnedModel(model, floors, rounds, searched)

@@ -83,7 +83,7 @@ def with_value(model: Model, key: str, value: Any) -> Model:
 
 
 def rounded(value: float, digits: int = 3) -> float:
-    """Round to the significant digits of the file, so that the file is exactly what was learned."""
+    """Round to the significant digits of the file, so that the file has exactly the learned value."""
     return float(f"{value:.{digits}g}")
 
 

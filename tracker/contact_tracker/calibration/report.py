@@ -17,25 +17,26 @@ from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.transition_model import destinations, initial, leave_per_s
 
 FLOOR_NOTE: Final = """\
-What contacts leave beyond the sensor's noise, if each had a floor of its own; - where too little was seen."""
+Floor of each contact alone, beyond the sensor's noise; - with too few residuals."""
 ERROR_NOTE: Final = """\
-What each contact has of its own beyond the floor of all (m, rad), in quadrature."""
+Floor of each contact beyond the common one (m, rad), in quadrature."""
 RATE_NOTE: Final = """\
-Seen: seconds in motion and changes out of each state; rates per second of motion. Begins: probability of
-the state in which a recording begins."""
+Seen: seconds in motion and changes out of each state; rates per second of motion. Begins: probability that
+a recording begins in the state."""
 SPLIT_NOTE: Final = """\
-Where one goes from a state (row) that is left, in percent; of a contact to itself: to other elements."""
+Distribution of the next state, in percent, by the state that ends (row); of a contact to itself: to other
+elements."""
 HELD_OUT_NOTE: Final = """\
-Every recording judged by the start and by a model learned without its fold. Log-loss in nats; ECE: expected
-calibration error."""
+Scores of each recording by the initial model and by one learned without its fold. Log-loss in nats; ECE:
+expected calibration error."""
 
 
 def to_text(calibration: Calibration) -> str:
     """Tables, no trailing newline."""
-    start, model = calibration.plan.start, calibration.lesson.model
+    start, model = calibration.plan.start, calibration.learned.model
     blocks = [_source(calibration), _scalars(calibration, start, model)]
-    if calibration.lesson.floors:
-        blocks += [_floors(calibration.lesson.floors), FLOOR_NOTE]
+    if calibration.learned.floors:
+        blocks += [_floors(calibration.learned.floors), FLOOR_NOTE]
     if calibration.plan.wants(How.CONTACTS):
         blocks += [_errors(model.noise), ERROR_NOTE]
     if calibration.plan.wants(How.COUNTS):
@@ -50,7 +51,7 @@ def _source(calibration: Calibration) -> str:
     studies = calibration.studies
     labelled = sum(study.labelled for study in studies)
     seconds = sum(study.seconds for study in studies)
-    rounds = calibration.lesson.rounds
+    rounds = calibration.learned.rounds
     head = f"{len(studies)} recordings, {seconds:.0f} s; learned from the truth of {labelled}"
     if not rounds:
         return head
@@ -76,11 +77,11 @@ def _scalars(calibration: Calibration, start: Model, model: Model) -> str:
 
 def _from(calibration: Calibration, learned: Learned) -> str:
     if learned.how is How.RESIDUALS:
-        floor = next(f for f in calibration.lesson.floors if f.key == learned.key and f.contacts == "all")
+        floor = next(f for f in calibration.learned.floors if f.key == learned.key and f.contacts == "all")
         enough = "" if floor.residuals >= FEWEST else ": too few, kept"
         return f"{floor.residuals} {learned.how}{enough}"
     if learned.how is How.SEARCH:
-        found = next(s for s in calibration.lesson.searched if s.key == learned.key)
+        found = next(s for s in calibration.learned.searched if s.key == learned.key)
         return f"log-loss {number(found.before)} to {number(found.after)} in {len(found.tried)} runs"
     return str(learned.how)
 

@@ -1,4 +1,4 @@
-"""One recording, looked at by one process: what learning needs of it, and how a model does on it."""
+"""Statistics of one recording for learning, and scores of a model on it; computed in one process."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import hmm
-from contact_tracker.calibration.e_step import BelievedStates, KnownStates
+from contact_tracker.calibration.e_step import EstimatedStates, KnownStates
 from contact_tracker.calibration.segment_residuals import ContactSegment, fit_contact_segments
 from contact_tracker.calibration.tick_stream import UNKNOWN, Observed, labels, observe
 from contact_tracker.config.parameters import Model
@@ -31,13 +31,13 @@ CONFIDENT: Final = 0.95
 
 @dataclass(frozen=True)
 class Source:
-    """A selection of poses of a file; ``believe_truth``: its ground truth, if any, is learned from, and
-    ``knowledge`` what is known of object and surroundings."""
+    """A selection of poses of a file; ``use_truth``: whether to learn from its ground truth, if any;
+    ``knowledge``: prior map."""
 
     name: str
     topic: str | None = None
     frame: str | None = None
-    believe_truth: bool = True
+    use_truth: bool = True
     knowledge: PriorMap = EMPTY_MAP
     relative_to: str | None = None
     time_unit: str | None = None
@@ -66,7 +66,7 @@ class Study:
     seconds: float
     sigma_position_m: float
     sigma_rotation_rad: float
-    chain: KnownStates | BelievedStates
+    chain: KnownStates | EstimatedStates
     segments: tuple[ContactSegment, ...]
     has_truth: bool
     score: ModelScore | None
@@ -85,8 +85,8 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
     poses, truth, damage = _read(source)
     observed = observe(poses, model)
     assert observed is not None
-    used_truth = truth if source.believe_truth else None
-    chain: KnownStates | BelievedStates | None = None
+    used_truth = truth if source.use_truth else None
+    chain: KnownStates | EstimatedStates | None = None
     score, label = None, np.full(len(observed.activity), UNKNOWN, np.int64)
     if used_truth is not None:
         label = labels(observed.middle_ns, used_truth)
@@ -128,14 +128,14 @@ def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
 
 def _pass(
     poses: Poses, truth: Truth | None, model: Model, knowledge: PriorMap
-) -> tuple[ModelScore, BelievedStates, Segmentation]:
+) -> tuple[ModelScore, EstimatedStates, Segmentation]:
     recorded = RecordedPass()
     found = segment(poses, model, knowledge=knowledge, watch=recorded.note)
     steps = np.array([tick_transitions(model, exposed).log_transition for exposed in recorded.exposure])
     trellis = recorded.trellis
     _, log_evidence = hmm.smooth(trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)
-    belief = BelievedStates.of(trellis, recorded.exposure, model)
+    belief = EstimatedStates.of(trellis, recorded.exposure, model)
     return ModelScore(evaluation, log_evidence, _duration_s(poses)), belief, found
 
 
@@ -144,7 +144,7 @@ def _duration_s(poses: Poses) -> float:
 
 
 def _confident(found: Segmentation, observed: Observed) -> Ints:
-    """Label (T,) of each tick that lies in a segment of which the smoother is sure."""
+    """Label (T,) of each tick in a segment with a probability of at least ``CONFIDENT``; else ``UNKNOWN``."""
     label = np.full(len(observed.middle_ns), UNKNOWN, np.int64)
     for one in found.segments:
         if one.probability >= CONFIDENT:

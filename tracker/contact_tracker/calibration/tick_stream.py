@@ -1,4 +1,4 @@
-"""A recording as calibration sees it without any hypothesis: ticks, their motion, and what truly held."""
+"""Ticks of a recording for calibration, independent of hypotheses: their motion and their true states."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -22,15 +22,15 @@ Ints = NDArray[np.int64]
 
 UNKNOWN: Final = -1
 MOVING: Final = 0.5
-"""Activity above which a tick has motion to learn from."""
+"""Activity above which a tick counts as motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observed:
     """T ticks.
 
-    ``middle_ns`` (T,); ``window`` of them all, whose variances are the sensor's alone, by the noise
-    ``sigma_position_m``, ``sigma_rotation_rad`` of the whole stream; ``activity`` (T,) as the tracker saw it.
+    ``middle_ns`` (T,); ``window`` of them all, whose variances are those of the sensor only, from the noise
+    ``sigma_position_m``, ``sigma_rotation_rad`` of the whole stream; ``activity`` (T,) as in the tracker.
     """
 
     middle_ns: Ints
@@ -41,7 +41,7 @@ class Observed:
 
 
 def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
-    """Average poses into ticks as the tracker does; None of no pose."""
+    """Average poses into ticks as the tracker does; None without poses."""
     state: TickState | None = None
     closed: list[Tick] = []
     for some in batches(poses):
@@ -73,7 +73,7 @@ def _activity(tick: Tick, model: Model) -> float:
 
 
 def labels(middle_ns: Ints, truth: Truth) -> Ints:
-    """Column (T,) of the true state in the middle of each tick; ``UNKNOWN`` where the truth does not say."""
+    """Column (T,) of the true state in the middle of each tick; ``UNKNOWN`` without truth."""
     interval = truth.at(middle_ns)
     ends = np.array([i.end_ns for i in truth.intervals], np.int64)
     columns = np.array(
@@ -87,7 +87,7 @@ def labels(middle_ns: Ints, truth: Truth) -> Ints:
 
 
 def runs(label: Ints) -> list[tuple[int, int, int]]:
-    """Stretches (column, first, end) of one state, in order; ``UNKNOWN`` is left out."""
+    """Runs (column, first, end) of one state, in order; ``UNKNOWN`` is left out."""
     if not len(label):
         return []
     edges = np.concatenate([[0], np.flatnonzero(np.diff(label)) + 1, [len(label)]])

@@ -19,18 +19,18 @@ CONVERGED: Final = 1e-3
 """Iteration ends when no rate or probability above ``NEGLIGIBLE`` changes by more than this share."""
 NEGLIGIBLE: Final = 1e-3
 LEAST_EXPOSURE_S: Final = 1e-9
-"""Stands for zero exposure, to avoid zero over zero."""
+"""Replaces zero exposure, to avoid zero over zero."""
 
 
 @dataclass(frozen=True)
-class Learning:
-    """The model that was learned, and the log posterior of each round's model, in nats up to a constant."""
+class LearnedTransitions:
+    """The learned model, and the log posterior of the model after each round, in nats up to a constant."""
 
     model: Model
     log_posterior: tuple[float, ...]
 
 
-def learn_transitions(model: Model, chains: Sequence[Chain]) -> Learning:
+def learn_transitions(model: Model, chains: Sequence[Chain]) -> LearnedTransitions:
     """Maximum a posteriori transitions, given the recordings and the prior of ``model``.
 
     The prior is that of ``leave_per_s``, ``skip``, ``initial_f_f`` and ``prior_changes``; the model's own
@@ -45,7 +45,7 @@ def learn_transitions(model: Model, chains: Sequence[Chain]) -> Learning:
         model = replace(model, transitions=replace(model.transitions, counts=counted))
         if _moved(before, model) < CONVERGED:
             break
-    return Learning(
+    return LearnedTransitions(
         replace(model, transitions=replace(model.transitions, counts=_rounded(counted))), tuple(trail)
     )
 
@@ -98,7 +98,7 @@ def _moved(before: Model, after: Model) -> float:
 
 
 def _rounded(counted: TransitionCounts) -> TransitionCounts:
-    """To hundredths, as the file will say."""
+    """Rounded to hundredths, as in the file."""
     return TransitionCounts(
         tuple(round(value, 2) for value in counted.begins),
         tuple(round(value, 2) for value in counted.moving_s),

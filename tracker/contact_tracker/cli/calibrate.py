@@ -68,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     truth = parser.add_mutually_exclusive_group()
     truth.add_argument("--labelled", action="store_true", help="refuse recordings without truth")
-    truth.add_argument("--unlabelled", action="store_true", help="learn from no truth, only judge by it")
+    truth.add_argument("--unlabelled", action="store_true", help="do not learn from truth, only score by it")
     parser.add_argument(
         "--processes",
         type=_processes,
@@ -161,7 +161,7 @@ def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], N
     from contact_tracker.atomic_file import whole_file
     from contact_tracker.calibration.writing import model_text
 
-    model = replace(found.lesson.model, name=args.output.stem)
+    model = replace(found.learned.model, name=args.output.stem)
     with whole_file(args.output, check) as temporary:
         temporary.write_text(model_text(model, _header(found, args)), encoding="utf-8")
     say(f"wrote {args.output}")

@@ -1,4 +1,4 @@
-"""``contact-tracker evaluate``: how right the tracker is, on recordings that carry their truth."""
+"""``contact-tracker evaluate``: the tracker's accuracy on recordings with ground truth."""
 
 import argparse
 from typing import TYPE_CHECKING, Final
@@ -61,10 +61,10 @@ def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
 ) -> "tuple[Evaluation, str | None]":
     from contact_tracker.adaptation import OfflineTracker
-    from contact_tracker.evaluation.evaluate import Judge
+    from contact_tracker.evaluation.evaluate import Evaluator
     from contact_tracker.recording import need_truth, open_log
     from contact_tracker.tracking.belief import Detail
-    from contact_tracker.tracking.pose_buffer import watched
+    from contact_tracker.tracking.pose_buffer import with_pose_callback
 
     truth = need_truth(name, args.topic, args.frame)
     if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
@@ -73,15 +73,15 @@ def _evaluate(
             f"--relative-to {args.relative_to}"
         )
         truth = truth.without_geometry()
-    judge = Judge(truth)
+    evaluator = Evaluator(truth)
     wrenches = evidence_of(name, args, model, knowledge)
     log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     with progress(name, "poses", log.source.messages) as set_done:
         tracker = OfflineTracker(model, knowledge, wrenches=wrenches)
-        for piece in watched(
-            log, lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION), judge.poses
+        for piece in with_pose_callback(
+            log, lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION), evaluator.add_poses
         ):
-            judge.piece(piece)
-    if not judge.frames:
+            evaluator.add_piece(piece)
+    if not evaluator.frames:
         raise NoPoses(f"{name}: no pose that can be used")
-    return judge.finish(), log.damage
+    return evaluator.finish(), log.damage

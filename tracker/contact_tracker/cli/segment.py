@@ -131,7 +131,7 @@ def _write(
     from contact_tracker.exports.writing import write_outcome, write_pieces
     from contact_tracker.motion.poses import Poses
     from contact_tracker.tracking.belief import Detail
-    from contact_tracker.tracking.pose_buffer import watched
+    from contact_tracker.tracking.pose_buffer import with_pose_callback
     from contact_tracker.tracking.segmentation import Segmentation
 
     def pieces(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
@@ -141,7 +141,7 @@ def _write(
         write_pieces(pieces(source), args.output, lambda: source.origin_ns, check)
         return
     kept: list[Poses] = []
-    found = Segmentation.join(list(watched(source, pieces, kept.append)))
+    found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
     outcome = source.outcome(Poses.join(kept), found, tracker.report)
     is_readable = not source.is_stdin and os.path.exists(args.log)
     read = args.log if is_readable else None

@@ -74,9 +74,9 @@ class Source:
         """Continue where another reading has stopped."""
         self.origin_ns, self.first_ns, self.last_ns, self.used = origin_ns, first_ns, last_ns, used
 
-    def _warn_of_late(self, said: int) -> int:
-        """Warn of late sources beyond the first ``said``; returns their number."""
-        for other in self._log.late_sources[said:]:
+    def _warn_of_late(self, reported: int) -> int:
+        """Warn of late sources beyond the first ``reported``; returns their number."""
+        for other in self._log.late_sources[reported:]:
             warn(
                 f"{self._name}: another source of poses shows up: {other}; going on with {self._log.source}: "
                 "choose with --topic or --frame"

@@ -1,1 +1,1 @@
-"""Parameters of the tracker, and the TOML files that have them."""
+"""Parameters of the tracker, and their TOML files."""

@@ -27,7 +27,7 @@ _RANGES: Final = {
     "skip": (0.0, 1.0),
     "initial_f_f": (0.0, 1.0),
 }
-"""Where a number must lie, both ends excluded; others are ``_POSITIVE``."""
+"""Ranges of numbers, both ends excluded; those of others are ``_POSITIVE``."""
 _POSITIVE: Final = (1e-12, 1e9)
 MAY_BE_ZERO: Final = frozenset(
     {"noise.wander_position_m", "noise.wander_rotation_rad", "motion.initial_autocorrelation"}
@@ -61,12 +61,12 @@ def load_model(name_or_path: str = "default") -> Model:
 
 
 def limits(key: str) -> tuple[float, float]:
-    """Between what the number of ``key`` must lie, both ends excluded."""
+    """Range of the number of ``key``, both ends excluded."""
     return _RANGES.get(key.rpartition(".")[2], _POSITIVE)
 
 
 def model_file(name_or_path: str) -> Path:
-    """The file of a model that is given as to ``load_model``."""
+    """The file of a model, given as to ``load_model``."""
     return shipped() / f"{name_or_path}.toml" if name_or_path in preset_names() else Path(name_or_path)
 
 

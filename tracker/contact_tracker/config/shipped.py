@@ -1,4 +1,4 @@
-"""Where the shipped presets are, and their names: all that a help text asks for, so it loads nothing else."""
+"""Folder and names of the shipped presets; imports nothing else, so that help texts are fast."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ def shipped() -> Path:
     packaged = Path(__file__).parents[1] / "models"
     if packaged.is_dir():
         return packaged
-    return Path(__file__).parents[3] / "models"  # a checkout: the presets stand at its top level
+    return Path(__file__).parents[3] / "models"  # a checkout: the presets are at its top level
 
 
 def preset_names() -> list[str]:

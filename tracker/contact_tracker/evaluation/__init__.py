@@ -1,9 +1,9 @@
-"""How right the tracker was: pure figures from truth and belief, which add over recordings.
+"""Comparison of beliefs with ground truth, as figures that add over recordings.
 
 ::
 
-    truth + poses -> scoring  (what counts: frames, their weight, the true changes)
-    scoring + beliefs -> Tally  (offline and online apart)
+    truth + poses -> Scoring  (scored frames, their weights, the true changes)
+    scoring + beliefs -> Tally  (offline and online separately)
     truth + segments -> GeometryErrors
-    Evaluation = both, of one recording or of a sum of them -> Report (text, JSON)
+    Evaluation = both, of one recording or a sum of several -> Report (text, JSON)
 """

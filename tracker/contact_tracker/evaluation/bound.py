@@ -1,9 +1,9 @@
-"""The Cramer-Rao bound of a contact's elements: how well poses with white noise let anyone know them.
+"""The Cramer-Rao bound of the errors of a contact's elements, for poses with white noise.
 
-The true poses are unknown as well, but for the contact that they keep. Per frame, to first order, noise e
-of the pose makes the residuals ``(dr/dpose) e``, an error of the geometry ``(dr/dtheta) dtheta``: what the
-frame tells of theta is the second in units of the first (docs/theory.md, T25). Derivatives are finite
-differences of the contact's exact residuals at the true poses and elements, and know nothing of a fit.
+The true poses are unknown as well, except that they satisfy the contact. Per frame, to first order, noise e
+of the pose causes the residuals ``(dr/dpose) e``, an error of the geometry ``(dr/dtheta) dtheta``: a frame's
+information on theta is the second in units of the first (docs/theory.md, T25). Derivatives are finite
+differences of the contact's exact residuals at the true poses and elements, independent of any fit.
 """
 
 from collections.abc import Iterator
@@ -30,10 +30,10 @@ _STEP: Final = 1e-5
 def errors(found: ContactGeometry, true: ContactGeometry, true_poses: Poses) -> tuple[Array, Array]:
     """Errors of the object's and of the environment's element where they touch, as ``elements.error_at``.
 
-    Of two faces motion tells both normals, but only the difference of their offsets: (2,) of the object's
-    and (3,) of the environment's, as if the body's origin were on the object's.
+    For f-f motion determines both normals, but only the difference of the offsets: (2,) for the object's face
+    and (3,) for the environment's, with the object's face moved to the body's origin.
     """
-    found, true = _told(found, true_poses), _told(true, true_poses)
+    found, true = _identifiable(found, true_poses), _identifiable(true, true_poses)
     in_body, in_world = places(true, true_poses)
     of_object = error_at(found.object, true.object, in_body)
     of_environment = error_at(found.environment, true.environment, in_world)
@@ -47,14 +47,14 @@ def cramer_rao(
     sigma_position_m: float,
     sigma_rotation_rad: float,
 ) -> tuple[Array, Array]:
-    """Least covariances (d, d) that unbiased estimates of the object's and environment's ``errors`` can have.
+    """Least covariances (d, d) of the object's and environment's ``errors`` for unbiased estimates.
 
     Parameters
     ----------
     true_poses : poses without noise, one for each measured frame.
     sigma_position_m, sigma_rotation_rad : white noise per axis of a measured frame.
     """
-    x = _stacked(model, _told(true, true_poses))
+    x = _stacked(model, _identifiable(true, true_poses))
     anchors = model.anchors(true_poses.position_m.mean(axis=0))
     x = model.family.normalise(x, anchors)
     tangent = model.family.tangent(x, anchors)
@@ -73,7 +73,7 @@ def cramer_rao(
 
 
 def angles_and_distances(contact: Contact, side: int, size: int) -> Iterator[tuple[str, slice]]:
-    """Which of the ``size`` entries of ``errors`` are angles (rad) and which distances (m).
+    """Slices of the ``size`` entries of ``errors``: those of angles (rad) and of distances (m).
 
     ``side`` is 0 for the object's element and 1 for the environment's.
     """
@@ -85,7 +85,7 @@ def angles_and_distances(contact: Contact, side: int, size: int) -> Iterator[tup
 
 
 def errors_at_bound(bound: Array) -> Array:
-    """Sizes (n, 400) of errors as an estimator makes them that attains the bounds (n, d, d)."""
+    """Norms (n, 400) of drawn errors of an estimator that attains the bounds (n, d, d)."""
     drawn = np.random.default_rng(0).normal(size=(len(bound), DRAWS, bound.shape[1]))
     return np.asarray(np.linalg.norm(drawn @ np.linalg.cholesky(bound).swapaxes(1, 2), axis=2))
 
@@ -93,7 +93,10 @@ def errors_at_bound(bound: Array) -> Array:
 def _information(
     model: ContactModel, x: Array, around: Array, true_poses: Poses, sigma: tuple[float, float]
 ) -> Array:
-    """Fisher information (P, P) of the free directions of x, between which and back lie ``around``."""
+    """Fisher information (P, P) of x along its free directions.
+
+    ``around`` (2 P, S) has x after a step forward, then after one backward, along each direction.
+    """
     rotation, position = true_poses.rotation, true_poses.position_m
 
     def residuals(x: Array, shift: Array, turn: Array) -> Array:
@@ -120,12 +123,12 @@ def _are_faces(pair: ContactGeometry) -> bool:
     return isinstance(pair.object, Plane) and isinstance(pair.environment, Plane)
 
 
-def _told(pair: ContactGeometry, poses: Poses) -> ContactGeometry:
-    """The pair itself; of two faces one with both offsets in the environment's."""
+def _identifiable(pair: ContactGeometry, poses: Poses) -> ContactGeometry:
+    """The pair; for two faces, with the offset of the object's face added to that of the environment's."""
     match pair.object, pair.environment:
-        case Plane(m, below_m), Plane(n, offset_m):
-            alike = np.sign(np.mean(poses.rotation @ m, axis=0) @ n)
-            return ContactGeometry(Plane(m, 0.0), Plane(n, float(offset_m - alike * below_m)))
+        case Plane(m, object_offset_m), Plane(n, offset_m):
+            sign = np.sign(np.mean(poses.rotation @ m, axis=0) @ n)
+            return ContactGeometry(Plane(m, 0.0), Plane(n, float(offset_m - sign * object_offset_m)))
     return pair
 
 

@@ -1,7 +1,7 @@
-"""How far a found plane, line or point is from the true one, sign-free, at the place that matters.
+"""Errors of a found plane, line or point against the true one, without regard to signs, at a given place.
 
-Far from the contact a tiny angle is a large distance, so distances are taken, and covariances expressed,
-at a place given by the caller. ``(n, h)`` and ``(-n, -h)`` are one plane, ``d`` and ``-d`` one direction.
+Far from the contact a small angle is a large distance, so distances and covariances are those at a place
+given by the caller. ``(n, h)`` and ``(-n, -h)`` are the same plane, ``d`` and ``-d`` the same direction.
 """
 
 from typing import Final, NamedTuple
@@ -15,7 +15,7 @@ from contact_tracker.geometry.elements import Element, Line, Plane, Point
 Array = NDArray[np.float64]
 
 NEGLIGIBLE: Final = 1e-13
-"""Variance below this share of the largest is a direction in which the element cannot move."""
+"""Directions with less than this share of the largest variance are no degrees of freedom of the element."""
 
 
 class Deviation(NamedTuple):
@@ -30,7 +30,7 @@ class Deviation(NamedTuple):
         if not self.freedom:
             return float("nan")
         tail = float(gammaincc(self.freedom / 2, self.squared / 2))
-        # Where the tail underflows, 37 deviations away, the plain distance serves.
+        # beyond 37 deviations the tail underflows: the Mahalanobis distance instead
         return float(np.sqrt(2) * erfcinv(tail)) if tail > 0 else float(np.sqrt(self.squared))
 
 
@@ -121,7 +121,7 @@ def _line_error(found: Line, true: Line) -> tuple[Array, Array]:
 
 
 def _turn(found: Array, true: Array) -> Array:
-    """The tangent vector at ``found`` that leads to the nearer of +-``true``; its length is the angle."""
+    """The tangent vector at ``found`` towards the nearer of +-``true``; its norm is the angle."""
     true = true * (np.sign(found @ true) or 1.0)
     across = true - (found @ true) * found
     sine = np.linalg.norm(across)

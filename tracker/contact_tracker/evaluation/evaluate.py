@@ -1,4 +1,4 @@
-"""One recording judged: what ``evaluate`` and the benchmark compute."""
+"""Evaluation of a segmentation against the ground truth of its recording."""
 
 from array import array
 from collections import deque
@@ -17,10 +17,10 @@ from contact_tracker.evaluation.tallying import tally
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.tracking.pose_buffer import Waiting
+from contact_tracker.tracking.pose_buffer import PoseBuffer
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 
-_JUDGED: Final = np.dtype([("stamp_ns", np.int64), ("contact", np.int8), ("probability", np.float64, 7)])
+_SCORED: Final = np.dtype([("stamp_ns", np.int64), ("contact", np.int8), ("probability", np.float64, 7)])
 BeliefRows = NDArray[np.void]
 
 
@@ -28,10 +28,10 @@ BeliefRows = NDArray[np.void]
 class Evaluation:
     """Of one recording, or (``a + b``) of several: offline and online against the same truth.
 
-    Offline is the Viterbi label and the smoothed posterior, a frame taking the belief of the tick that
-    contains it. Online is what had been reported at the frame's time: the latest belief not after it.
-    The geometry is that of the offline segments. Contacts beside the first are scored by themselves,
-    online as far as beliefs tell them (``Detail.FORMATION``).
+    Offline: the Viterbi label and the smoothed posterior; each frame has the belief of the tick that contains
+    it. Online: each frame has the latest belief reported by then. The geometry is that of the offline
+    segments. Further contacts have scores of their own, online only where beliefs have them
+    (``Detail.FORMATION``).
     """
 
     offline: Tally
@@ -51,24 +51,24 @@ class Evaluation:
 
 
 def evaluate(poses: Poses, truth: Truth, segmentation: Segmentation) -> Evaluation:
-    """Judge ``segmentation`` of ``poses`` (at least one) by ``truth``.
+    """Evaluate ``segmentation`` of ``poses`` (at least one) against ``truth``.
 
     Raises
     ------
     NoTruth
         The truth's elements are not of the kinds that its contact has.
     """
-    judge = Judge(truth)
-    judge.poses(poses)
-    judge.piece(segmentation)
-    return judge.finish()
+    evaluator = Evaluator(truth)
+    evaluator.add_poses(poses)
+    evaluator.add_piece(segmentation)
+    return evaluator.finish()
 
 
-class Judge:
-    """Judges a recording piece by piece. Of each pose it keeps 8 bytes, of each tick 150.
+class Evaluator:
+    """Evaluates a recording piece by piece, in 8 bytes for each pose and 150 for each tick.
 
-    The geometry is compared as soon as the segments of a true contact are concluded. Where that lasts for
-    more poses than ``pose_buffer.LIMIT``, some of them stand for all.
+    The geometry is compared as soon as the segments within a true contact are final. If that contact has more
+    poses than ``pose_buffer.LIMIT``, an evenly thinned subset is used.
 
     Raises
     ------
@@ -84,21 +84,21 @@ class Judge:
         self._further_offline, self._further_online = FurtherTicks(), FurtherTicks()
         self._geometry = geometry_errors(Poses.collect([]), truth, ())
         self._true = deque(_groups(truth))
-        self._segments: list[Segment] = []  # those that may lie in what is not yet compared
-        self._waiting = Waiting()  # as well
+        self._segments: list[Segment] = []  # that may overlap true contacts not compared yet
+        self._pose_buffer = PoseBuffer()  # likewise
 
     @property
     def frames(self) -> int:
-        """How many poses there were."""
+        """Number of poses so far."""
         return len(self._stamp_ns)
 
-    def poses(self, poses: Poses) -> None:
-        """The next poses, before the piece that is about them."""
+    def add_poses(self, poses: Poses) -> None:
+        """Add the next poses, before the piece that covers them."""
         self._stamp_ns.frombytes(poses.stamp_ns.tobytes())
-        self._waiting.extend(poses)
+        self._pose_buffer.extend(poses)
 
-    def piece(self, found: Segmentation) -> None:
-        """What was concluded next."""
+    def add_piece(self, found: Segmentation) -> None:
+        """Add the next piece of the segmentation."""
         self._offline.append(_belief_rows(found.beliefs))
         self._online.append(_belief_rows(found.filtered))
         self._further_offline.add(found.beliefs)
@@ -108,11 +108,11 @@ class Judge:
             self._compare(found.segments[-1].end_ns)
 
     def finish(self) -> Evaluation:
-        """Of the whole; there must have been poses."""
+        """The evaluation of the whole recording, which must have poses."""
         while self._true:
             self._compare_next()
         scored = scoring(np.frombuffer(self._stamp_ns, np.int64), self._truth)
-        self._stamp_ns, stamp_ns = array("q"), scored.stamp_ns  # not twice
+        self._stamp_ns, stamp_ns = array("q"), scored.stamp_ns  # frees the second copy
         offline, online = _joined(self._offline), _joined(self._online)
         contains = tick_containing(stamp_ns, offline["stamp_ns"])
         in_force = tick_in_force(stamp_ns, online["stamp_ns"])
@@ -129,15 +129,15 @@ class Judge:
             self._compare_next()
         since_ns = self._true[0][0].start_ns if self._true else until_ns
         self._segments = [segment for segment in self._segments if segment.end_ns >= since_ns]
-        self._waiting.drop(int(np.searchsorted(self._waiting.poses.stamp_ns, since_ns)))
+        self._pose_buffer.drop(int(np.searchsorted(self._pose_buffer.poses.stamp_ns, since_ns)))
 
     def _compare_next(self) -> None:
         truth = Truth(self._true.popleft())
-        self._geometry += geometry_errors(self._waiting.poses, truth, self._segments)
+        self._geometry += geometry_errors(self._pose_buffer.poses, truth, self._segments)
 
 
 def _groups(truth: Truth) -> Iterator[tuple[TruthInterval, ...]]:
-    """Intervals that may be one true segment, each group for itself: of one contact, one after the other."""
+    """Groups of successive intervals of one contact, which may be one true segment."""
     group: list[TruthInterval] = []
     for interval in truth.intervals:
         if group and (interval.geometry is None or interval.contact is not group[-1].contact):
@@ -150,19 +150,19 @@ def _groups(truth: Truth) -> Iterator[tuple[TruthInterval, ...]]:
 
 
 def _belief_rows(beliefs: Beliefs) -> BeliefRows:
-    """The columns that are judged."""
-    beliefs_of_ticks = np.empty(len(beliefs), _JUDGED)
-    for name in _JUDGED.names or ():
-        beliefs_of_ticks[name] = beliefs.rows[name]
-    return beliefs_of_ticks
+    """The columns that are scored."""
+    rows = np.empty(len(beliefs), _SCORED)
+    for name in _SCORED.names or ():
+        rows[name] = beliefs.rows[name]
+    return rows
 
 
 def _joined(parts: list[BeliefRows]) -> BeliefRows:
-    """Concatenate the parts, which are cleared."""
-    whole = np.concatenate([np.empty(0, _JUDGED), *parts])
+    """Concatenate the parts, and clear the list."""
+    whole = np.concatenate([np.empty(0, _SCORED), *parts])
     parts.clear()
     return whole
 
 
-def _tally(scored: Scoring, tick: Ints, beliefs_of_ticks: BeliefRows) -> Tally:
-    return tally(scored, tick, beliefs_of_ticks["contact"], beliefs_of_ticks["probability"])
+def _tally(scored: Scoring, tick: Ints, beliefs: BeliefRows) -> Tally:
+    return tally(scored, tick, beliefs["contact"], beliefs["probability"])

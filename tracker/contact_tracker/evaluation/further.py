@@ -1,4 +1,4 @@
-"""How well contacts beside the first are found: the set of contacts that holds, against the true one."""
+"""Scores of further contacts: the reported set of contacts against the true one."""
 
 from array import array
 from collections.abc import Iterator
@@ -17,9 +17,9 @@ from contact_tracker.tracking.segmentation import Beliefs
 Ints = NDArray[np.int64]
 
 NONE: Final = -1
-"""Index (of a tick or a label) where there is none."""
+"""Index of no tick, or of no label."""
 Kinds = tuple[tuple[Contact, ...], ...]
-"""Of each further contact its kind, and those that the motion does not distinguish from it."""
+"""For each further contact its kind, and those that the motion does not distinguish from it."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class FurtherScore:
     Parameters
     ----------
     several_s : several contacts hold.
-    right_s : of these, with all contacts of the right kinds, and no others.
-    open_s : of these, with further ones whose right kind is said to be inseparable from theirs.
+    right_s : of these, with exactly the true kinds reported.
+    open_s : of these, with the true kind of a further contact only reported as inseparable from it.
     alone_s : one contact holds, or none.
-    false_s : of these, with a further contact all the same.
+    false_s : of these, with a further contact reported.
     """
 
     several_s: float = 0.0
@@ -52,12 +52,12 @@ class FurtherScore:
 
     @property
     def right(self) -> float:
-        """Share of the time with several contacts in which they are found; nan without."""
+        """Share of the time with several contacts in which exactly these are reported; nan without."""
         return self.right_s / self.several_s if self.several_s else float("nan")
 
     @property
     def open(self) -> float:
-        """Share of it in which a kind is left open."""
+        """Share of that time in which a true kind is only reported as inseparable."""
         return self.open_s / self.several_s if self.several_s else float("nan")
 
     @property
@@ -67,22 +67,22 @@ class FurtherScore:
 
 
 class FurtherTicks:
-    """The further contacts of ticks, as they are concluded: 8 bytes for each."""
+    """The further contacts of ticks, in 8 bytes for each tick."""
 
     def __init__(self) -> None:
         self._numbers: dict[Kinds, int] = {}
         self._of_tick = array("q")
 
     def add(self, beliefs: Beliefs) -> None:
-        """The ticks that follow."""
+        """Append later ticks."""
         number = [
             self._numbers.setdefault(
                 tuple((one.contact, *one.inseparable) for one in further), len(self._numbers)
             )
             for further in beliefs.formations
         ]
-        own = beliefs.rows["further"]
-        self._of_tick.extend(np.append(number, NONE).astype(np.int64)[own].tolist())
+        index = beliefs.rows["further"]
+        self._of_tick.extend(np.append(number, NONE).astype(np.int64)[index].tolist())
 
     def score(self, scored: Scoring, truth: Truth, tick: Ints, label: NDArray[np.int8]) -> FurtherScore:
         """Compare with the truth.
@@ -101,19 +101,19 @@ class FurtherTicks:
             cells = np.stack([found[frames], labelled[frames]], axis=1)
             for (number, column), seconds in _summed(cells, scored.seconds[frames]):
                 first = () if column == NONE else (STATES[column],)
-                total += _judged(true, first, kinds[number], seconds)
+                total += _score(true, first, kinds[number], seconds)
         return total
 
 
 class _TrueSet(NamedTuple):
-    """The contacts that hold: the first one, and those beside it."""
+    """The true contacts: the first and the further ones."""
 
     first: Contact
     further: tuple[Contact, ...]
 
 
 def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[_TrueSet, Ints]]:
-    """The sets of contacts, each with its scored frames."""
+    """The true sets of contacts, each with the indices of its scored frames."""
     stamp_ns = scored.stamp_ns
     bounds = np.searchsorted(truth.at(stamp_ns), np.arange(len(truth.intervals) + 1))
     for interval, (begin, end) in zip(truth.intervals, pairwise(bounds.tolist()), strict=True):
@@ -123,11 +123,11 @@ def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[_TrueSet, Ints]]
         at = stamp_ns[frames]
         holds = np.array([(one.start_ns <= at) & (at <= one.end_ns) for one in interval.further], bool)
         holds = holds.reshape(len(interval.further), len(frames)).T
-        for which in np.unique(holds, axis=0):
+        for present in np.unique(holds, axis=0):
             contacts = (
-                one.contact for one, is_there in zip(interval.further, which, strict=True) if is_there
+                one.contact for one, is_there in zip(interval.further, present, strict=True) if is_there
             )
-            yield _TrueSet(interval.contact, tuple(contacts)), frames[(holds == which).all(axis=1)]
+            yield _TrueSet(interval.contact, tuple(contacts)), frames[(holds == present).all(axis=1)]
 
 
 def _summed(cells: Ints, seconds: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], float]]:
@@ -137,18 +137,19 @@ def _summed(cells: Ints, seconds: NDArray[np.float64]) -> Iterator[tuple[tuple[i
     yield from zip(map(tuple, rows.tolist()), sums.tolist(), strict=True)
 
 
-def _judged(true: _TrueSet, label: tuple[Contact, ...], further: Kinds, seconds: float) -> FurtherScore:
+def _score(true: _TrueSet, label: tuple[Contact, ...], further: Kinds, seconds: float) -> FurtherScore:
+    """Score of frames with one reported set of contacts; ``label`` is empty where there is no belief."""
     if not true.further:
         return FurtherScore(alone_s=seconds, false_s=seconds if further else 0.0)
-    wanted, first = (true.first, *true.further), tuple((one,) for one in label)
+    contacts, first = (true.first, *true.further), tuple((one,) for one in label)
     score = FurtherScore(several_s=seconds)
-    if _fits(wanted, (*first, *((one[0],) for one in further))):
+    if _matches(contacts, (*first, *((one[0],) for one in further))):
         return score + FurtherScore(right_s=seconds)
-    return score + FurtherScore(open_s=seconds if _fits(wanted, (*first, *further)) else 0.0)
+    return score + FurtherScore(open_s=seconds if _matches(contacts, (*first, *further)) else 0.0)
 
 
-def _fits(wanted: tuple[Contact, ...], found: Kinds) -> bool:
-    """Whether each contact that holds can be given one that is found, in any order, and none is left."""
-    return len(wanted) == len(found) and any(
-        all(one in kinds for one, kinds in zip(order, found, strict=True)) for order in permutations(wanted)
+def _matches(true: tuple[Contact, ...], found: Kinds) -> bool:
+    """Whether true and found contacts can be assigned to each other one to one."""
+    return len(true) == len(found) and any(
+        all(one in kinds for one, kinds in zip(order, found, strict=True)) for order in permutations(true)
     )

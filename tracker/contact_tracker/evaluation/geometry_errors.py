@@ -1,8 +1,8 @@
 """Errors of the found planes, lines and points, segment by segment.
 
-Of a face on a face, motion determines both normals but not both offsets, only their difference
-``h_env - h_obj`` (remark after eq. 8 of the paper). So f-f is judged by its normals, and by the distance
-between the found and the true motion's plane at the body's mean position: one distance for the pair.
+For f-f, motion determines both normals, but of the offsets only their difference ``h_env - h_obj`` (remark
+after eq. 8 of the paper). So the errors of f-f are those of its normals, and one distance for the pair:
+between the found and the true plane of motion, at the body's mean position.
 """
 
 from collections.abc import Iterable, Sequence
@@ -35,10 +35,10 @@ SIDES: Final = ("object", "environment")
 
 @dataclass(frozen=True)
 class ElementError:
-    """One found element against the true one; nan where a figure does not apply or is unknown.
+    """Errors of one found element; nan where a figure does not apply or is unknown.
 
-    ``angle_deg`` of normals or directions; ``distance_mm`` of the true element's point nearest to the
-    contact from the found element; ``deviation`` against the found covariance.
+    ``angle_deg`` between normals or directions; ``distance_mm`` from the found element to the true element's
+    point nearest to the contact; ``deviation``: the error against the found covariance.
     """
 
     contact: Contact
@@ -115,21 +115,22 @@ def geometry_errors(poses: Poses, truth: Truth, segments: Sequence[Segment]) -> 
 
 
 def _true_segments(truth: Truth) -> list[TruthInterval]:
-    """Intervals with geometry, joined where the same elements touch on (at rest, then moving)."""
+    """Intervals with geometry, joined where the same elements remain in contact (at rest, then moving)."""
     joined: list[TruthInterval] = []
     previous: TruthInterval | None = None
     for interval in truth.intervals:
         if interval.contact is not None and interval.geometry is not None:
             _check_kinds(interval.contact, interval.geometry, interval.start_ns)
             start_ns = interval.start_ns
-            if previous is not None and _goes_on(previous, interval):
+            if previous is not None and _is_same(previous, interval):
                 start_ns = joined.pop().start_ns
             joined.append(replace(interval, start_ns=start_ns))
         previous = interval
     return joined
 
 
-def _goes_on(before: TruthInterval, after: TruthInterval) -> bool:
+def _is_same(before: TruthInterval, after: TruthInterval) -> bool:
+    """Whether both have the same contact between the same elements."""
     if before.contact != after.contact or before.geometry is None or after.geometry is None:
         return False
     pairs = (
@@ -167,7 +168,8 @@ def _compare(
 
 
 def places(true: ContactGeometry, poses: Poses) -> tuple[Array, Array]:
-    """Where each true element was touched, in its own frame: the mean place of its partner, put on it."""
+    """Points (3,) of contact on the object's true element (in the body's frame) and on the environment's (in
+    the world): the mean position of the other element, projected on this one."""
     rotation, position = poses.rotation, poses.position_m
     on_object = nearest(true.object, np.zeros(3))
     on_environment = nearest(true.environment, position.mean(axis=0))
@@ -189,9 +191,10 @@ def _element_error(contact: Contact, side: str, found: Element, true: Element, p
 
 def _compare_faces(found: tuple[Plane, Plane], true: tuple[Plane, Plane], poses: Poses) -> list[ElementError]:
     def height_m(body: Plane, world: Plane) -> float:
-        """Of the body's mean position over where the faces put it: n . t + h_obj = h_env, normals alike."""
-        alike = np.sign(np.mean(poses.rotation @ body.normal, axis=0) @ world.normal)
-        relative_offset_m = world.offset_m - alike * body.offset_m
+        """Distance of the body's mean position from the plane of motion, n . t + h_obj = h_env, along the
+        true normal."""
+        sign = np.sign(np.mean(poses.rotation @ body.normal, axis=0) @ world.normal)
+        relative_offset_m = world.offset_m - sign * body.offset_m
         upward = np.sign(world.normal @ true[1].normal) or 1.0
         return float(upward * (world.normal @ poses.position_m.mean(axis=0) - relative_offset_m))
 

@@ -1,7 +1,7 @@
-"""Figures of belief against truth, as sums that add over recordings.
+"""Metrics of labels and posteriors, derived from statistics that add over recordings.
 
-A ``Tally`` holds sufficient statistics (seconds, sums weighted by seconds, single errors), never a mean:
-every figure of many recordings is derived from the sum of their tallies.
+A ``Tally`` holds sufficient statistics (seconds, sums weighted by seconds, single errors) and no means: each
+metric of several recordings is computed from the sum of their tallies.
 """
 
 from dataclasses import dataclass
@@ -26,17 +26,17 @@ class Tally:
 
     Parameters
     ----------
-    confusion_s : (5, 7, 8) seconds per ``Subset``, true state and label; the last column is no answer.
+    confusion_s : (5, 7, 8) seconds per ``Subset``, true state and label; the last column is without a label.
     calibration : (15, 3) per bin of the top probability, equally wide over [0, 1]: seconds,
         seconds x probability, seconds in which the top state was true.
-    calibration_by_state : (7, 15, 3) the same of each state's probability and whether that state was true.
+    calibration_by_state : (7, 15, 3) the same for each state's probability and the seconds it was true.
     log_loss_by_state_s : (7,) seconds x -log p(truth), by the true state.
     brier_by_state_s : (7,) seconds x squared distance of each state's probability from 1 where it was true,
         from 0 elsewhere.
     sure_wrong_by_state_s : (7,) seconds with a probability above 0.9 on a wrong state, by the true state.
-    into : (C,) the state into which each true change led.
-    boundary_error_s : (C,) distance of the found change from it; nan where none was found.
-    detection_delay_s : (C,) from the onset until the label became right and stayed so for 0.3 s; nan: never.
+    into : (C,) column of the state after each true change.
+    boundary_error_s : (C,) time between the true change and the nearest found one; nan: none found.
+    detection_delay_s : (C,) from the onset until the label is right for 0.3 s; nan: never.
     """
 
     confusion_s: Array
@@ -50,9 +50,9 @@ class Tally:
     detection_delay_s: Array
 
     def __add__(self, other: "Tally") -> "Tally":
-        mine, others = vars(self), vars(other)
-        sums = {name: mine[name] + others[name] for name in mine if name not in _CHANGES}
-        lists = {name: np.concatenate([mine[name], others[name]]) for name in _CHANGES}
+        a, b = vars(self), vars(other)
+        sums = {name: a[name] + b[name] for name in a if name not in _CHANGES}
+        lists = {name: np.concatenate([a[name], b[name]]) for name in _CHANGES}
         return Tally(**sums, **lists)
 
     def seconds(self, subset: Subset = Subset.ALL) -> float:
@@ -108,7 +108,7 @@ class Tally:
 
     @property
     def brier_by_state(self) -> Array:
-        """What each state (7,) contributes to ``brier``, over all the time scored: 0 perfect, 1 worst."""
+        """Contribution (7,) of each state to ``brier``, over all the time scored: 0 perfect, 1 worst."""
         return _ratios(self.brier_by_state_s, np.full(len(STATES), self.seconds()))
 
     @property
@@ -118,7 +118,7 @@ class Tally:
 
     @property
     def calibration_error_by_state(self) -> Array:
-        """The same (7,) of each state's own probability, over all the time scored."""
+        """The same (7,) for each state's probability, over all the time scored."""
         return _ratios(_miscalibrated_s(self.calibration_by_state), np.full(len(STATES), self.seconds()))
 
     @property

@@ -22,15 +22,15 @@ WIDEST_NAME: Final = 24
 
 ACCURACY_NOTE: Final = """\
 Share of the time in which the label was right: over all scored frames; over those more than 0.25 s
-from a true change (clear); over those whose motion can tell the contact (identifiable), and over
+from a true change (clear); over those whose motion determines the contact (identifiable), and over
 the others, singular or at rest before the first motion (ambiguous); without the rest at the start
-(moved). F1: mean over the true states. Online is what had been reported by then."""
+(moved). F1: mean over the true states. Online: the latest belief reported by then."""
 BELIEF_NOTE: Final = """\
 Log-loss in nats; Brier score 0 to 2; ECE: expected calibration error, 15 bins; sure & wrong: share
 of the time with a probability above 0.9 on a wrong state."""
 CHANGE_NOTE: Final = """\
 Boundary: from a true change to the nearest found one, median and 90 %; missed: share without one.
-Delay: from a true onset until the label stays right for 0.3 s; never: share where it does not."""
+Delay: from a true onset until the label is right for 0.3 s; never: share without such a time."""
 FURTHER_NOTE: Final = """\
 Further contacts. Right: share of the time with several contacts in which exactly these kinds are
 reported. Open: share in which the true kinds are only listed as inseparable. False: share of the
@@ -43,7 +43,7 @@ standard deviations (sd) of the found covariance."""
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Evaluations by the name of their recording, in the order in which they are shown; at least one."""
+    """Evaluations by the name of their recording, in the order of the tables; at least one."""
 
     recordings: Mapping[str, Evaluation]
 

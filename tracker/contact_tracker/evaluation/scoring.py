@@ -1,7 +1,7 @@
-"""What of a recording is scored: the weight of each frame, its truth, and the true changes.
+"""The scored frames of a recording: their weights, true states, and the true changes.
 
-Nothing here knows what was believed. A frame weighs the time until the next one, at most 0.1 s, so that
-neither irregular rates nor dropouts distort a figure. Frames without truth (``?``) are not scored.
+All of it is independent of beliefs. The weight of a frame is the time until the next one, at most 0.1 s, so
+that neither irregular rates nor dropouts distort a figure. Frames without truth (``?``) are not scored.
 """
 
 from collections.abc import Iterator
@@ -27,14 +27,14 @@ UNSCORED: Final = -1
 
 
 class Subset(IntEnum):
-    """Which frames an accuracy is taken over; the value is the row in ``Scoring.subsets``."""
+    """Subsets of the scored frames; the value is the row in ``Scoring.subsets``."""
 
     ALL = 0
     """every scored frame"""
     CLEAR = 1
     """those more than 0.25 s from a true change"""
     IDENTIFIABLE = 2
-    """those whose motion can tell the contact: neither singular nor at rest before the first motion"""
+    """those whose motion determines the contact: neither singular nor at rest before the first motion"""
     AMBIGUOUS = 3
     """the others: singular, or at rest before the first motion"""
     MOVED = 4
@@ -45,9 +45,9 @@ class Subset(IntEnum):
 class Change:
     """A true change between two phases that each last 0.3 s or more; all but ``into`` are frame indices.
 
-    The change happened in one of the frames ``earliest`` to ``onset``: they differ where unscored frames
-    lie between the phases. The old phase begins at ``begin``, the new one covers ``onset`` to ``end``
-    (excluded) and has the state's column ``into``.
+    The change is in one of the frames ``earliest`` to ``onset``, which differ if there are unscored frames
+    between the phases. The old phase begins at ``begin``; the new one is ``onset`` to ``end`` (excluded), in
+    the state with the column ``into``.
     """
 
     begin: int
@@ -59,13 +59,13 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """What is scored of N frames, in 14 bytes for each.
+    """Scored frames among N, in 14 bytes for each.
 
     Parameters
     ----------
     edges_ns : (N + 1,) their stamps, strictly increasing, and the end of the last, as long as the one before.
     truth : (N,) column of the true state, ``UNSCORED`` where there is none.
-    subsets : (5, N) which frames each ``Subset`` takes.
+    subsets : (5, N) membership of the frames in each ``Subset``.
     changes : the true changes in order.
     """
 
@@ -81,7 +81,7 @@ class Scoring:
 
     @property
     def end_ns(self) -> Ints:
-        """When each frame (N,) ends: the next frame's stamp."""
+        """Ends (N,) of the frames: the stamp of the next one."""
         return self.edges_ns[1:]
 
     @property
@@ -90,19 +90,19 @@ class Scoring:
         return np.asarray(np.minimum(self.end_ns - self.stamp_ns, LONGEST_FRAME_NS) * 1e-9)
 
     def part(self, frames: slice) -> "Scoring":
-        """Only some consecutive frames, without any changes."""
+        """Only consecutive ``frames``, without changes."""
         edges_ns = self.edges_ns[frames.start : frames.stop + 1]
         return Scoring(edges_ns, self.truth[frames], self.subsets[:, frames], ())
 
     def within(self, subset: Subset) -> "Scoring":
-        """Only the frames of ``subset``, and the changes after which they come."""
+        """Only the frames of ``subset``, and the changes whose onset is among them."""
         taken = self.subsets[subset]
         changes = tuple(change for change in self.changes if taken[change.onset])
         return replace(self, subsets=self.subsets & taken, changes=changes)
 
 
 def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
-    """Lay ``truth`` over the frames at ``stamp_ns`` (N,); frames outside all intervals are not scored."""
+    """Assign ``truth`` to the frames at ``stamp_ns`` (N,); frames outside all intervals are not scored."""
     column = np.full(len(stamp_ns), UNSCORED, np.int8)
     subsets = np.zeros((len(Subset), len(stamp_ns)), bool)
     moved = False
@@ -123,14 +123,14 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
 
 
 def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
-    """Offline: for each frame the tick that contains it, the first not before it; -1 after the last tick."""
+    """Offline: index of the tick that contains each frame, the first not before it; -1 after the last."""
     tick = np.searchsorted(tick_ns, frame_ns, side="left")
     tick[tick == len(tick_ns)] = -1
     return tick
 
 
 def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
-    """Online: for each frame the latest tick reported by then; -1 before the first report."""
+    """Online: index of the latest tick that is reported at each frame; -1 before the first."""
     tick = np.searchsorted(tick_ns, frame_ns, side="right")
     tick -= 1
     return tick
@@ -142,7 +142,7 @@ def _edges(stamp_ns: Ints) -> Ints:
 
 
 def _frames(stamp_ns: Ints, truth: Truth) -> Iterator[tuple[TruthInterval, slice]]:
-    """The frames in each interval: of two that overlap, those of the later one are its own."""
+    """The frames of each interval; where two overlap, they are those of the later one."""
     first = np.searchsorted(stamp_ns, [i.start_ns for i in truth.intervals])
     end = np.searchsorted(stamp_ns, [i.end_ns for i in truth.intervals], side="right")
     later = np.append(first[1:], len(stamp_ns))
@@ -160,8 +160,8 @@ def _runs(stamp_ns: Ints, column: Columns) -> list[tuple[int, int]]:
         if column[first] == UNSCORED:
             continue
         begin, before = runs[-1] if runs else (first, None)
-        goes_on = before is not None and column[before] == column[first]
-        if goes_on and stamp_ns[first] - stamp_ns[before] <= SHORTEST_PHASE_NS:
+        is_same = before is not None and column[before] == column[first]
+        if is_same and stamp_ns[first] - stamp_ns[before] <= SHORTEST_PHASE_NS:
             runs[-1] = begin, last
         else:
             runs.append((first, last))

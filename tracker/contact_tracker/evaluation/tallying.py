@@ -1,4 +1,4 @@
-"""Belief against truth, frame by frame: how a ``Tally`` is made."""
+"""Computation of a ``Tally``: beliefs against truth, frame by frame."""
 
 from dataclasses import replace
 from typing import Final
@@ -12,9 +12,9 @@ from contact_tracker.states import STATES
 
 SURE: Final = 0.9
 SMALLEST_PROBABILITY: Final = 1e-12
-"""A probability below this counts as this in the log-loss, which would be infinite otherwise."""
-NO_ANSWER: Final = -1
-_TOGETHER: Final = 20_000
+"""Lower limit of probabilities in the log-loss, which is infinite at zero."""
+NO_LABEL: Final = -1
+_BATCH_FRAMES: Final = 20_000
 
 
 def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tally:
@@ -23,15 +23,15 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
     Parameters
     ----------
     scoring : of N frames.
-    tick : (N,) index of the belief that holds at each frame. At -1 there is no answer: it counts as wrong,
-        with the posterior of one who knows nothing (all seven states alike).
+    tick : (N,) index of the belief that holds at each frame; -1 where there is none, which counts as a wrong
+        label with a uniform posterior.
     label : (T,) column of each belief's label.
-    probability : (T, 7) each belief's posterior.
+    probability : (T, 7) posterior of each belief.
     """
-    frame_label = np.append(label, NO_ANSWER).astype(np.int8)[tick]
+    frame_label = np.append(label, NO_LABEL).astype(np.int8)[tick]
     sums = _sums(scoring.part(slice(0, 0)), frame_label[:0], np.zeros((0, len(STATES))))
-    for begin in range(0, len(tick), _TOGETHER):  # a posterior for each frame: never for all at once
-        frames = slice(begin, min(begin + _TOGETHER, len(tick)))
+    for begin in range(0, len(tick), _BATCH_FRAMES):  # posteriors of all frames at once would need memory
+        frames = slice(begin, min(begin + _BATCH_FRAMES, len(tick)))
         posterior, has_belief = np.full((len(tick[frames]), len(STATES)), 1 / len(STATES)), tick[frames] >= 0
         posterior[has_belief] = probability[tick[frames][has_belief]]
         sums += _sums(scoring.part(frames), frame_label[frames], posterior)
@@ -44,12 +44,12 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
 
 
 def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
-    """What is added up frame by frame."""
+    """The statistics that are sums over frames."""
     scored = scoring.subsets[Subset.ALL]
     truth, seconds = scoring.truth[scored], scoring.seconds[scored]
     p = posterior[scored]
     top, top_p = p.argmax(axis=1), p.max(axis=1, initial=0.0)
-    right = (top == truth) & (frame_label[scored] != NO_ANSWER)
+    right = (top == truth) & (frame_label[scored] != NO_LABEL)
     is_true = np.eye(len(STATES))[truth]
     log_loss = -np.log(np.maximum(p[np.arange(len(p)), truth], SMALLEST_PROBABILITY))
     return Tally(
@@ -69,7 +69,7 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
 
 def _confusion(scoring: Scoring, frame_label: Columns, subset: Subset) -> Array:
     confusion = np.zeros((len(STATES), len(STATES) + 1))
-    rows = scoring.subsets[subset]  # no answer is the last column
+    rows = scoring.subsets[subset]  # NO_LABEL indexes the last column
     np.add.at(confusion, (scoring.truth[rows], frame_label[rows]), scoring.seconds[rows])
     return confusion
 
@@ -83,14 +83,14 @@ def _calibration(seconds: Array, p: Array, right: NDArray[np.bool_]) -> Array:
 def _boundary_error(scoring: Scoring, frame_label: Columns, change: Change) -> float:
     """Seconds from the true change to the nearest found one into the same state; nan where there is none.
 
-    Looked for from the begin of the old phase to the end of the new one, both within what is judged: a
-    label that was there for all of the old phase has not changed.
+    The search is from the begin of the old phase to the end of the new one. A label that is already the new
+    state at the begin is no change.
     """
     is_new = frame_label[change.begin : change.end] == change.into
-    turned = change.begin + 1 + np.flatnonzero(is_new[1:] & ~is_new[:-1])
-    if len(turned) == 0:
+    changed = change.begin + 1 + np.flatnonzero(is_new[1:] & ~is_new[:-1])
+    if len(changed) == 0:
         return float("nan")
-    found = scoring.stamp_ns[turned]
+    found = scoring.stamp_ns[changed]
     early = scoring.stamp_ns[change.earliest] - found
     late = found - scoring.stamp_ns[change.onset]
     return float(np.maximum(np.maximum(early, late), 0).min()) * 1e-9

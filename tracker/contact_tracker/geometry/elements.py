@@ -1,8 +1,8 @@
 """Planes, lines and points with their uncertainty: the elements that touch.
 
 An element is given in the frame it is fixed to: the body frame for the object's, the world frame for the
-environment's (docs/conventions.md). Units are metres and radians; a covariance is None where unknown, and a
-name where the element is none of those that the user knows.
+environment's (docs/conventions.md). Units are metres and radians; an unknown covariance is None, as is the
+name of an element that is not in the prior map.
 """
 
 from collections.abc import Mapping
@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Unobserved:
-    """How an element could still move without the motion having shown it (docs/theory.md, T22).
+    """A free motion of an element that the data do not determine (docs/theory.md, T22).
 
-    ``how`` it moves, with the unit vector ``direction`` (3,): it turns about that axis or shifts along it.
+    ``how``: a turn about the unit vector ``direction`` (3,), or a shift along it.
     """
 
     how: Literal["turns_about", "shifts_along"]
@@ -57,8 +57,8 @@ class Plane:
 class Line:
     """All ``point_m + s direction``; ``covariance`` (6, 6) is of (direction, point_m).
 
-    Of a found line ``point_m`` is its point nearest to the body's origin (in the world: to where that was on
-    average), so the covariance has no component along the line.
+    For an estimated line ``point_m`` is its point nearest to the body's origin (in the world: to the mean
+    position of that), so the covariance has no component along the line.
     """
 
     direction: Array
@@ -113,7 +113,7 @@ class ContactGeometry:
 
     @property
     def names(self) -> tuple[str | None, str | None]:
-        """What the user calls them, None for an element that is not known."""
+        """Names in the prior map, None for elements that are not in it."""
         return self.object.name, self.environment.name
 
     @property
@@ -163,7 +163,7 @@ def _number(value: float) -> float | None:
 
 
 def numbers(element: Element) -> Array:
-    """The numbers that tell an element, in the order of its covariance."""
+    """The parameters of an element, in the order of its covariance."""
     match element:
         case Plane(normal, offset_m):
             return np.array([*normal, offset_m])
@@ -174,7 +174,7 @@ def numbers(element: Element) -> Array:
 
 
 def by_foot(element: Element, near_m: Array) -> Element:
-    """A line by its point nearest to ``near_m`` (3,), which changes nothing of it; others as they are."""
+    """The same element, a line given by its point nearest to ``near_m`` (3,)."""
     if not isinstance(element, Line) or element.covariance is None:
         return element
     d, arm = element.direction, near_m - element.point_m
@@ -185,7 +185,7 @@ def by_foot(element: Element, near_m: Array) -> Element:
 
 
 def canonical(element: Element) -> Element:
-    """Of ``(n, h)`` and ``(-n, -h)``, of ``d`` and ``-d``, the one whose largest component is positive."""
+    """The element with the sign of its normal or direction for which the largest component is positive."""
     match element:
         case Plane(normal, offset_m) if normal[np.argmax(np.abs(normal))] < 0.0:
             return replace(element, normal=-normal, offset_m=-offset_m)  # the covariance is the same
@@ -197,7 +197,7 @@ def canonical(element: Element) -> Element:
 
 
 def shifted(element: Element, origin_m: Array) -> Element:
-    """The element as seen from a frame in which its present origin stands at ``origin_m``."""
+    """The element in a frame in which its present origin is at ``origin_m``."""
     match element:
         case Plane(normal, offset_m, covariance):
             jacobian = np.eye(4)

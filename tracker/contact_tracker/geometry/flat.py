@@ -1,4 +1,4 @@
-"""Elements in one uniform form, so that tables have one schema (docs/conventions.md)."""
+"""Elements of all kinds in the same fields, so that tables have one schema (docs/conventions.md)."""
 
 import json
 from typing import Any, Final
@@ -17,7 +17,7 @@ def flat(element: Element | None) -> dict[str, Any]:
 
     ``axis`` (3,) is the normal of a face, the direction of an edge, and zero of a vertex; ``point_m`` (3,)
     lies on the element: of a face the point nearest to the origin of its frame. ``unobserved`` is JSON text.
-    All keys are there in any case, with values of one type but for unknown standard deviations (None).
+    All keys are always present, with values of one type, except unknown standard deviations (None).
     """
     zero, none = np.zeros(3), np.full(3, np.nan)
     axis, point_m, axis_sd, point_sd_m, kind = zero, zero, zero, zero, NONE

@@ -1,8 +1,8 @@
-"""What is known of an element that lies in, on or through one of another kind (docs/theory.md, T28).
+"""Priors of elements that are incident with a known one of another kind (docs/theory.md, T28).
 
-A contact that gains or loses a constraint keeps its elements or goes on to what bounds them: from a face to
-an edge of it, from an edge to a vertex on it, and back. Where a direction is unknown it is zero, and its
-covariance says what is known of it.
+A contact that gains or loses a constraint keeps its elements, or changes to incident ones: from a face to an
+edge of it, from an edge to a vertex on it, and back. An unknown direction is zero, with the covariance of the
+distribution of directions.
 """
 
 from collections.abc import Callable
@@ -14,13 +14,14 @@ from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 
 _FLAT: Final = 1e-12
 LENGTH_M: Final = 0.2
-"""How far the ends of an edge are from its point nearest to the body."""
+"""Distance of the ends of an edge from its point nearest to the body."""
 ANYWHERE_M: Final = 10.0
-"""Spread of a place of which nothing is known."""
+"""Standard deviation of an unknown position."""
 
 
 def incident(element: Element, kind: str, near_m: Array) -> Element:
-    """What ``element`` tells of one of another ``kind`` (f, e or v) beside it, near to ``near_m`` (3,)."""
+    """Prior of an element of another ``kind`` (f, e or v) that is incident with ``element`` near ``near_m``
+    (3,)."""
     assert element.covariance is not None
     return _INCIDENT[type(element), kind](element, element.covariance, near_m)
 
@@ -31,21 +32,21 @@ def _vertex_on(edge: Line, covariance: Array, _: Array) -> Point:
 
 
 def _edge_through(vertex: Point, covariance: Array, _: Array) -> Line:
-    """Its direction may be any; see what ``element_prior.given`` returns."""
+    """The direction is unknown, see ``ElementPrior.is_given``."""
     whole = np.zeros((6, 6))
     whole[3:, 3:] = covariance
     return Line(np.zeros(3), vertex.point_m, whole)
 
 
 def _edge_in(face: Plane, covariance: Array, near_m: Array) -> Line:
-    across, tilt, height = _slab(face, covariance)
+    across, tilt, height = _face_covariances(face, covariance)
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = across + tilt, ANYWHERE_M**2 * across + height
     return Line(np.zeros(3), _foot(face, near_m), whole)
 
 
 def _vertex_in(face: Plane, covariance: Array, near_m: Array) -> Point:
-    across, _, height = _slab(face, covariance)
+    across, _, height = _face_covariances(face, covariance)
     return Point(_foot(face, near_m), ANYWHERE_M**2 * across + height)
 
 
@@ -53,17 +54,17 @@ def _foot(face: Plane, of_m: Array) -> Array:
     return np.asarray(of_m + face.normal * (face.offset_m - face.normal @ of_m))
 
 
-def _slab(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
-    """Directions in a face, and how uncertain it is along its normal as a direction and as a place near to
-    where it was touched, each (3, 3)."""
+def _face_covariances(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
+    """The projection onto a face, and the covariances along its normal of directions in the face and of
+    positions on it near the contact, each (3, 3)."""
     out = np.outer(face.normal, face.normal)
     turns, both = covariance[:3, :3], covariance[:3, 3]
     tilt = 0.5 * float(turns.trace())
     across, explained = np.eye(3) - out, 0.0
-    if tilt > 0.0:  # where a normal cannot change, as along itself, what is added is not used
+    if tilt > 0.0:  # the added terms are in directions in which the normal cannot change, and have no effect
         explained = float(both @ np.linalg.solve(turns + tilt * (out + _FLAT * across), both))
-    where_touched = covariance[3, 3] - explained
-    return across, tilt * out, (max(float(where_touched), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
+    residual = covariance[3, 3] - explained
+    return across, tilt * out, (max(float(residual), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
 
 
 def _face_through_edge(edge: Line, covariance: Array, _: Array) -> Plane:
@@ -77,7 +78,8 @@ def _face_through_vertex(vertex: Point, covariance: Array, _: Array) -> Plane:
 
 
 def _face_through(place_m: Array, normal: Array, shift: float) -> Plane:
-    """With the covariance ``normal`` (3, 3) of a normal around zero; its offset is that of ``place_m``."""
+    """A face with an unknown normal of covariance ``normal`` (3, 3), through ``place_m`` up to the variance
+    ``shift``."""
     jacobian = np.concatenate([np.eye(3), place_m[None]])
     whole = jacobian @ normal @ jacobian.T
     whole[3, 3] += shift

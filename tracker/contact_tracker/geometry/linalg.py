@@ -1,4 +1,4 @@
-"""Linear algebra of one small matrix, by LAPACK itself: what wraps it elsewhere costs several times more."""
+"""Linear algebra of one small matrix by direct calls of LAPACK, whose wrappers take several times longer."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,26 +9,27 @@ Array = NDArray[np.float64]
 
 def solve(matrix: Array, right: Array) -> Array:
     """As ``np.linalg.solve`` of a matrix (N, N) and right sides (N, M)."""
-    *_, solution, failed = lapack.dgesv(matrix, right)
-    return np.asarray(_unless(failed, solution))
+    *_, solution, info = lapack.dgesv(matrix, right)
+    return np.asarray(_checked(info, solution))
 
 
 def eigenvalues(symmetric: Array) -> Array:
     """As ``np.linalg.eigvalsh`` of a matrix (N, N)."""
-    values, _, failed = lapack.dsyev(symmetric, compute_v=0)
-    return np.asarray(_unless(failed, values))
+    values, _, info = lapack.dsyev(symmetric, compute_v=0)
+    return np.asarray(_checked(info, values))
 
 
 def eigenvectors(symmetric: Array, against: Array | None = None) -> tuple[Array, Array]:
     """As ``scipy.linalg.eigh`` of one or two matrices (N, N): values (N,) in rising order, vectors (N, N)."""
     if against is None:
-        values, vectors, failed = lapack.dsyevd(symmetric, lower=1)
+        values, vectors, info = lapack.dsyevd(symmetric, lower=1)
     else:
-        values, vectors, failed = lapack.dsygvd(symmetric, against)
-    return _unless(failed, values), vectors
+        values, vectors, info = lapack.dsygvd(symmetric, against)
+    return _checked(info, values), vectors
 
 
-def _unless(failed: int, found: Array) -> Array:
-    if failed:
-        raise np.linalg.LinAlgError(f"LAPACK's info is {failed}")
-    return found
+def _checked(info: int, result: Array) -> Array:
+    """The result, if LAPACK's ``info`` is zero."""
+    if info:
+        raise np.linalg.LinAlgError(f"LAPACK's info is {info}")
+    return result

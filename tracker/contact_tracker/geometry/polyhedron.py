@@ -15,7 +15,7 @@ from contact_tracker.geometry.elements import Element, Line, Plane, Point
 Array = NDArray[np.float64]
 KINDS: Final = "vef"
 _DIGITS: Final = 6
-"""Triangles whose planes agree to so many digits are of one face."""
+"""Triangles whose planes agree to this many digits belong to one face."""
 _ENOUGH_VERTICES: Final = 2000
 """The hull of 60 faces, in any number of triangles, is found with 100 vertices; of a ball there is no end."""
 
@@ -57,7 +57,7 @@ class Feature:
 
     @property
     def reference(self) -> Array:
-        """A direction parallel to no normal of the cone; along the feature where it has a direction."""
+        """A direction parallel to no normal of the cone; along the feature if it has a direction."""
         directions = self.span if len(self.span) else self.tangents(self.axis)
         return np.asarray(directions[0], float)
 
@@ -72,7 +72,7 @@ class Feature:
         return np.array([first, np.cross(normal, first)])
 
     def point_clearance(self, point: Array) -> float:
-        """How far (m) a point of the feature is from the feature's rim."""
+        """Distance (m) of a point of the feature from the feature's rim."""
         if self.kind == "v":
             return 0.0
         if self.kind == "e":
@@ -81,7 +81,7 @@ class Feature:
         return float(np.einsum("ij,ij->i", point - self.points, inward).min())
 
     def normal_clearance(self, normal: Array) -> float:
-        """How far (rad) a normal of the cone is from the cone's sides."""
+        """Angle (rad) of a normal of the cone from the cone's sides."""
         if not len(self.walls):
             return 0.0
         return float(np.arcsin(np.clip((self.walls @ normal).min(), 0.0, 1.0)))
@@ -110,7 +110,7 @@ class Polyhedron:
         return tuple(f for f in self.features if f.kind == kind)
 
     def depth_m(self, points: Array) -> Array:
-        """How far (m) ``points`` (n, 3) lie below the surface."""
+        """Depth (m) of ``points`` (n, 3) below the surface."""
         faces = self.of_kind("f")
         normals = np.array([face.normals[0] for face in faces])
         offsets = np.array([face.normals[0] @ face.points[0] for face in faces])
@@ -130,13 +130,13 @@ class Polyhedron:
 
 
 class TooManyFaces(ValueError):
-    """A hull has more faces than are wanted."""
+    """A hull has more faces than allowed."""
 
 
 def convex(points: Array, tolerance_m: float = 0.0, most_faces: int | None = None) -> Polyhedron:
-    """The convex hull of ``points`` (n, 3); what leaves a face by less than ``tolerance_m`` lies in it.
+    """The convex hull of ``points`` (n, 3); points within ``tolerance_m`` of a face lie in it.
 
-    With ``most_faces`` the work is bounded, however round the points lie.
+    With ``most_faces`` the computation is bounded for points of any shape.
 
     Raises
     ------

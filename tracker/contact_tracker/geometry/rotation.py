@@ -1,7 +1,7 @@
-"""Unit quaternions ``xyzw`` (..., 4) in few array operations: for the handful of poses of a tick.
+"""Unit quaternions ``xyzw`` (..., 4) in few array operations, for the few poses of a tick.
 
-SciPy checks more than it computes there. One table of Hamilton's products gives the product, the
-matrix of a rotation and, backwards, the rotation nearest to a matrix. ``q`` and ``-q`` are one rotation.
+For so few the checks in SciPy take most of the time. One table of Hamilton's products gives the product, the
+matrix of a rotation, and the rotation nearest to a matrix. ``q`` and ``-q`` are the same rotation.
 """
 
 from typing import Final
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
 TINY: Final = 1e-300
-"""Divides like nothing where there is nothing to divide."""
+"""Added to divisors that may be zero, together with the dividend."""
 
 
 def _hamilton() -> Array:

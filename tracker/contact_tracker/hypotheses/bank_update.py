@@ -35,11 +35,11 @@ Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 MOST: Final = 12
-"""Most ticks in one call. If one of them changes the landmark memory, the work for those after it is lost."""
+"""Most ticks in one call. If one of them changes the landmark memory, the predictions after it are lost."""
 
 
 def ticks_at_once(banks: Sequence[Bank]) -> int:
-    """How many ticks ``update`` may take in one call: one without compiled kernels or with a lag."""
+    """Number of ticks per call of ``update``: one without compiled kernels or with a lag."""
     return MOST if compiled.in_use() and not banks[0].lag_history.shape[1] else 1
 
 

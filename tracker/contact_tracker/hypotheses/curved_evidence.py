@@ -1,8 +1,8 @@
 """Evidence of curved contacts against free motion (docs/theory.md, section 20).
 
-Motion that none of the six contacts explains is labelled free, but is not if it keeps a constraint of
-``curved_contact``. These have many parameters, so they are fitted to the first half of the motion and judged
-by their prediction of the second half.
+Motion that none of the six contacts explains is labelled free, but may satisfy a constraint of
+``curved_contact``. These have many parameters, so they are fitted to the first half of the motion and tested
+on the second half.
 """
 
 from functools import cache
@@ -21,24 +21,24 @@ Array = NDArray[np.float64]
 STARTS: Final = 16
 FIRST_STEPS: Final = 15
 FIRST_STRIDE: Final = 2
-"""From each start by every second tick; then the best few go on."""
+"""The first steps from each start use every second tick; the best starts then use all."""
 BEST_STARTS: Final = 3
 LAST_STEPS: Final = 15
-HOPELESS_NATS: Final = 100.0
-"""What is no better than that in a tick, after the first steps, is given up."""
+MOST_NATS_PER_TICK: Final = 100.0
+"""If the best start has a higher cost after the first steps, the minimisation ends."""
 MOST_TICKS: Final = 60
 SURFACE_M: Final = 1e-4
-"""Deviation of surfaces from their ideal shape, and of the mean of a tick from the arc that it went along."""
+"""Standard deviation of surfaces from their ideal shape, and of the mean of a tick from its arc."""
 FIRST_DAMPING: Final = 1.0
 DAMPING: Final = (0.2, 5.0)
-"""Factors after a step that lowers the cost, and after another one."""
+"""Factors after a step that lowers the cost, and after one that does not."""
 MOST_DAMPING: Final = 1e9
 SEED: Final = 7
 
 
 class CurvedFit(NamedTuple):
-    """How well a ``contact`` with elements ``x`` (p,), in a world about ``origin_m`` (3,), explains motion:
-    its log evidence against free motion (nats)."""
+    """A ``contact`` with elements ``x`` (p,), relative to ``origin_m`` (3,) in the world, and its log
+    evidence against free motion (nats)."""
 
     log_evidence: float
     contact: CurvedContact
@@ -46,7 +46,7 @@ class CurvedFit(NamedTuple):
     origin_m: Array
 
     def about(self, origin_m: Array) -> Array:
-        """The elements in a world about another origin."""
+        """The elements relative to another origin in the world."""
         world = slice(0, 3) if self.contact.of_inverse else slice(3, 6)
         x = self.x.copy()
         x[world] += self.origin_m - origin_m
@@ -59,10 +59,11 @@ def curved_evidence(window: Window, scales: EvidenceParameters) -> float:
 
 
 def fit_curved(window: Window, scales: EvidenceParameters, known: CurvedFit | None = None) -> CurvedFit:
-    """The best curved contact; or the one that is ``known`` of other motion, from its elements on.
+    """The best curved contact; or ``known``, found in other motion, refitted from its elements.
 
-    As T17 and T19, where the first half says where the elements are, and neither earns nor costs, and free
-    motion is all by which the object moves: elements that are known do not follow smooth motion.
+    The evidence is as in T17 and T19, except that the first half of the motion determines the elements and
+    contributes no gain, and that the variance of free motion is that of the whole displacement: known
+    elements cannot follow smooth motion.
     """
     rows = np.linspace(0, len(window) - 1, min(len(window), MOST_TICKS)).astype(int)
     excess = np.maximum(window.innovation_excess, window.travel)[rows]
@@ -76,8 +77,9 @@ def fit_curved(window: Window, scales: EvidenceParameters, known: CurvedFit | No
 
 
 class _Fit(NamedTuple):
-    """Of one ``contact`` to ``rotation`` (N, 3, 3), ``position`` (N, 3) of frame 1 in frame 2 with noise of
-    ``variance`` (N, 2): parameters ``x`` (S, p), expected at ``centre`` with ``information`` (p,)."""
+    """Fit of one ``contact`` from S starts: parameters ``x`` (S, p) with the prior mean ``centre`` and prior
+    ``information`` (p,), for poses ``rotation`` (N, 3, 3), ``position`` (N, 3) of frame 1 in frame 2 with
+    noise ``variance`` (N, 2)."""
 
     contact: CurvedContact
     scales: EvidenceParameters
@@ -97,7 +99,7 @@ class _Fit(NamedTuple):
         scales: EvidenceParameters,
         start: Array | None = None,
     ) -> "_Fit":
-        """The best of the minima from several starts, or from those that are given (S, p)."""
+        """The best minima from several starts, or from the given ``start`` (S, p)."""
         rotation = lifts[:, R].reshape(-1, 3, 3)
         position = lifts[:, T] - lifts[:, T].mean(axis=0)
         if contact.of_inverse:
@@ -116,12 +118,12 @@ class _Fit(NamedTuple):
         first, cost = few.minimised(FIRST_STEPS)
         best = np.argsort(cost)[:BEST_STARTS]
         fit = fit._replace(centre=start[best], x=first.x[best])
-        if cost[best[0]] > HOPELESS_NATS * len(few.variance):
+        if cost[best[0]] > MOST_NATS_PER_TICK * len(few.variance):
             return fit
         return fit.minimised(LAST_STEPS)[0]
 
     def minimised(self, steps: int) -> tuple["_Fit", Array]:
-        """After so many steps of Levenberg and Marquardt, and the cost (S,)."""
+        """The fit after Levenberg-Marquardt ``steps``, and its cost (S,)."""
         fit, damping = self, np.full(len(self.x), FIRST_DAMPING)
         touch, noise, cost = fit.residuals()
         for _ in range(steps):
@@ -139,7 +141,7 @@ class _Fit(NamedTuple):
         return fit, cost
 
     def residuals(self) -> "_Residuals":
-        """At the residuals; the size of the noise costs as well, or long levers would pay."""
+        """Residuals at x. The cost includes the log of the noise, else long levers would lower it."""
         touch = self.contact.touch(self.x, self.rotation, self.position)
         noise = self.along_normal(touch, self.variance) + SURFACE_M**2
         misfit = (touch.residual**2 / noise + np.log(noise / SURFACE_M**2)).sum(axis=1)
@@ -147,15 +149,15 @@ class _Fit(NamedTuple):
         return _Residuals(touch, noise, 0.5 * (misfit + away))
 
     def along_normal(self, touch: Touch, of_pose: Array) -> Array:
-        """Variance (S, N) of the distance where position and orientation have ``of_pose`` (N, 2): T16."""
-        arm = (self.rotation @ touch.point[..., None])[..., 0]  # from the origin that orientations turn about
+        """Variance (S, N) of the distance, for the variances ``of_pose`` (N, 2) of the pose (T16)."""
+        arm = (self.rotation @ touch.point[..., None])[..., 0]  # from the origin about which the body turns
         if self.contact.of_inverse:
             arm = arm + self.position
         lever_sq = (arm * arm).sum(axis=-1) - (arm * touch.normal).sum(axis=-1) ** 2
         return np.asarray(of_pose[:, 0] + of_pose[:, 1] * lever_sq)
 
     def best_fit(self, excess: Array, origin_m: Array) -> CurvedFit:
-        """The best of these, where free motion has variances ``excess`` (N, 2) beyond the noise."""
+        """The start with the best evidence; free motion has variances ``excess`` (N, 2) beyond the noise."""
         evidence = _evidence(self, excess)
         best = int(evidence.argmax())
         return CurvedFit(float(evidence[best]), self.contact, self.x[best], origin_m)
@@ -168,7 +170,7 @@ class _Residuals(NamedTuple):
 
 
 def _evidence(fit: _Fit, excess: Array) -> Array:
-    """Of the starts (S,) of a fit, where free motion has variances ``excess`` (N, 2) beyond the noise."""
+    """Log evidence (S,) of each start; free motion has variances ``excess`` (N, 2) beyond the noise."""
     touch, noise, _ = fit.residuals()
     lever = fit.scales.body_radius_m**2 * excess[:, 1]
     free = noise + lever + fit.along_normal(touch, excess)

@@ -1,6 +1,6 @@
 """Known elements as a Gaussian prior on a contact's parameter vector x, which stacks both elements.
 
-Normals point out of the bodies that they bound, so that faces that touch look at each other.
+Normals point out of the bodies that they bound, so those of touching faces are opposite.
 """
 
 import math
@@ -20,7 +20,7 @@ _SMALLEST: Final = 1e-12
 """Variances below this share of the largest count as zero: the element cannot move in these directions."""
 _WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
 _LENGTHS: Final = {"f": 1, "e": 3, "v": 3}
-"""How many of the parameters of an element are lengths in m; they come last."""
+"""Number of the parameters of an element that are lengths (m); they come last."""
 
 
 class ElementPrior(NamedTuple):

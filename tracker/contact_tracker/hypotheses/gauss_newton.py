@@ -23,7 +23,7 @@ Index = NDArray[np.int64]
 TOLERANCE: Final = 1e-3
 """A fit has converged when a step would lower its cost by less than this (nats)."""
 FIRST_DAMPING: Final = 10.0
-"""Damping of turns in nats per squared radian; it makes first steps of a third of a radian expensive."""
+"""Damping of turns in nats per squared radian; it limits first steps to about a third of a radian."""
 LEAST_DAMPING: Final = 1e-6
 MOST_DAMPING: Final = 1e12
 LESS: Final = 0.2
@@ -129,7 +129,7 @@ def data_information(
 
 
 def _step(family: Family, gradient: Array, hessian: Array, prior_precision: Array, damping: Array) -> Array:
-    """Gauss-Newton's step (B, P) with damped turns; whatever they are, ``complete`` finds the shifts anew."""
+    """Gauss-Newton step (B, P) with damped turns; ``complete`` then solves for the shifts."""
     curvature = hessian.sum(axis=1) + prior_precision
     diagonal = np.einsum("bii->bi", curvature)
     # a direction without any curvature, as in an empty window, must not make the whole batch singular

@@ -1,7 +1,7 @@
-"""Which directions of a geometry the motion has shown, and which it left open (docs/theory.md, T21, T22).
+"""Observed and unobserved directions of a geometry (docs/theory.md, T21, T22).
 
-Noise alone adds information on every direction, the more the longer the window is. A direction counts as
-observed only if its information exceeds what noise would add.
+Noise alone adds information on every direction, in proportion to the length of the window. A direction is
+observed only if its information exceeds that of noise.
 """
 
 from dataclasses import replace
@@ -27,8 +27,7 @@ Array = NDArray[np.float64]
 SHOWN: Final = 10.0
 """A direction is observed if the information of the window is this many times that of prior and noise."""
 NOISE_MARGIN: Final = 1.5
-"""Information in all ticks of a segment up to this many times that of prior and noise may be noise, by
-chance."""
+"""In a whole segment, information up to this many times that of prior and noise may be due to noise."""
 OPEN: Final = 0.1
 """An unobserved direction is reported if the prior lets the element move by this share of a radian or of the
 reach."""
@@ -53,7 +52,7 @@ def observed_geometry(
     -------
     ContactGeometry in the frames of the bank.
     """
-    x = one.x[0].copy()  # the elements keep views of it
+    x = one.x[0].copy()  # the elements have views of it
     covariance, tangent, prior, eigenvalues, eigenvectors = information_spectrum(
         one, model, scales, variance, information
     )

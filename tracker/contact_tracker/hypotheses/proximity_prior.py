@@ -85,7 +85,7 @@ def _spread(model: ContactModel, begins: BirthProposals, zeta: Array) -> Array:
 
 
 def reweight_transitions(
-    change: Array, stay: Array, meetings: Sequence[ProximityEvidence]
+    change: Array, stay: Array, evidence: Sequence[ProximityEvidence]
 ) -> tuple[Array, Array]:
     """Log rates of change (7, 7) and of staying (7,), given the pose.
 
@@ -93,7 +93,7 @@ def reweight_transitions(
     keeps its sum, so that leaving a state and coming back gains nothing.
     """
     gain = np.zeros_like(change)
-    for j, contact_evidence in enumerate(meetings):
+    for j, contact_evidence in enumerate(evidence):
         for i, state in enumerate(STATES):
             shared = _shared_rows(state, STATES[j])
             gain[i, j] = contact_evidence.log_odds - contact_evidence.gain @ [

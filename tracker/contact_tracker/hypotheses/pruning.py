@@ -112,8 +112,8 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
 
 
 def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
-    """Lag histories (R, L, 7) of some ``rows`` of: the old hypotheses' ``past`` (H, L, 7), then ``many`` new
-    ones' common ``of_new`` (L, 7)."""
+    """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``many`` new ones
+    with the common history ``of_new`` (L, 7)."""
     if not past.shape[1]:
         return np.empty((len(rows), *past.shape[1:]))
     return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
@@ -143,8 +143,8 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
         span = 2 ** (np.floor(np.log2(age / UNTHINNED_TICKS)) + 1).astype(np.int64)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     bank = bank.pick(keep.nonzero()[0])
-    lives = np.isin(bank.onsets.onset, bank.onset)
-    onsets = replace(bank.onsets, words=bank.onsets.words[lives])
+    is_used = np.isin(bank.onsets.onset, bank.onset)
+    onsets = replace(bank.onsets, words=bank.onsets.words[is_used])
     return replace(bank.replace_columns(log_birth_weight=bank.log_birth_weight - best), onsets=onsets)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 REFINE_STEPS: Final = 1
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 3
-"""Gauss-Newton steps in each of the first ticks with motion, in which the estimate changes much."""
+"""Gauss-Newton steps in each of the first ticks with motion, in which the estimate changes most."""
 REST_WEIGHT: Final = 1e-7
 """Weight of a tick without motion. It keeps the position determined and carries almost no information."""
 DEFER_NATS: Final = 10.0

@@ -17,7 +17,7 @@ from contact_tracker.geometry.rotation import matrices
 Array = NDArray[np.float64]
 
 BATCH: Final = 500
-"""Number of poses per batch, where no single one is waited for."""
+"""Number of poses per batch, where latency does not matter."""
 
 
 class Pose(NamedTuple):

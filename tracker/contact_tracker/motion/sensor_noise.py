@@ -35,10 +35,10 @@ REGULAR: Final = 1.5
 FIRST_ITERATIONS: Final = 15
 """Steps of Tyler's iteration from a sphere; from the last estimate one is enough."""
 NEW_SHARE: Final = 0.05
-"""The noise is estimated again once this share of the differences is new; that moves it by a quarter of its
+"""The noise is re-estimated once this share of the differences is new; it changes by a quarter of its
 standard error."""
 SPREAD_M: Final = 0.3
-"""How far the centre of the noise usually lies from the body's origin."""
+"""Usual distance of the centre of the noise from the body's origin."""
 SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
 MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
 """Median of the chi-squared distribution with three degrees of freedom."""

@@ -1,11 +1,11 @@
 """The order of stamps: repeated, leading and backward stamps, gaps, and resets of the clock.
 
-A pose at the stamp of the last one is a repetition, unless it is away from it, where the motion cannot have
-got to: that is a pose of another body, and passed on, for ``inspection`` to see.
+A pose at the stamp of the last one is a repetition, unless it is farther from it than the motion allows: then
+it is of another body, and is passed on to ``inspection``.
 
-A stamp far ahead of the last one is wrong, or it follows a gap. The pose is held until others have followed.
-Among the held poses the longest run with increasing stamps is taken as right, and of two equally long ones
-the one that ends sooner. So one wrong stamp costs only its own pose.
+A stamp far ahead of the last one is wrong, or follows a gap. The pose is held until others have followed.
+Among the held poses the longest run with increasing stamps is accepted, and of two equally long ones the one
+that ends sooner. So one wrong stamp loses only its own pose.
 """
 
 from bisect import bisect_left, insort
@@ -35,15 +35,15 @@ HELD: Final = 64
 RESET_RUN: Final = 20
 PERIODS_KEPT: Final = 25
 AWAY: Final = 4.0
-"""A pose at the same stamp is away if it is farther than so many usual steps from stamp to stamp, and than
+"""A pose at the same stamp is away if it is farther than this many usual steps between stamps, and than
 calibration and noise explain."""
 AWAY_M: Final = 0.002
 AWAY_TURN: Final = 0.01
 LATEST: Final = 6
 FEWEST: Final = 3
-"""So many poses with stamps of their own tell the usual step: the median between the latest."""
+"""Least number of poses with distinct stamps for the usual step, the median between the latest."""
 OTHER_NS: Final = 1
-"""By so much later a pose of another body is passed on, as stamps increase."""
+"""Delay with which a pose of another body is passed on, so that stamps increase."""
 
 
 class Ordered(NamedTuple):
@@ -165,7 +165,7 @@ class StampOrder:
         return (Ordered(pose._replace(stamp_ns=self._last_ns), True),)
 
     def _is_away(self, pose: Pose) -> bool:
-        """Whether no motion leads from the last pose to this one in no time."""
+        """Whether this pose is farther from the last one than calibration, noise and usual steps explain."""
         if len(self._latest) < FEWEST:
             return False
         steps = [step_between(a, b) for a, b in pairwise(self._latest)]
@@ -176,8 +176,7 @@ class StampOrder:
         )
 
     def _consider_reset(self, pose: Pose) -> Sequence[Ordered]:
-        """Drop a pose from the past, unless so many have come in order that the clock must have been
-        reset."""
+        """Drop a pose with an earlier stamp, or detect a reset of the clock by ``RESET_RUN`` in order."""
         stamp_ns = pose.stamp_ns
         first_ns, last_ns, length = self._backward or (stamp_ns, stamp_ns - 1, 0)
         if stamp_ns <= last_ns:

@@ -73,22 +73,22 @@ class TickRun(NamedTuple):
     """The tick before them; None at the start."""
 
 
-def average_run(learnt: StreamState, run: TickRun, model: Model) -> tuple[StreamState, list[Tick]]:
+def average_run(stream: StreamState, run: TickRun, model: Model) -> tuple[StreamState, list[Tick]]:
     """The ticks of a run, and the estimates after it."""
     if run.is_rest:
-        learnt = learnt._replace(free_motion=None)
+        stream = stream._replace(free_motion=None)
     closed, first, last = list[Tick](), 0, run.last
     for end in run.ends.tolist():
-        frames, before = run.frames[first:end], learnt.last_frame
-        learnt, new = learnt._replace(last_frame=frames[-1:]), _new_frames(before, frames)
-        if last is not None and not len(new) and _is_stuck(frames, learnt, model):
+        frames, before = run.frames[first:end], stream.last_frame
+        stream, new = stream._replace(last_frame=frames[-1:]), _new_frames(before, frames)
+        if last is not None and not len(new) and _is_stuck(frames, stream, model):
             last = empty_tick(last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]))
         else:
             is_rest = run.is_rest and not first
-            learnt, last = _average_tick(learnt, frames, new, run.origin_m, model, is_rest)
+            stream, last = _average_tick(stream, frames, new, run.origin_m, model, is_rest)
         closed.append(last)
         first = end
-    return learnt, closed
+    return stream, closed
 
 
 def empty_tick(last: Tick, start_ns: int, stamp_ns: int) -> Tick:
@@ -99,19 +99,19 @@ def empty_tick(last: Tick, start_ns: int, stamp_ns: int) -> Tick:
 
 
 def _average_tick(
-    learnt: StreamState, frames: Poses, new: Poses, origin_m: Array, model: Model, is_rest: bool
+    stream: StreamState, frames: Poses, new: Poses, origin_m: Array, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
     """One tick from its ``new`` frames; without any, from the repeated pose.
 
     The rest of a tick closed early (``is_rest``) does not count for the strength of motion, since it is not a
     whole tick away from its neighbours.
     """
-    start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), learnt.noise
+    start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), stream.noise
     frames = new if len(new) else frames[:1]
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
-    good = _plausible(frames, learnt.free_motion, origin_m, sigma_sq, model)
+    good = _plausible(frames, stream.free_motion, origin_m, sigma_sq, model)
     some = frames if good.all() else frames[good]
-    buffer, estimate = learnt.noise_buffer, before
+    buffer, estimate = stream.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         # outliers do not count as noise, unless most frames are outliers
@@ -120,8 +120,8 @@ def _average_tick(
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
     tick = Tick(start_ns, stamp_ns, mean_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
-    motion, tick = with_excess(learnt.free_motion, tick, model, is_rest)
-    return learnt._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick
+    motion, tick = with_excess(stream.free_motion, tick, model, is_rest)
+    return stream._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick
 
 
 def _new_frames(last_frame: Poses, frames: Poses) -> Poses:
@@ -129,15 +129,15 @@ def _new_frames(last_frame: Poses, frames: Poses) -> Poses:
     return Poses.join([last_frame, frames]).fresh[len(last_frame) :]
 
 
-def _is_stuck(held: Poses, learnt: StreamState, model: Model) -> bool:
+def _is_stuck(held: Poses, stream: StreamState, model: Model) -> bool:
     """Whether a pose that repeats through a tick is stuck, not measured: the sensor is too noisy to measure
     the same twice, or the object was moving."""
-    if learnt.noise_buffer.differences.shape[1] and learnt.noise.sigma_position_m > NOISY_M:
+    if stream.noise_buffer.differences.shape[1] and stream.noise.sigma_position_m > NOISY_M:
         return True
-    motion = learnt.free_motion
+    motion = stream.free_motion
     if motion is None or not motion.is_settled:
         return False
-    variance = tick_variances(learnt.noise, np.array(1.0), model)
+    variance = tick_variances(stream.noise, np.array(1.0), model)
     return free_motion.moves_on(motion, int(held.stamp_ns[0]), variance)
 
 

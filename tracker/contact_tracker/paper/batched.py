@@ -1,9 +1,9 @@
 """Many minima of one objective at once: batched Levenberg-Marquardt on the Kronecker form.
 
 ``F = v.T K v`` with ``v = x (x) y`` is a sum of squares that are linear in v, so that ``J.T K J`` with
-``J = dv/dtheta`` is the Gauss-Newton matrix: no step touches a frame. Since v is a product, all of it follows
-from K with one factor put in. theta are minimal coordinates: unit vectors move in their tangent planes and
-moments stay normal to their lines.
+``J = dv/dtheta`` is the Gauss-Newton matrix, and steps need no sums over frames. Since v is a product, all
+terms follow from K contracted with one factor. theta are minimal coordinates: unit vectors move in their
+tangent planes and moments stay normal to their lines.
 """
 
 from typing import Final, NamedTuple
@@ -22,10 +22,10 @@ LEAST_DAMPING: Final = 1e-12
 MOST_DAMPING: Final = 1e12
 LESS: Final = 0.2
 MORE: Final = 8.0
-"""Times the damping after a step that has lowered the value, and after one that has not."""
+"""Factors of the damping after a step that has lowered the value, and after one that has not."""
 LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
-"""Added to every curvature: a share of the largest one, and what keeps an empty window regular."""
+"""Added to every curvature: a share of the largest one, and a constant for windows without curvature."""
 
 
 class Batch(NamedTuple):
@@ -98,8 +98,8 @@ def minimise_batched(
 
 
 class _Contracted(NamedTuple):
-    """K with one factor of v put in on either side: ``by_x`` (B, a, a) with y, ``by_y`` (B, b, b) with x, and
-    ``mixed`` (B, b, a), with x on the left and y on the right."""
+    """K contracted with one factor of v on either side: ``by_x`` (B, a, a) with y, ``by_y`` (B, b, b) with x,
+    and ``mixed`` (B, b, a) with x on the left and y on the right."""
 
     by_x: Array
     by_y: Array

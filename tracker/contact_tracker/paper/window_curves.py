@@ -23,18 +23,18 @@ Index = NDArray[np.int64]
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
 COARSE: Final = (1e-4, 30)
 FINE: Final = (1e-9, 300)
-"""Relative gain at which a minimisation stops, and iterations at most: first, and of what is best at last."""
+"""Relative gain at which a minimisation stops, and most iterations: of all starts, and of the final one."""
 CHUNK_FRAMES: Final = 20_000
-"""Windows are minimised together whose first poses lie in so many: long recordings go in pieces."""
+"""Windows that begin within this many poses are minimised together, in bounded memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class WindowCurves:
-    """W windows by the six contacts, in the order of ``CONTACTS``.
+    """Minima of W windows for the six contacts, in the order of ``CONTACTS``.
 
     Parameters
     ----------
-    stamp_ns : (W,) stamp of each window's last pose: the value is what was known then.
+    stamp_ns : (W,) stamp of each window's last pose.
     minimum : (W, 6) lowest value found of the paper's objective, summed over the window's frames.
     converged : (W, 6) whether that minimisation converged.
     """
@@ -45,7 +45,7 @@ class WindowCurves:
 
     @classmethod
     def join(cls, parts: Sequence["WindowCurves"]) -> "WindowCurves":
-        """Windows one after the other."""
+        """Consecutive windows joined."""
         return cls(
             np.concatenate([np.zeros(0, np.int64), *(part.stamp_ns for part in parts)]),
             np.concatenate([np.zeros((0, 6)), *(part.minimum for part in parts)]),
@@ -54,7 +54,7 @@ class WindowCurves:
 
     @property
     def normalised(self) -> Array:
-        """(W, 6), each column divided by its maximum, as the paper draws it."""
+        """(W, 6), each column divided by its maximum, as in the paper's Fig. 5."""
         largest = self.minimum.max(axis=0, initial=0.0)
         return self.minimum / np.where(largest > 0.0, largest, 1.0)
 
@@ -62,13 +62,13 @@ class WindowCurves:
 def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
     """Minimise the paper's six objective functions on windows of ``frames`` poses, every ``step`` poses.
 
-    What is minimised are the paper's own functions (5), (10), (15), (19) and their swapped forms, corrected,
-    in their Kronecker forms (docs/theory.md, T7), with batched Levenberg-Marquardt in place of SLSQP. It
-    starts from the relaxed problems of ``contacts`` and lets each window try its neighbours' minima. The
-    world's origin is set amid the positions; of the minima, only that of f-e depends on it. Those of f-f and
-    e-f depend on where the body frame is, which is the recording's (docs/theory.md, T9, T10).
+    These are the corrected functions (5), (10), (15), (19) and their swapped forms, as Kronecker forms
+    (docs/theory.md, T7), minimised by batched Levenberg-Marquardt instead of SLSQP: from the relaxed problems
+    of ``contacts``, then from the minima of neighbouring windows. The world's origin is the mean position;
+    only the minima of f-e depend on it. Those of f-f and e-f depend on the body frame of the recording
+    (docs/theory.md, T9, T10).
 
-    A recording shorter than a window has no windows. The result is the same for the same poses.
+    A recording shorter than a window has no windows. The result is deterministic.
     """
     growing = Curves(frames, step, poses.position_m.mean(axis=0) if len(poses) else None)
     growing.extend(poses)
@@ -76,43 +76,43 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
 
 
 class Curves:
-    """The same of poses that come block by block, in bounded memory but for the result.
+    """``curves`` of poses that come block by block; memory is bounded, except for the result.
 
     Parameters
     ----------
-    origin_m : (3,) of the world; by default amid the first ``CHUNK_FRAMES`` positions.
+    origin_m : (3,) of the world; by default the mean of the first ``CHUNK_FRAMES`` positions.
     """
 
     def __init__(self, frames: int = 500, step: int = 10, origin_m: Array | None = None) -> None:
         if frames < 1 or step < 1:
             raise ValueError("a window needs at least one frame and a step of at least one")
         self._frames, self._step, self._origin_m = frames, step, origin_m
-        self._windows = max(CHUNK_FRAMES // step, 1)  # that are minimised together
-        self._waiting: list[Poses] = []
+        self._windows = max(CHUNK_FRAMES // step, 1)  # minimised together
+        self._pending: list[Poses] = []
         self._found: list[WindowCurves] = []
 
     def extend(self, poses: Poses) -> None:
-        """Later poses."""
-        self._waiting.append(poses)
+        """Append later poses."""
+        self._pending.append(poses)
         enough = (self._windows - 1) * self._step + self._frames
-        if sum(map(len, self._waiting)) >= enough:
-            whole = Poses.join(self._waiting)
+        if sum(map(len, self._pending)) >= enough:
+            whole = Poses.join(self._pending)
             while len(whole) >= enough:
                 self._minimise(whole[:enough])
                 whole = whole[self._windows * self._step :]
-            self._waiting = [whole]
+            self._pending = [whole]
 
     def finish(self) -> WindowCurves:
-        """Of all poses."""
-        rest = Poses.join(self._waiting)
-        self._waiting.clear()
+        """The curves of all poses."""
+        rest = Poses.join(self._pending)
+        self._pending.clear()
         windows = (len(rest) - self._frames) // self._step + 1
         if windows > 0:
             self._minimise(rest[: (windows - 1) * self._step + self._frames])
         return WindowCurves.join(self._found)
 
     def _minimise(self, poses: Poses) -> None:
-        """A chunk that begins and ends with a window."""
+        """Minimise on a chunk that begins and ends with a window."""
         if self._origin_m is None:
             self._origin_m = poses.position_m.mean(axis=0)
         stamp_ns = poses.stamp_ns[self._frames - 1 :: self._step].copy()
@@ -137,7 +137,7 @@ def minimise_windows(
 
 
 def from_relaxed(model: ContactModel, k: Array, moments: Array) -> Batch:
-    """The best, found coarsely, that solutions of the relaxed problems lead to, nothing else known."""
+    """The best minima, with coarse tolerance, from the solutions of the relaxed problems."""
     x, y = _starts(model, moments)
     found = (minimise_batched(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1]))
     return reduce(Batch.better, found)
@@ -179,5 +179,5 @@ def _starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
 
 
 def _line(x: Array) -> Array:
-    """Direction and foot to direction and moment."""
+    """Direction and moment of a line given by direction and foot."""
     return np.concatenate([x[..., :3], np.cross(x[..., 3:], x[..., :3])], axis=-1)

@@ -193,5 +193,5 @@ def merged(tables: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
                 before = result[key] if isinstance(result[key], list) else [result[key]]
                 result[key] = [*before, *value]
             else:
-                raise KnowledgeError(key, "said twice, in the file and on the command line")
+                raise KnowledgeError(key, "given twice, in the file and on the command line")
     return result

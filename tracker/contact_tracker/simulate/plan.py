@@ -41,12 +41,12 @@ def plan(
 ) -> list[Leg]:
     """The legs of ``phases``; each begins at the anchor at which the previous one ended. ``lead_s`` is as of
     ``Scenario``."""
-    stretches = _with_transitions(phases, lead_s)
+    with_transitions = _with_transitions(phases, lead_s)
     chart = choose_chart(rng, _touching(phases[0]), object, scene)
     anchor = sample_anchor(rng, None, None, chart)
     legs: list[Leg] = []
-    for index, phase in enumerate(stretches):
-        after = stretches[index + 1] if index + 1 < len(stretches) else None
+    for index, phase in enumerate(with_transitions):
+        after = with_transitions[index + 1] if index + 1 < len(with_transitions) else None
         following, end = _leg_end(rng, phase, after, chart, anchor, object, scene)
         is_same = after and phase and after.contact is phase.contact
         if is_same or _is_singular(phase) or _is_singular(after):

@@ -29,9 +29,9 @@ RESTRICTED: Final = 0.12
 MOST_NATS: Final = 50.0
 """Largest evidence (nats) in an exponential, against overflow."""
 VARIED_S: Final = 0.7
-"""Time in which other motion has shown all its directions."""
+"""Time in which unrestricted motion has used all its directions."""
 FIRST_CHOICE: Final = 2.0
-"""Weight of the label among states that motion cannot tell apart."""
+"""Prior weight of the label among states that motion does not distinguish."""
 OPEN_AT_MOST: Final = 0.9
 """Greatest probability of a label that does not explain all constraints that are kept."""
 ALMOST: Final = 1.0 - 1e-9
@@ -90,9 +90,9 @@ def freedom_of(label: Contact, window: Window, older: bool) -> Freedom:
     return Freedom(used < DIRECTIONS - label.codimension, one)
 
 
-def tempered(probability: Array, sureness: float) -> Array:
-    """Normalised power ``sureness`` of a posterior (..., 7); the order of the states is unchanged (T31)."""
-    power = probability**sureness
+def tempered(probability: Array, exponent: float) -> Array:
+    """Normalised power of a posterior (..., 7); the order of the states is unchanged (T31)."""
+    power = probability**exponent
     return np.asarray(power / power.sum(axis=-1, keepdims=True))
 
 

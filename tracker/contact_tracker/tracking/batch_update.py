@@ -1,7 +1,7 @@
-"""Several ticks at once, where nobody asks what is believed of each: the same as one by one, in less time.
+"""Update by several ticks in one call, without a posterior for each: same result as tick by tick, but faster.
 
-What is known before hypotheses are weighed is worked out for all of them first. Then hypotheses go on from
-tick to tick, until one teaches something.
+First the predictions for all ticks are computed, then the hypothesis banks are updated tick by tick, up to
+the first tick after which an element may be added to the landmark memory.
 """
 
 import math
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 class TickResult(NamedTuple):
-    """What the hypotheses weighed in one tick, as in ``TrackerState``."""
+    """Weights of the hypotheses after one tick, as in ``TrackerState``."""
 
     tick: Tick
     log_birth_weight: Array
@@ -44,7 +44,7 @@ class TickResult(NamedTuple):
 
     @classmethod
     def of(cls, state: TrackerState, tick: Tick) -> "TickResult":
-        """The tick that has led to a state."""
+        """The result of ``tick``, after which the tracker has ``state``."""
         return cls(
             tick,
             state.log_birth_weight,
@@ -59,13 +59,13 @@ class TickResult(NamedTuple):
 def update_in_batches(
     state: TrackerState, ticks: Sequence[Tick]
 ) -> Iterator[tuple[TrackerState, list[TickResult]]]:
-    """Take in ticks that have been averaged; some at a time, each time with the state that they lead to."""
-    slidings, first = list[SlidingWindow](), 0
+    """Update by averaged ticks in batches; yields the state after each batch and the results of its ticks."""
+    windows, first = list[SlidingWindow](), 0
     while first < len(ticks):
-        some = ticks[first : first + bank_update.ticks_at_once(state.banks)]
-        slidings = _windows(state, some, slidings)
-        state, results = _update_batch(state, some, slidings)
-        slidings = slidings[len(results) :]
+        batch = ticks[first : first + bank_update.ticks_at_once(state.banks)]
+        windows = _windows(state, batch, windows)
+        state, results = _update_batch(state, batch, windows)
+        windows = windows[len(results) :]
         first += len(results)
         yield state, results
 
@@ -73,43 +73,43 @@ def update_in_batches(
 def _windows(
     state: TrackerState, ticks: Sequence[Tick], known: Sequence[SlidingWindow]
 ) -> list[SlidingWindow]:
-    """The windows of some ticks, of which the first are known."""
+    """The windows of ``ticks``; those of the first ones are ``known``."""
     before = known[-1] if known else state.sliding_window
     return [*known, *advance_windows(before, state.ticks + len(known), ticks[len(known) :], state.model)]
 
 
 def _update_batch(
-    state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[SlidingWindow]
+    state: TrackerState, ticks: Sequence[Tick], windows: Sequence[SlidingWindow]
 ) -> tuple[TrackerState, list[TickResult]]:
-    """As far as nothing is to be looked at: a tick at least."""
+    """Update by at least one tick, up to the first that stops the batch."""
     tick = ticks[0]
     if is_uninformative(state, tick):
-        state, _ = skip_update(state, tick, slidings[0])
+        state, _ = skip_update(state, tick, windows[0])
         return state, [TickResult.of(state, tick)]
-    model, ahead = state.model, _predict_batch(state, ticks, slidings)
-    until = StopCondition(MAP_INSERTION_PROBABILITY, model.certainty.posterior_power, state.memory.due_ns)
-    moments, beyond = [one.tick_input for one in ahead], model.noise.extra_contact_variance
-    banks, weighed = bank_update.update(
-        state.banks, moments, beyond, scales_of(model), model.search.margin_nats, until
+    model, predictions = state.model, _predict_batch(state, ticks, windows)
+    stop = StopCondition(MAP_INSERTION_PROBABILITY, model.certainty.posterior_power, state.memory.due_ns)
+    inputs, extra_variance = [one.tick_input for one in predictions], model.noise.extra_contact_variance
+    banks, updated = bank_update.update(
+        state.banks, inputs, extra_variance, scales_of(model), model.search.margin_nats, stop
     )
     results = []
-    for tick, one, weights in zip(ticks, ahead, weighed, strict=False):  # all that were weighed
-        state = with_weights(state, tick, one, banks, weights)
+    for tick, prediction, weights in zip(ticks, predictions, updated, strict=False):  # fewer if stopped
+        state = with_weights(state, tick, prediction, banks, weights)
         results.append(TickResult.of(state, tick))
     return read_posterior(state, tick, Detail.WEIGHTS)[0], results
 
 
 def _predict_batch(
-    state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[SlidingWindow]
+    state: TrackerState, ticks: Sequence[Tick], windows: Sequence[SlidingWindow]
 ) -> list[Prediction]:
-    """What is known before hypotheses are weighed, up to a tick that is mute or to where what is believed now
-    may teach more."""
-    ahead = list[Prediction]()
+    """Predictions for the first of the ticks: up to an uninformative one, or to that in which the elements of
+    the present contact are due again for the landmark memory."""
+    predictions = list[Prediction]()
     due_ns = math.inf if state.belief is None else state.memory.due_ns.get(state.belief.onset_ns, math.inf)
-    for tick, sliding in zip(ticks, slidings, strict=True):
-        if ahead and (is_uninformative(state, tick) or ahead[-1].tick_input.stamp_ns >= due_ns):
+    for tick, window in zip(ticks, windows, strict=True):
+        if predictions and (is_uninformative(state, tick) or predictions[-1].tick_input.stamp_ns >= due_ns):
             break
-        one = predict(state, tick, sliding)
-        ahead.append(one)
-        state = advanced(state, one)
-    return ahead
+        prediction = predict(state, tick, window)
+        predictions.append(prediction)
+        state = advanced(state, prediction)
+    return predictions

@@ -42,13 +42,13 @@ Array = NDArray[np.float64]
 PIECE_TICKS: Final = 1200
 """Ticks per piece, about; a shorter recording is one piece."""
 TOLERANCE: Final = 1e-6
-"""Most by which later data may still change a posterior that is reported."""
+"""Largest change of a reported posterior by later data."""
 ROOM_BYTES: Final = 60_000_000
-"""Longest open part, if later data may change everything for hours (an object at rest). Then the older half
-is reported with the posterior so far."""
+"""Size of the open part (an object at rest may keep hours open) above which its older half is reported with
+the posterior so far."""
 _FEW: Final = 256
-_TOGETHER: Final = 32
-"""Ticks that go through the trellis at once; one by one they would take twice as long."""
+_BATCH_TICKS: Final = 32
+"""Ticks by which the trellis is extended at once; one by one takes twice as long."""
 
 _TICK: Final = np.dtype(
     [
@@ -76,7 +76,7 @@ def segment(
     Parameters
     ----------
     poses : validated poses in order of time.
-    progress : called now and then with the number of poses read so far.
+    progress : called at intervals with the number of poses read so far.
     knowledge : known elements of the object and its surroundings.
     executor : processes that fit elements to segments while reading goes on; by default this process does.
     watch : called with each tick of the forward pass.
@@ -132,7 +132,7 @@ class Segmenter:
         self._executor = executor
         self._wrenches = wrenches
         self._forward: hmm.ForwardFilter | None = None
-        self._waiting: list[tuple[tuple[LiveHypotheses, Array] | None, tuple[Any, ...]]] = []
+        self._pending: list[tuple[tuple[LiveHypotheses, Array] | None, tuple[Any, ...]]] = []
         self._past, self._survivors = hmm.OpenTicks(), hmm.Survivors()
         self._due = PIECE_TICKS
         self._state: TrackerState
@@ -153,8 +153,8 @@ class Segmenter:
             self._forward = hmm.ForwardFilter(result.log_birth_weight)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, result.residual)
         evidence = None if result.is_skipped else (result.live_hypotheses, result.log_transition)
-        self._waiting.append((evidence, row))
-        if len(self._waiting) == _TOGETHER:
+        self._pending.append((evidence, row))
+        if len(self._pending) == _BATCH_TICKS:
             self._extended_trellis()
         if belief is not None:
             self._online.append(belief)
@@ -166,11 +166,11 @@ class Segmenter:
     @property
     def open_ticks(self) -> int:
         """Number of ticks whose posterior may still change."""
-        return len(self._past) + len(self._waiting)
+        return len(self._past) + len(self._pending)
 
     @property
     def due(self) -> bool:
-        """Whether enough ticks are open to look for decided ones."""
+        """Whether enough ticks are open for a call of ``conclude``."""
         return self.open_ticks >= self._due or self._past.size > ROOM_BYTES
 
     def conclude(self) -> Segmentation:
@@ -179,12 +179,12 @@ class Segmenter:
         posterior, certain = self._past.look_back(frontier, TOLERANCE)
         if self._past.size > ROOM_BYTES:
             certain = max(certain, self._past.older_half)
-        self._smoothed(posterior[:certain])
-        self._decided(self._survivors.decided_prefix(frontier))
+        self._append_smoothed(posterior[:certain])
+        self._append_decided(self._survivors.decided_prefix(frontier))
         self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)
-        waiting = len(self._finished)
-        self._begin(final=False)
-        return self._tell(len(self._finished) if self._executor is None else waiting)
+        fitted_before = len(self._finished)
+        self._begin_fits(final=False)
+        return self._next_piece(len(self._finished) if self._executor is None else fitted_before)
 
     def finish(self) -> Segmentation:
         """The rest, at the end of the recording."""
@@ -192,15 +192,15 @@ class Segmenter:
             return Segmentation()
         frontier = self._extended_trellis()
         if len(self._past):
-            self._smoothed(self._past.posterior(frontier))
-        self._decided(self._survivors.finish(frontier))
-        self._begin(final=True)
-        return self._tell(len(self._finished))
+            self._append_smoothed(self._past.posterior(frontier))
+        self._append_decided(self._survivors.finish(frontier))
+        self._begin_fits(final=True)
+        return self._next_piece(len(self._finished))
 
     def _extended_trellis(self) -> hmm.FilterFrontier:
         """The frontier after the last tick; the trellis is extended up to it."""
         assert self._forward is not None
-        for evidence, row in self._waiting:
+        for evidence, row in self._pending:
             if evidence is None:
                 for each in (self._forward, self._past, self._survivors):
                     each.skip()
@@ -210,24 +210,24 @@ class Segmenter:
                 self._past.append(step)
                 self._survivors.append(step)
             self._ticks.append(row)
-        self._waiting.clear()
+        self._pending.clear()
         return self._forward.frontier
 
-    def _smoothed(self, posterior: Array) -> None:
+    def _append_smoothed(self, posterior: Array) -> None:
         self._past.drop(len(posterior))
         for row in ambiguity.tempered(posterior, self._state.model.certainty.posterior_power):
             self._posterior.append((row,))
 
-    def _decided(self, stretches: Iterable[hmm.PathSegment]) -> None:
-        """Append decided path segments. The path has free motion tick by tick; consecutive ones are
-        joined."""
-        for state, onset, end in stretches:
+    def _append_decided(self, segments: Iterable[hmm.PathSegment]) -> None:
+        """Append decided path segments; those of free motion, one for each tick, are joined."""
+        for state, onset, end in segments:
             if self._path and state == self._path[-1][0] == FREE:
                 onset = self._path.pop()[1]
             self._path.append((state, onset, end))
 
-    def _begin(self, final: bool) -> None:
-        """Fit the segments whose posterior is decided; free motion at the end may go on unless ``final``."""
+    def _begin_fits(self, final: bool) -> None:
+        """Fit the segments whose posterior is decided; free motion at the end may continue unless
+        ``final``."""
         while self._path and self._path[0][2] - self._first <= len(self._posterior):
             state, onset, end = self._path[0]
             if state == FREE and len(self._path) == 1 and not final:
@@ -263,7 +263,7 @@ class Segmenter:
             window, STATES[column], state.model, state.knowledge, state.averaging.origin_m, wrench_evidence
         )
 
-    def _tell(self, count: int) -> Segmentation:
+    def _next_piece(self, count: int) -> Segmentation:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""
         finished = [self._finished.popleft() for _ in range(count)]
         if self._executor is None:

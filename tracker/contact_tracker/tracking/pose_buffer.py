@@ -13,29 +13,31 @@ BLOCK: Final = 1000
 LIMIT: Final = 200_000
 
 
-def watched(poses: Iterable[Pose], pieces: Pieces, note: Callable[[Poses], None]) -> Iterator[Segmentation]:
-    """Yield the ``pieces`` of ``poses``; ``note`` gets the poses read for each piece before it, block by
+def with_pose_callback(
+    poses: Iterable[Pose], pieces: Pieces, on_poses: Callable[[Poses], None]
+) -> Iterator[Segmentation]:
+    """Yield the ``pieces`` of ``poses``; before each, call ``on_poses`` with the poses read for it, block by
     block."""
     rows: list[Pose] = []
 
     def flush() -> None:
         if rows:
-            note(Poses.collect(rows))
+            on_poses(Poses.collect(rows))
             rows.clear()
 
-    def passing() -> Iterator[Pose]:
+    def recorded() -> Iterator[Pose]:
         for pose in poses:
             rows.append(pose)
             if len(rows) == BLOCK:
                 flush()
             yield pose
 
-    for piece in pieces(passing()):
+    for piece in pieces(recorded()):
         flush()
         yield piece
 
 
-class Waiting:
+class PoseBuffer:
     """Buffered poses since the oldest that is still needed; thinned evenly if there are more than
     ``limit``."""
 

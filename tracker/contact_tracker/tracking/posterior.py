@@ -29,8 +29,8 @@ def answer(state: TrackerState, online: Belief) -> Belief | None:
 
 def flush_lag(state: TrackerState) -> list[Belief]:
     """The beliefs that the lag has withheld at the end of the stream."""
-    said = 1 if len(state.recent) == state.lag_history.shape[1] else 0
-    return [lagged_belief(state, row) for row in range(said, len(state.recent))]
+    first = 1 if len(state.recent) == state.lag_history.shape[1] else 0
+    return [lagged_belief(state, row) for row in range(first, len(state.recent))]
 
 
 def _had_begun(belief: Belief, stamp_ns: int) -> bool:

@@ -10,7 +10,7 @@ from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import Array
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Pose
-from contact_tracker.tracking.pose_buffer import Pieces, watched
+from contact_tracker.tracking.pose_buffer import Pieces, with_pose_callback
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.segmentation_view import Painter
 from contact_tracker.viewer.sinks import Sink, close, to_file
@@ -68,7 +68,7 @@ def show(shown: Shown, sink: Sink, is_one_of_several: bool = False) -> None:
     recording = canvas.new_recording(shown.name)
     sink(recording, layout.offline(shown.paper, is_one_of_several))
     painter = Painter(recording, origin_ns, shown.vertices_m, shown.paper)
-    for piece in watched(chain([first], rest), shown.pieces, painter.poses):
+    for piece in with_pose_callback(chain([first], rest), shown.pieces, painter.poses):
         painter.piece(piece)
     painter.finish(shown.truth)
     close(recording)

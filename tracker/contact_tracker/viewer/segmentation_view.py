@@ -12,7 +12,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import Curves
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment, SegmentPart
-from contact_tracker.tracking.pose_buffer import Waiting
+from contact_tracker.tracking.pose_buffer import PoseBuffer
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.camera import Camera
@@ -46,7 +46,7 @@ class Painter:
         self._sheet = Canvas(recording, origin_ns, solid, self._extent.radius_m)
         self._origin_ns = origin_ns
         self._curves = Curves() if paper else None
-        self._waiting = Waiting()
+        self._pose_buffer = PoseBuffer()
         self._camera = Camera(self._extent)
         self._open: list[OpenFaces] = []
         self._first_ns, self._last_ns = 2**63 - 1, -(2**63)
@@ -55,7 +55,7 @@ class Painter:
     def poses(self, poses: Poses) -> None:
         """Draw the next poses, before the segmentation of them."""
         self._sheet.poses(poses)
-        self._waiting.extend(poses)
+        self._pose_buffer.extend(poses)
         if len(poses):
             self._first_ns = min(self._first_ns, int(poses.stamp_ns[0]))
             self._last_ns = int(poses.stamp_ns[-1])
@@ -89,18 +89,18 @@ class Painter:
 
     def _trail(self, beliefs: Beliefs) -> None:
         """Draw a strip per tick, joined to the previous one: the last pose is kept for the next strip."""
-        poses = self._waiting.poses
+        poses = self._pose_buffer.poses
         ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
         starts = np.maximum(np.concatenate([[0], ends[:-1]]) - 1, 0)
         strips = [poses.position_m[a:b] for a, b in zip(starts, ends, strict=True)]
         long = [i for i, strip in enumerate(strips) if len(strip) > 1]
         contacts = beliefs.contacts
         self._sheet.trail(beliefs.stamp_ns[long], [strips[i] for i in long], [contacts[i] for i in long])
-        self._waiting.drop(max(int(ends[-1]) - 1, 0))
+        self._pose_buffer.drop(max(int(ends[-1]) - 1, 0))
 
     def _segments(self, found: Segmentation) -> None:
         """Draw the geometry of each segment from its start, and its event."""
-        poses, segments = self._waiting.poses, found.segments
+        poses, segments = self._pose_buffer.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
         drawings = [self._drawn(one, _within(poses, one.start_ns, one.end_ns)) for one in segments]
         self._sheet.drawings(starts, drawings)

@@ -1,5 +1,4 @@
-// Hypotheses as kernels see them: a row of a table each, and one that all have
-// that began together.
+// Layout of hypotheses: a row of a table for each, and a row shared by all of the same onset.
 #pragma once
 
 #include <algorithm>
@@ -13,21 +12,21 @@
 
 namespace kernels {
 
-// At which word of a row the columns of `bank.Bank` begin.
+// First word of each column of `bank.Bank` in a row.
 struct BankLayout {
     int onset, number, prior_index, known_pair_index, elements_known, needs_search, from_landmark,
         log_birth_weight, protected_until, log_prior, llr_before_window, gain_before_window, log_likelihood,
         rms, prior_mean, prior_information, line_anchor, x, row_weight;
 };
 
-// And those of `bank.Onsets`.
+// First word of each column of `bank.Onsets` in a row.
 struct OnsetLayout {
     int onset, onset_ns, weight, effective_ticks, weighted_position_sum, onset_row, second_moment;
 };
 
-// What sort of contact it is, see `contacts`: where its body is, how many poses
-// are `needed` and the `burn_in` that follows; which entries of a pose are
-// `lifted` (C,); `pull` (S,) of the weak prior; how many starts are `relaxed`.
+// Reference: `contacts.ContactModel`. `needed` is the number of poses that determine the geometry,
+// `lifted` (C,) the entries of a pose that the family uses, `pull` (S,) the precision of the weak prior,
+// `relaxed` the number of starts from relaxed problems.
 struct Kind {
     bool body_in_1;
     double needed, burn_in_ticks;
@@ -38,7 +37,7 @@ struct Kind {
     OnsetLayout since;
 };
 
-// So many rows of `words` of eight bytes, numbers or whole numbers.
+// `count` rows of `words` words of eight bytes: floating-point numbers or integers.
 struct Table {
     double* data;
     int count, words;
@@ -66,20 +65,20 @@ inline bool within_far_margin(const BankLayout& where, const double* row) {
     return log_weight_of(where, row) >= -settings.far_nats;
 }
 
-// What is known of hypotheses by themselves, and since their onsets.
+// The two rows of a hypothesis: its own, and that of its onset.
 template <class Own, class Since>
 struct Halves {
     Own own;
     Since since;
 };
 
-// Of one, and of several that stand side by side.
+// Rows of one hypothesis, and of one hypothesis per lane.
 using Hypothesis = Halves<double*, const double*>;
 template <class Row>
 using PerLane = std::array<Row*, lanes>;
 using Rows = Halves<PerLane<double>, PerLane<const double>>;
 
-// Call for the hypothesis of each lane.
+// Rows of `hypothesis(i)` in lane i.
 template <class Function>
 Rows rows_of(Function&& hypothesis) {
     Rows rows;
@@ -91,7 +90,7 @@ Rows rows_of(Function&& hypothesis) {
     return rows;
 }
 
-// Hypotheses of a contact in order of their onsets, of which there may be more.
+// Hypotheses of a contact in order of onset; onsets without hypotheses are allowed.
 class Bank {
 public:
     Table own, onsets;
@@ -130,7 +129,7 @@ inline bool in_burn_in(const Kind& kind, const Hypothesis& one) {
            whole(one.own, kind.where.needs_search) != 0;
 }
 
-// What one number of their rows is, of one or of several.
+// Number at `word` of a row, or of each lane's row.
 inline double read(const double* row, int word) { return row[word]; }
 template <class Row>
 Lanes read(const PerLane<Row>& rows, int word) {
@@ -139,13 +138,13 @@ Lanes read(const PerLane<Row>& rows, int word) {
     return out;
 }
 
-// And `count` of them.
+// `count` numbers from `word` on.
 template <class R, class N>
 void read(const R& rows, int word, int count, N* out) {
     for (int i = 0; i < count; ++i) out[i] = read(rows, word + i);
 }
 
-// A symmetric matrix (SIZE, SIZE), of which rows have the upper triangle.
+// Symmetric matrix (SIZE, SIZE) from its upper triangle in the rows.
 template <int SIZE, class R, class N>
 void read_symmetric(const R& rows, int word, N* out) {
     for (int i = 0; i < SIZE; ++i) {

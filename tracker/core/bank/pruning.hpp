@@ -1,4 +1,4 @@
-// Which hypotheses are dropped: as `pruning.prune`.
+// Pruning of hypotheses. Reference: `pruning.prune`.
 #pragma once
 
 #include <limits>
@@ -7,7 +7,7 @@
 
 namespace kernels {
 
-// Of so many ticks' onsets one is kept, and which span of them an onset is in.
+// Span of onsets of which one hypothesis is kept: its length (ticks) and its index.
 struct Span {
     std::int64_t ticks, which;
 
@@ -22,8 +22,7 @@ inline Span span_of(std::int64_t onset, std::int64_t now) {
     return {ticks, onset / ticks};
 }
 
-// How good a hypothesis is beside those whose onsets share its span, which
-// stand beside it.
+// Joint log weight of a hypothesis, and its span; hypotheses of one span are adjacent.
 struct Rival {
     Span span;
     double joint;
@@ -39,7 +38,7 @@ inline std::vector<Rival> rivals_of(const BankLayout& where, const Table& table,
     return rivals;
 }
 
-// Of equally good ones the first.
+// Whether row b is the best of its span; the first of equal ones.
 inline bool is_best(const std::vector<Rival>& rivals, int b) {
     const auto& [span, own] = rivals[b];
     if (span.ticks == 1) return true;
@@ -52,7 +51,7 @@ inline bool is_best(const std::vector<Rival>& rivals, int b) {
     return true;
 }
 
-// Rows that are kept against the `best` joint log weight.
+// Rows to keep, given the `best` joint log weight of all states.
 inline std::vector<std::int64_t> rows_to_keep(const Kind& kind, const Bank& bank, std::int64_t now,
                                               double best, double margin) {
     std::vector<std::int64_t> rows;

@@ -1,5 +1,4 @@
-// The families of `contacts`: one formula for all, with what a contact has
-// known to the compiler.
+// The families of `contacts`: one formula for all, with the elements of each known at compile time.
 //
 // Element 1 is a plane (direction d1), a line (d1, q1) or a point (q1); element
 // 2 a plane (d2, h) or a line (d2, q2). The formulas are derived in the
@@ -13,7 +12,7 @@
 
 namespace kernels {
 
-// Reference: `parameter_layout.Form`, and how many rows each pose gives.
+// Reference: `parameter_layout.Form`; `each` is the number of rows per pose.
 struct FaceFace {
     static constexpr int d1 = 0, q1 = -1, d2 = 3, q2 = -1, h = 6, each = 3;
 };
@@ -27,7 +26,7 @@ struct EdgeEdge {
     static constexpr int d1 = 0, q1 = 3, d2 = 6, q2 = 9, h = -1, each = 1;
 };
 
-// Those from `first` on, to the one before `end`.
+// Columns [first, end).
 struct Columns {
     int first, end;
 };
@@ -43,25 +42,22 @@ struct Family : Form {
     static constexpr int C = Form::q2 >= 0 ? 19 : 13;
     static constexpr int K = Form::each;
     static constexpr int P = of_1 + of_2;
-    // Of symmetric matrices (P, P) the upper triangle is kept, row after row: U
-    // numbers.
+    // Numbers of the upper triangle of a symmetric matrix (P, P), stored row by row.
     static constexpr int U = P * (P + 1) / 2;
-    // Where the entry in row p and column q is, or in row q and column p.
+    // Index of the entry (p, q) or (q, p) in the upper triangle.
     static constexpr int upper(int p, int q) { return p > q ? upper(q, p) : p * P - p * (p - 1) / 2 + q - p; }
     static constexpr int last = K - 1;
     static constexpr bool crosses = Form::q2 >= 0;
-    // Whether each element has entries of x of its own: two faces have one height
-    // together.
+    // Whether no entry of x belongs to both elements; two faces share one height.
     static constexpr bool apart = Form::q1 >= 0;
-    // Beyond its first `active_in(k)` columns the k-th row is zero: what only
-    // turns sees no position.
+    // The k-th row is zero beyond its first `active_in(k)` columns: rows of directions do not depend on
+    // the position.
     static constexpr int active_in(int k) { return k < last ? 9 : crosses ? 18 : C; }
     static constexpr int T = 2 * (Form::d1 >= 0) + 2, L = P - T;
 
     static constexpr bool turns_in(int p) { return p < of_1 ? Form::d1 >= 0 && p < 2 : p < of_1 + 2; }
 
-    // Whether a free direction lives on a sphere or is a height: all that the
-    // prior leaves flat is along these.
+    // Whether a free direction is on a sphere or a height; the weak prior is flat along these only.
     static constexpr bool flat_in(int p) { return turns_in(p) || (Form::h >= 0 && p == P - 1); }
 
     template <int N>
@@ -105,8 +101,7 @@ void rows(const N* x, N (&out)[F::K][F::C]) {
     }
 }
 
-// How the rows (K, C) change as x moves along v: `v @
-// Family.rows_derivative(x)`.
+// Derivative of the rows (K, C) along v: `v @ Family.rows_derivative(x)`.
 template <class F, class N>
 void slope(const N* x, const N* v, N (&out)[F::K][F::C]) {
     const Vec<N> d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2);
@@ -135,8 +130,8 @@ void slope(const N* x, const N* v, N (&out)[F::K][F::C]) {
     }
 }
 
-// Like `slope` of the last row (C,), where v shifts and turns nothing; other
-// entries remain zero.
+// Like `slope`, of the last row (C,), for a v that shifts without turning; entries outside the shifted
+// columns are not written.
 template <class F, class N>
 void slope_of_last(const N* x, const N* v, N (&out)[F::C]) {
     const Vec<N> p1 = at(v, F::q1), d2 = at(x, F::d2);
@@ -162,7 +157,7 @@ void unshift(N* x) {
 template <class F, class N>
 N scale_sq(const N* row, const N* moments, N* turn) {
     if constexpr (!F::crosses) return 1.0;
-    const N* rotation = moments + 18 * F::C;  // added up, as are the weights in the last entry
+    const N* rotation = moments + 18 * F::C;  // sums; the last entry is the sum of the weights
     const N cosine = dot<9>(rotation, row + 9) / larger<N>(rotation[18], settings.tiny);
     const N floor = settings.sine_sq_floor, scale = larger<N>(1.0 - cosine * cosine, floor);
     const N factor =
@@ -207,7 +202,7 @@ void free_element(const N* x, const N* anchor, int p, N (*out)[F::S]) {
     }
 }
 
-// Reference: `Family.tangent`, one direction after the other (P, S).
+// Reference: `Family.tangent`; a direction per row (P, S).
 template <class F, class N>
 void free(const N* x, const N* anchors, N (&out)[F::P][F::S]) {
     for (auto& direction : out) std::fill_n(direction, F::S, N(0.0));

@@ -10,7 +10,7 @@ namespace kernels {
 // undetermined.
 constexpr double undetermined = 10.0;
 
-// Reference: `family.smallest_directions`, what is kept of it; `moments` are lost.
+// Reference: `family.smallest_directions`, the entries kept; `moments` are overwritten.
 template <int N, int FIRST, int COUNT>
 void smallest_directions(Square<N>& moments, double ridge, Square<COUNT>& out, Square<COUNT>& axes) {
     const auto kept = [](int c) { return c >= FIRST && c < FIRST + COUNT; };
@@ -38,15 +38,14 @@ void smallest_directions(Square<N>& moments, double ridge, Square<COUNT>& out, S
     eigen<COUNT>(out, axes);
 }
 
-// Direction to which the matrix (3, 3) brings a unit vector, which is that
-// itself if to none.
+// Direction of the image of a unit vector under the matrix (3, 3); the vector itself if the image is zero.
 inline Vector image(const Square<3>& matrix, Vector v) {
     const Vector image = turned(matrix[0], 0, v);
     const double length = std::sqrt(inner(image, image));
     return length > 0.0 ? (1.0 / length) * image : v;
 }
 
-// Right singular vectors, the rows of `axes`, the largest last.
+// Right singular vectors in the rows of `axes`, in ascending order of singular values.
 inline void singular(const Square<3>& matrix, Square<3>& axes) {
     Square<3> squared;
     for (int i = 0; i < 3; ++i) {
@@ -58,7 +57,7 @@ inline void singular(const Square<3>& matrix, Square<3>& axes) {
     eigen<3>(squared, axes);
 }
 
-// The direction of frame 1 that leaves a face with the normal n the least.
+// Direction in frame 1 that deviates least from a face of normal n, over the window's poses.
 template <int N>
 Vector edge_in(const double* moments, Vector n) {
     const double normal[3] = {n.x, n.y, n.z};
@@ -75,12 +74,12 @@ Vector edge_in(const double* moments, Vector n) {
     return at(axes[0], 0);
 }
 
-// Of `relax`, for two lines.
+// `relax` for two lines.
 template <class F>
 int relax_lines(Square<F::C>& lifted, double least, int many, double* out) {
     Square<9> large, large_axes;
     Square<3> pair, axes;
-    Square<18> varying;  // the constant is in no row
+    Square<18> varying;  // the constant entry of the lift appears in no row
     for (int c = 0; c < 18; ++c) std::copy_n(lifted[c], 18, varying[c]);
     smallest_directions<18, 9, 9>(varying, settings.edge_ridge, large, large_axes);
     if (!(large[1][1] > least)) return 0;
@@ -97,8 +96,8 @@ int relax_lines(Square<F::C>& lifted, double least, int many, double* out) {
 // Reference: `Family.starts` of one window's moments (C, C), into `out` (`many`, S);
 // returns how many there are.
 //
-// Fewer where the poses do not determine one smallest direction of coefficients:
-// it would depend on the axes of the frames, which Jacobi's method prefers.
+// There are fewer where the poses do not determine a unique smallest direction of coefficients: Jacobi's
+// method would then return one that depends on the axes of the frames.
 template <class F>
 int relax(const double* moments, int many, double* out) {
     double trace = 0.0;

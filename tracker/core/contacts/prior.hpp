@@ -1,4 +1,4 @@
-// What hypotheses knew before their windows.
+// Priors on the geometry of hypotheses.
 #pragma once
 
 #include <cmath>
@@ -17,8 +17,8 @@ inline bool is_nothing_known(const Kind& kind, const PerLane<double>& rows) {
 
 // Reference: `quadratic_prior.Prior` of hypotheses, and their `anchors`.
 //
-// The `precision` has a block of each element where these are `apart`; where
-// nothing is known of them, it is diagonal, and only the diagonal is there.
+// `precision` is block-diagonal if the elements are `apart`. If no element is known it is diagonal, and
+// only the diagonal is set.
 template <class F, class N>
 struct Prior {
     N precision[F::S * F::S], information[F::S], constant, anchors[6];
@@ -37,8 +37,8 @@ struct Prior {
         }
     }
 
-    // The same of a direction in which the p-th parameter is free: what remains
-    // zero of it is not written.
+    // `along @ precision` for the direction of the p-th free parameter; entries that are always zero are
+    // not written.
     void pull(int p, const N* along, N (&out)[F::S]) const {
         if (is_diagonal || !F::apart) return times(along, out);
         constexpr int rest = F::S - F::d2;
@@ -46,8 +46,8 @@ struct Prior {
         multiply<rest, rest, F::S>(along + F::d2, precision + F::d2 * (F::S + 1), out + F::d2);
     }
 
-    // `a @ precision @ b` of directions a and b = `pulled` in which the p-th and
-    // the q-th parameter are free.
+    // `a @ precision @ b` for the directions a and b of the free parameters p and q; `pulled` is
+    // `b @ precision`.
     N held(int p, int q, const N* a, const N* pulled) const {
         if constexpr (!F::apart) return dot<F::S>(a, pulled);
         if ((p < F::of_1) != (q < F::of_1)) return 0.0;
@@ -93,7 +93,7 @@ void read_prior(const Kind& kind, const H& some, Prior<F, N>& prior) {
     for (int s = 0; s < F::S; ++s) {
         const bool of_1 = F::q1 >= 0 && s >= F::q1 && s < F::q1 + 3, of_2 = F::q2 >= 0 && s >= F::q2;
         prior.precision[s * F::S + s] += kind.pull[s];
-        if (!of_1 && !of_2) continue;  // the weak prior's mean is zero but for points
+        if (!of_1 && !of_2) continue;  // the weak prior's mean is zero except for points
         const N mean = prior.anchors[of_1 ? s - F::q1 : 3 + s - F::q2], weak = kind.pull[s] * mean;
         prior.information[s] += weak;
         prior.constant += 0.5 * weak * mean;

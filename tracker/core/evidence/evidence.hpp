@@ -1,5 +1,4 @@
-// Residuals and evidence of hypotheses on the ticks since their onsets: the
-// sums of `summed`.
+// Residuals and evidence of hypotheses on the ticks since their onsets. Reference: `evidence.sum_evidence`.
 #pragma once
 
 #include "bank/hypothesis.hpp"
@@ -8,13 +7,13 @@ namespace kernels {
 
 using Two = std::array<double, 2>;
 
-// W ticks: `number` (W,) as `Window.index`; `pose` (W, 25) lifted, of frame 1
-// in frame 2; `variance` (W, 2) of the noise, which a contact has so much
-// `beyond`; (W, 2) of free motion, of `fitted` and of `known` elements;
-// `uneven` (W, 3, 3), or nothing; the pose `before` the first, or nothing.
+// The W ticks of a window, as in `window.Window`: `number` (W,) is its `index`, `pose` (W, 25) the lifted
+// poses of frame 1 in frame 2, `excess` (W, 2) its `innovation_excess`, `before` the lifted pose of the
+// tick before the first. A contact adds `beyond` to the noise `variance` (W, 2).
+// `position_anisotropy` (W, 3, 3) and `before` may be null.
 struct Ticks {
     const std::int64_t* number;
-    const double *pose, *variance, *excess, *unheld, *uneven, *before;
+    const double *pose, *variance, *excess, *displacement_variance, *position_anisotropy, *before;
     int count;
     Two beyond;
 
@@ -39,10 +38,10 @@ struct Ticks {
 };
 
 constexpr int T = 9, U = 12,
-              TXR = 15;  // where the lifted pose has them; R comes first
+              TXR = 15;  // first entries of parts of the lifted pose; R is at 0
 
-// `radius_sq` of the body, what a touching point far away costs, and the
-// `correlation` of errors from tick to tick.
+// Squared radius of the body (m^2), the weak prior's cost of the squared distance of a touching point
+// (1/m^2), and the correlation of errors from tick to tick.
 struct Lengths {
     double radius_sq, pull, correlation;
 
@@ -50,7 +49,7 @@ struct Lengths {
     double alone() const { return std::sqrt(1.0 - correlation * correlation); }
 };
 
-// Reference: `evidence.EvidenceSums` of some hypotheses.
+// Reference: `evidence.EvidenceSums`, a hypothesis per lane.
 template <class F>
 struct EvidenceSums {
     Lanes log_ratio, chi_sq, ticks, after, gain[F::K], precision[F::K];
@@ -111,7 +110,7 @@ void crossed(const Lanes* x, const double* r, Measurement<F>& measured) {
     measured.lever_sq = larger<Lanes>(measured.reach_sq - d2_r_m1 * d2_r_m1 * inverse_sq, 0.0);
 }
 
-// What hypotheses measure at a lifted pose.
+// Reference: `Family.measure` at one lifted pose.
 template <class F>
 void measure(const Kind& kind, const Lanes* x, const double* pose, Measurement<F>& measured) {
     if constexpr (F::crosses) {
@@ -121,7 +120,7 @@ void measure(const Kind& kind, const Lanes* x, const double* pose, Measurement<F
     }
 }
 
-// Residuals (K,) of the tick `before` the next, of which lanes are `known`.
+// Residuals (K,) of the previous tick, and the lanes in which there is one.
 template <class F>
 struct Residuals {
     Lanes before[F::K];
@@ -139,19 +138,20 @@ struct Residuals {
     }
 };
 
-// What hypotheses say of tick w, in whose windows it `counts` and comes `after`
-// their first; `narrowed` (K,) is by how many times the variance under free
-// motion exceeds the noise, multiplied over ticks: a logarithm takes longer.
+// Add tick w to the sums of the hypotheses in whose windows it `counts`; in those it comes `after` the first
+// tick, also to their evidence. `variance_ratio` (K,) is the product over ticks of the ratio of free motion's
+// variance to the noise; one logarithm of the product is faster than one per tick.
 template <class F>
 void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask& certain, const Mask& counts,
-         const Mask& after, const Lengths& lengths, Residuals<F>& last, Lanes (&narrowed)[F::K],
+         const Mask& after, const Lengths& lengths, Residuals<F>& last, Lanes (&variance_ratio)[F::K],
          EvidenceSums<F>& sums) {
     const Lanes most = 1e100, none = 0.0;  // before it overflows
     Measurement<F> measured;
     measure<F>(kind, x, ticks.pose + w * Ticks::entries, measured);
     if (lengths.correlation > 0.0) last.whiten(after, lengths, measured.residual);
     const double position = ticks.noise(w, 0), rotation = ticks.noise(w, 1);
-    const double *fitted = ticks.excess + 2 * w, *known = ticks.unheld + 2 * w, *uneven = ticks.uneven;
+    const double *fitted = ticks.excess + 2 * w, *known = ticks.displacement_variance + 2 * w,
+                 *position_anisotropy = ticks.position_anisotropy;
     const Lanes free[] = {where(certain, known[0], Lanes(fitted[0])),
                           where(certain, known[1], Lanes(fitted[1]))};
     for (int k = 0; k < F::K; ++k) {
@@ -159,25 +159,26 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
         if (k == F::last) {
             noise = position + rotation * measured.lever_sq;
             excess = free[0] + free[1] * (measured.lever_sq + lengths.radius_sq);
-            if (uneven) noise += inner(measured.along, turned(uneven + 9 * w, 0, measured.along));
+            if (position_anisotropy)
+                noise += inner(measured.along, turned(position_anisotropy + 9 * w, 0, measured.along));
         }
         const Lanes whole = noise + excess, square = measured.residual[k] * measured.residual[k];
         const Lanes inverse = 1.0 / (noise * whole), over_noise = whole * inverse;
         sums.precision[k] += where(counts, position * over_noise, none);
         sums.chi_sq += where(counts, square * over_noise, none);
         sums.log_ratio -= where(after, 0.5 * square * excess * inverse, none);
-        narrowed[k] *= where(after, whole * over_noise, Lanes(1.0));
-        const Mask much = most < narrowed[k];
+        variance_ratio[k] *= where(after, whole * over_noise, Lanes(1.0));
+        const Mask much = most < variance_ratio[k];
         if (any(much)) {
-            sums.gain[k] += where(much, 0.5 * log(narrowed[k]), none);
-            narrowed[k] = where(much, Lanes(1.0), narrowed[k]);
+            sums.gain[k] += where(much, 0.5 * log(variance_ratio[k]), none);
+            variance_ratio[k] = where(much, Lanes(1.0), variance_ratio[k]);
         }
     }
     if (fitted[0] > 0.0) sums.log_ratio -= where(after, lengths.pull * measured.reach_sq, none);
 }
 
-// Where the ticks begin that count for a hypothesis, and from where they
-// tell: the first tick is given.
+// Index of the first tick of a hypothesis, and of the first that contributes to its evidence: the first
+// tick is given.
 struct Since {
     int first, after;
 };
@@ -201,11 +202,11 @@ WIDE EvidenceSums<F> sum_evidence(const Kind& kind, const Lanes* x, const std::i
         sums.ticks.put(i, ticks.count - begun[i].first);
         sums.after.put(i, ticks.count - begun[i].after);
     }
-    Lanes narrowed[F::K];
+    Lanes variance_ratio[F::K];
     sums.log_ratio = sums.chi_sq = 0.0;
     std::fill_n(sums.gain, F::K, Lanes(0.0));
     std::fill_n(sums.precision, F::K, Lanes(0.0));
-    std::fill_n(narrowed, F::K, Lanes(1.0));
+    std::fill_n(variance_ratio, F::K, Lanes(1.0));
     Residuals<F> last{{}, first == 0 && ticks.before};
     if (lengths.correlation > 0.0 && first == 0 && ticks.before) {
         Measurement<F> measured;
@@ -218,10 +219,10 @@ WIDE EvidenceSums<F> sum_evidence(const Kind& kind, const Lanes* x, const std::i
             counts.put(i, w >= begun[i].first);
             after.put(i, w >= begun[i].after);
         }
-        add<F>(kind, x, ticks, w, certain, counts, after, lengths, last, narrowed, sums);
+        add<F>(kind, x, ticks, w, certain, counts, after, lengths, last, variance_ratio, sums);
     }
     for (int k = 0; k < F::K; ++k) {
-        sums.gain[k] += 0.5 * log(narrowed[k]);
+        sums.gain[k] += 0.5 * log(variance_ratio[k]);
         sums.log_ratio += sums.gain[k];
     }
     return sums;

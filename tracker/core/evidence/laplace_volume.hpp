@@ -6,8 +6,9 @@
 namespace kernels {
 
 // Half the logarithm of the volume ratio of prior and posterior.
-// `predicted_share` (K,) and the hessian as in `evidence.complexity`, where `given` is
-// `gauss_newton.information` of the `first` lifted tick (C,). `work` is near x.
+//
+// `predicted_share` (K,) and the hessian are as in `evidence.complexity`; `first` (C,) is the first lifted
+// tick, whose `gauss_newton.information` is its `given`. `work.near` is at the geometry x.
 template <class F>
 WIDE Lanes volume(const Lanes* first, const Lanes* predicted_share, Work<F>& work) {
     const Near<F>& near = work.near;

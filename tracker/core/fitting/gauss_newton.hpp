@@ -1,12 +1,11 @@
-// The algorithm of `gauss_newton.minimise` and `gauss_newton.complete`: some
-// windows side by side.
+// Reference: `gauss_newton.minimise` and `gauss_newton.complete`, a window per lane.
 #pragma once
 
 #include "fitting/moments.hpp"
 
 namespace kernels {
 
-// Reference: `gauss_newton.complete` of some windows, x in place; returns the costs.
+// Reference: `gauss_newton.complete`, x in place; returns the costs.
 template <class F>
 WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
     const Prior<F, Lanes>& prior = work.prior;
@@ -55,7 +54,7 @@ WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
     return 0.5 * (squares + dot<F::S>(x, work.pull)) - dot<F::S>(x, prior.information) + prior.constant;
 }
 
-// Of `equations`, what the prior holds, and the shifts.
+// The part of `equations` of the prior and of the shifts.
 template <class F>
 void equations_of_shifts(Work<F>& work) {
     Near<F>& near = work.near;
@@ -79,8 +78,7 @@ void equations_of_shifts(Work<F>& work) {
     });
 }
 
-// Reference: `gauss_newton._normal_equations` of some windows, at the x where
-// `complete` has just come to: free directions, gradient, hessian and held.
+// Reference: `gauss_newton._normal_equations`, at the x that `complete` has just returned.
 template <class F>
 WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
     Near<F>& near = work.near;
@@ -95,7 +93,7 @@ WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
         Lanes pushed[F::C];
         auto& slopes = near.slopes[p];
         slope<F>(x, near.free[p], slopes);
-        if constexpr (F::crosses) {  // per metre: the scale changes with x as well
+        if constexpr (F::crosses) {  // per metre: the scale depends on x
             near.leans[p] = 0.5 * dot<9>(work.turn, slopes[F::last] + 9);
             for (int c = 0; c < F::C; ++c) slopes[F::last][c] -= near.leans[p] * work.rows[F::last][c];
         }
@@ -114,7 +112,7 @@ WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
     }
 }
 
-// Reference: `gauss_newton._step`; returns by how much it would lower the costs.
+// Reference: `gauss_newton._step`; returns the predicted decrease of the costs.
 template <class F>
 WIDE Lanes take_step(const Lanes& damping, Work<F>& work) {
     const Near<F>& near = work.near;
@@ -132,13 +130,13 @@ WIDE Lanes take_step(const Lanes& damping, Work<F>& work) {
     return abs(dot<F::P>(near.gradient, work.step));
 }
 
-// Which ones have a step `left`: they were not `converged` before the last one.
+// State of the fits; `left` are those that had not converged before the last step.
 struct Descent {
     Lanes cost, damping;
     Mask left;
 };
 
-// Go on to the trial, but for those to which it is `worse`, from x.
+// Move x to the trial, except in the lanes where it is `worse`.
 template <class F>
 WIDE void accept(const Moments<F>& window, const Mask& worse, Lanes* x, Work<F>& work) {
     if (!any(worse)) {
@@ -151,9 +149,8 @@ WIDE void accept(const Moments<F>& window, const Mask& worse, Lanes* x, Work<F>&
     for (int s = 0; s < F::S; ++s) x[s] = where(worse, x[s], work.trial[s]);
 }
 
-// Reference: `gauss_newton.minimise` of some windows, from x (S,), in place. Those that
-// are there already stay until all are: no digit of a hypothesis depends on who
-// stands beside it.
+// Reference: `gauss_newton.minimise` from x (S,), in place. Converged lanes keep their x until all have
+// converged: no digit of a hypothesis depends on the others in its lanes.
 template <class F>
 Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
     const Damping& fits = settings.damping;
@@ -180,7 +177,7 @@ Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
     return now;
 }
 
-// Whether another step would lower the costs by next to nothing.
+// Whether another step would lower the costs by less than the tolerance.
 template <class F>
 Mask converged(const Descent& descent, Work<F>& work) {
     return !descent.left | (take_step<F>(descent.damping, work) < settings.tolerance);

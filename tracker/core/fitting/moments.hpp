@@ -1,14 +1,14 @@
 // Rows times moments.
 //
-// Where element 2 is a plane, all of them and what shifts of points change
-// begin with vec(d2 b^T): d2 is multiplied once.
+// Where element 2 is a plane, all rows and their derivatives by shifts of points begin with vec(d2 b^T):
+// d2 is multiplied once.
 #pragma once
 
 #include "fitting/workspace.hpp"
 
 namespace kernels {
 
-// The k-th row, or how it changes, times the moments; and with another one.
+// The k-th row or its derivative times the moments, and the product of that with another row.
 template <class F, int K>
 void carry(const Lanes* row, const Moments<F>& window, Lanes* out) {
     multiply<F::active_in(K), F::active_in(K), F::C>(row, window.moments, out);
@@ -19,22 +19,21 @@ Lanes pair(const Lanes* row, const Lanes* carried) {
     return dot<F::active_in(K)>(row, carried);
 }
 
-// How the last row changes with the I-th shift, with another one: some columns
-// are zero.
+// Product of the last row's derivative by the I-th shift with another row: some columns are zero.
 template <class F, int I>
 Lanes pair_shift(const Lanes* row, const Lanes* carried) {
     constexpr Columns own = F::shifted_by(I);
     return dot<own.end - own.first>(row + own.first, carried + own.first);
 }
 
-// Three rows of a matrix, which are `STRIDE` apart, added up with weights v.
+// Sum, weighted by v, of three rows of a matrix that are `STRIDE` apart.
 template <int COLUMNS, int STRIDE>
 void weighted(const Vec<Lanes>& v, const Lanes* rows, Lanes* out) {
     for (int c = 0; c < COLUMNS; ++c)
         out[c] = v.x * rows[c] + v.y * rows[STRIDE + c] + v.z * rows[2 * STRIDE + c];
 }
 
-// The b of each row but the last one.
+// The b of each row except the last.
 template <class F>
 std::array<Vec<Lanes>, 2> seconds(const Lanes* x) {
     if constexpr (F::last == 0) return {};
@@ -43,8 +42,8 @@ std::array<Vec<Lanes>, 2> seconds(const Lanes* x) {
     return {b1, b2};
 }
 
-// All rows at x, which is not shifted yet: there is no coordinate but of lines,
-// which go where anchors are.
+// All rows times the moments, at an x that is not shifted yet: only lines have coordinates, those of
+// their anchors.
 template <class F>
 void carry_rows(const Lanes* x, const Moments<F>& window, Work<F>& work) {
     if constexpr (F::crosses) {
@@ -64,8 +63,7 @@ void carry_rows(const Lanes* x, const Moments<F>& window, Work<F>& work) {
     }
 }
 
-// How the last row changes with the I-th shift, which goes `along` that
-// direction.
+// Derivative of the last row by the I-th shift, in the direction `along`, times the moments.
 template <class F, int I>
 void carry_shift(const Lanes* along, const Moments<F>& window, const Work<F>& work, Lanes* out) {
     constexpr Columns own = F::shifted_by(I);

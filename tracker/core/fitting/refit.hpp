@@ -1,5 +1,4 @@
-// What `following` does to a bank in every tick: its moments grow, and it
-// learns from them.
+// Update of a bank by a tick: accumulation of the moments, and refits.
 #pragma once
 
 #include "evidence/evidence.hpp"
@@ -7,10 +6,10 @@
 
 namespace kernels {
 
-// As in `evidence.EvidenceParameters`.
+// Reference: `evidence.EvidenceParameters`.
 struct EvidenceParameters {
     Lengths lengths;
-    double foreknowledge, independence;
+    double prior_predictive_share, likelihood_exponent;
 };
 
 // Reference: `refit._with_evidence`; `work` is at the hypotheses' x (S,).
@@ -19,7 +18,7 @@ void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const Ev
                     const EvidenceSums<F>& sums, Work<F>& work) {
     const BankLayout& where = kind.where;
     const Lanes ticks = larger<Lanes>(sums.ticks, 1.0);
-    const Lanes share = weights.foreknowledge * kind.needed /
+    const Lanes share = weights.prior_predictive_share * kind.needed /
                         larger<Lanes>(read(rows.since, kind.since.effective_ticks), 1.0);
     Lanes gain = read(rows.own, where.gain_before_window), predicted_share[F::K], first[F::C];
     for (int k = 0; k < F::K; ++k) {
@@ -33,13 +32,14 @@ void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const Ev
     price += 0.5 * dot<F::S>(x, work.pull) - dot<F::S>(x, work.prior.information) + work.prior.constant;
     const Lanes evidence =
         sums.log_ratio + read(rows.own, where.llr_before_window) - smaller<Lanes>(gain, price);
-    write(rows.own, where.log_likelihood, read(rows.own, where.log_prior) + weights.independence * evidence);
+    write(rows.own, where.log_likelihood,
+          read(rows.own, where.log_prior) + weights.likelihood_exponent * evidence);
     write(rows.own, where.rms, sqrt(sums.chi_sq / (ticks * double(F::K))));
     write(rows.own, where.x, F::S, x);
 }
 
-// Reference: `refit.accumulate` of the `onsets`, by the newest of `ticks`, in which so
-// much motion is `motion_ratio`.
+// Reference: `refit.accumulate`, the rows of the onsets: add the newest of `ticks`, whose motion ratio is
+// given.
 template <class F>
 WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& ticks, const Lengths& lengths,
                             double motion_ratio) {
@@ -59,7 +59,7 @@ WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& 
         const bool begins = whole(row, where.onset) == ticks.newest();
         const double weight = precision * (begins ? 1.0 : std::max(motion_ratio, settings.rest_weight));
         const double* fresh = begins ? first : later;
-        for (int c = 0; c < F::C; ++c) {  // the sine of e-e is that of the poses themselves
+        for (int c = 0; c < F::C; ++c) {  // edge-edge: the sine of the poses, not of innovations
             for (int d = c; d < F::C; ++d)
                 *moments++ += weight * (F::crosses && d == F::C - 1 ? lifted[c] : fresh[c] * fresh[d]);
             if (begins) row[where.onset_row + c] = first[c] * std::sqrt(precision);
@@ -70,7 +70,7 @@ WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& 
     }
 }
 
-// Reference: `refit.accumulate` of all else.
+// Reference: `refit.accumulate`.
 template <class F>
 void accumulate(const Kind& kind, const Bank& bank, const Ticks& ticks, const Lengths& lengths,
                 double motion_ratio, double log_stay) {
@@ -84,7 +84,7 @@ void accumulate(const Kind& kind, const Bank& bank, const Ticks& ticks, const Le
     }
 }
 
-// When hypotheses began, and of which ones both elements are known.
+// Onset of the hypothesis of each lane, and the lanes in which both elements are known.
 struct Onsets {
     std::int64_t onset[lanes];
     Mask certain;
@@ -97,8 +97,8 @@ struct Onsets {
     }
 };
 
-// Reference: `bank_update.marginalise_expired_ticks` of the first `count` hypotheses,
-// by the ticks that the window has lost: they are `gone`.
+// Reference: `bank_update.marginalise_expired_ticks` of the first `count` hypotheses; `gone` are the ticks
+// that have left the window.
 template <class F>
 void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, const Ticks& gone,
                                const Lengths& lengths) {
@@ -118,7 +118,7 @@ void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, co
     }
 }
 
-// How many steps a hypothesis takes in every tick.
+// Gauss-Newton steps of a hypothesis per tick.
 inline int steps_of(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.effective_ticks] < settings.first_ticks ? settings.first_steps
                                                                         : settings.refine_steps;
@@ -129,17 +129,16 @@ inline bool is_deferred(const Kind& kind, const double* row) {
     return !(log_weight_of(kind.where, row) >= -settings.defer_nats);
 }
 
-// Whether a hypothesis has fallen, whose log weight was that before the tick,
-// from no more than so many `nats` behind the best: as in
-// `refit.recover_fallen`.
+// Whether the log weight of a hypothesis, `was` before the tick, has fallen from at most `nats` behind the
+// best. Reference: `refit.recover_fallen`.
 inline bool has_fallen(const Kind& kind, const double* row, double was, double nats) {
     const bool falls = was >= -nats && log_weight_of(kind.where, row) < was - settings.drop_nats;
     return falls && row[kind.where.rms] > settings.fitting_rms;
 }
 
-// Reference: `refit.refit_in_steps` of hypotheses that take so many steps.
+// Reference: `refit.refit_in_steps`, of hypotheses with this number of steps.
 template <class F>
-WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int steps,
+WIDE void refit(const Kind& kind, const Rows& rows, const Ticks& ticks, int steps,
                 const EvidenceParameters& weights, Work<F>& work) {
     const BankLayout& where = kind.where;
     const Moments<F> window(kind, rows);
@@ -152,8 +151,8 @@ WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int step
                       sum_evidence<F>(kind, x, begun.onset, begun.certain, ticks, weights.lengths), work);
 }
 
-// Hypotheses that are to learn, until as many stand side by side: those that
-// take as many steps, and of which something is known, or nothing.
+// Hypotheses to refit, grouped by the number of steps and by whether an element is known, as the lanes of a
+// fit share both.
 class RefitQueue {
 public:
     void add(const Kind& kind, const Hypothesis& one, int steps) {
@@ -165,13 +164,13 @@ public:
     }
 
     template <class F>
-    void learn(const Kind& kind, const Ticks& ticks, const EvidenceParameters& weights, Work<F>& work) {
+    void refit(const Kind& kind, const Ticks& ticks, const EvidenceParameters& weights, Work<F>& work) {
         for (Group& group : groups_) {
             for (std::size_t first = 0; first < group.all.size(); first += lanes) {
-                const Rows rows = rows_of([&](int i) {  // the last one again where there are too few
+                const Rows rows = rows_of([&](int i) {  // the last one fills the remaining lanes
                     return group.all[std::min(first + i, group.all.size() - 1)];
                 });
-                kernels::learn<F>(kind, rows, ticks, group.steps, weights, work);
+                kernels::refit<F>(kind, rows, ticks, group.steps, weights, work);
             }
         }
         groups_.clear();

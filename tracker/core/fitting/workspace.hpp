@@ -1,4 +1,4 @@
-// What fits of some windows look at and remember.
+// Inputs and working memory of the fits, a window per lane.
 #pragma once
 
 #include <utility>
@@ -7,7 +7,7 @@
 
 namespace kernels {
 
-// What is read of hypotheses' windows: `moments` (C, C) and `row_weight` (K,).
+// Data of a fit: `moments` (C, C) of the window and `row_weight` (K,).
 template <class F>
 struct Moments {
     Lanes moments[F::C * F::C], row_weight[F::K];
@@ -18,7 +18,7 @@ struct Moments {
     }
 };
 
-// Call with each number below COUNT, known to the compiler.
+// Call with each number below COUNT, as a compile-time constant.
 template <class Function, int... I>
 void each_of(Function&& function, std::integer_sequence<int, I...>) {
     (function(std::integral_constant<int, I>{}), ...);
@@ -29,23 +29,22 @@ void each_of(Function&& function) {
     each_of(function, std::make_integer_sequence<int, COUNT>{});
 }
 
-// With that of each row.
+// Call with the index of each row, as a compile-time constant.
 template <class F, class Function>
 void each_row(Function&& function) {
     each_of<F::K>(function);
 }
 
-// What a fit is near some x: `weight` (K,) of the rows, `slopes` (P, K, C)
-// along the `free` directions (P, S), the share of the last row that is taken
-// out of its own, since its scale changes, too, `leans` (P,), the `gradient`
-// (P,) and the `hessian` (K, U), and what is `held` (U,) by the prior; all that
-// `at` (S,).
+// Linearisation of the fit at the geometry `at` (S,): `weight` (K,) of the rows, their derivatives `slopes`
+// (P, K, C) along the `free` directions (P, S), `gradient` (P,), `hessian` (K, U) of each row, and the
+// prior's part `held` (U,). As the last row's scale depends on x, its slopes are reduced by `leans` (P,)
+// times the row.
 template <class F>
 struct Near {
     Lanes weight[F::K], slopes[F::P][F::K][F::C], free[F::P][F::S], leans[F::P];
     Lanes gradient[F::P], hessian[F::K][F::U], held[F::U], at[F::S];
 
-    // What was there `before`, of some.
+    // Restore `before` in some lanes.
     void keep(const Mask& some, const Near& before) {
         const auto restore = [&](Lanes* now, const Lanes* old, int count) {
             for (int i = 0; i < count; ++i) now[i] = where(some, old[i], now[i]);
@@ -61,13 +60,12 @@ struct Near {
     }
 };
 
-// Memory of some windows: their `prior`, and what they are `near` their x.
+// Working memory: the `prior`, the linearisation `near` x, and the state of a trial.
 //
-// Where a trial of coordinates has come to: `rows` (K, C) and the same
-// times the moments, `carried`, their `weight` (K,), free directions before
-// shifting, `axes`, slopes of the last row along the shifts, `design` (L, C),
-// which times the moments are `moved`, x times the prior's precision, `pull`,
-// and the moments times vec(d2 b^T), but for b, `by_d2` (3, C).
+// Of a trial: `rows` (K, C), `carried` (rows times the moments), their `weight` (K,), `axes` (P, S) (free
+// directions before shifting), `design` (L, C) (derivatives of the last row by the shifts), `moved` (design
+// times the moments), `pull` (S,) (x times the prior's precision), and `by_d2` (3, C) (the moments times
+// vec(d2 b^T) without b).
 template <class F>
 struct Work {
     Prior<F, Lanes> prior;
@@ -76,7 +74,7 @@ struct Work {
     Lanes design[F::L][F::C], moved[F::L][F::C], pull[F::S], turn[9];
     Lanes step[F::P], trial[F::S], by_d2[3][F::C];
 
-    Work() {  // what no step writes
+    Work() {  // entries that no step writes
         std::fill_n(near.slopes[0][0], F::P * F::K * F::C, Lanes(0.0));
         std::fill_n(near.leans, F::P, Lanes(0.0));
         std::fill_n(design[0], F::L * F::C, Lanes(0.0));

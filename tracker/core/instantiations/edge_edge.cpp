@@ -1,3 +1,3 @@
-// What takes long to compile, of two edges.
+// Instantiations for edge-edge contacts.
 #define HERE EdgeEdge
 #include "instantiations/instantiations.hpp"

@@ -1,3 +1,3 @@
-// What takes long to compile, of edges and faces.
+// Instantiations for edge-face contacts.
 #define HERE EdgeFace
 #include "instantiations/instantiations.hpp"

@@ -1,3 +1,3 @@
-// What takes long to compile, of two faces.
+// Instantiations for face-face contacts.
 #define HERE FaceFace
 #include "instantiations/instantiations.hpp"

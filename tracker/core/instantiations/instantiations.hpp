@@ -1,5 +1,5 @@
-// What takes long to compile: a file for each family has it, so that several
-// processors work at it.
+// Instantiations of the templates that take long to compile; a file for each family, so that they compile
+// in parallel.
 #pragma once
 
 #include "update/contact_update.hpp"
@@ -16,11 +16,11 @@ namespace kernels {
                                                     const Mask&, const Ticks&, const Lengths&);           \
     PREFIX template void accumulate_onsets<F>(const Kind&, const Table&, const Ticks&, const Lengths&,    \
                                               double);                                                    \
-    PREFIX template void learn<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
+    PREFIX template void refit<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
                                   Work<F>&);                                                              \
     PREFIX template void every_square<F>(const std::vector<Windows<F>>&, const Offer<F>&, Squares<F>&);   \
-    PREFIX template void every_cost<F>(const std::vector<Asked<F>>&, const Offer<F>&, const Squares<F>&,  \
-                                       double* const*);
+    PREFIX template void every_cost<F>(const std::vector<RecipientBlock<F>>&, const Offer<F>&,            \
+                                       const Squares<F>&, double* const*);
 
 #ifndef HERE
 HEAVY(extern, Family<FaceFace>)

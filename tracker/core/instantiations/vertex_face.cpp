@@ -1,3 +1,3 @@
-// What takes long to compile, of vertices and faces.
+// Instantiations for vertex-face contacts.
 #define HERE VertexFace
 #include "instantiations/instantiations.hpp"

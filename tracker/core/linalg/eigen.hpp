@@ -6,15 +6,15 @@
 
 namespace kernels {
 
-// Jacobi's rotations converge quadratically: this is more than it takes.
+// Most sweeps; more than needed, as Jacobi's method converges quadratically.
 constexpr int sweeps = 12;
-// Of the squares of a matrix, what may be left beside its diagonal.
+// Convergence: sum of squares off the diagonal, relative to that on it.
 constexpr double least_beside = 1e-36;
 
 template <int N>
 using Square = double[N][N];
 
-// Turn the axes p and q until a[p, q] vanishes.
+// Rotate the axes p and q such that a[p, q] vanishes.
 template <int N>
 void rotate(Square<N>& a, Square<N>& axes, int p, int q) {
     if (a[p][q] == 0.0) return;
@@ -33,8 +33,8 @@ void rotate(Square<N>& a, Square<N>& axes, int p, int q) {
     }
 }
 
-// Eigenvectors of a symmetric a, the rows of `axes`, in ascending order of the
-// eigenvalues, which come to stand in a's diagonal (Jacobi's method).
+// Eigenvectors of a symmetric a in the rows of `axes`, in ascending order of the eigenvalues, which are
+// written to a's diagonal (Jacobi's method).
 template <int N>
 void eigen(Square<N>& a, Square<N>& axes) {
     for (int i = 0; i < N; ++i) {

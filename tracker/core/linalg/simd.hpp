@@ -1,23 +1,21 @@
-// Numbers of several hypotheses side by side: what is computed of one is
-// computed of all at once.
+// SIMD: a number per lane, each lane of another hypothesis.
 #pragma once
 
 #include <cmath>
 
-// In the file of a family (`heavy.hpp`) compiled for processors with wide
-// registers as well; which of both is called is found when the module is
-// loaded.
+// Function that the file of a family (see `instantiations.hpp`) also compiles for processors with wide
+// registers; which of the two is called is decided when the module is loaded.
 #if !defined(__GNUC__)
 #define WIDE
 #elif defined(HERE) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__)
-#if __GNUC__ >= 12  // which knows these levels in clones
+#if __GNUC__ >= 12  // supports these levels in target_clones
 #define WIDE_PROCESSOR "arch=x86-64-v3"
 #else
 #define WIDE_PROCESSOR "fma"
 #endif
 #define WIDE __attribute__((flatten, noinline, target_clones(WIDE_PROCESSOR, "default")))
 #else
-#define WIDE __attribute__((noinline))  // what another file has compiled is called
+#define WIDE __attribute__((noinline))  // calls the one compiled in another file
 #endif
 
 namespace kernels {
@@ -29,7 +27,7 @@ constexpr int lanes = 4;
 typedef double Packed __attribute__((vector_size(8 * lanes)));
 typedef long long Bits __attribute__((vector_size(8 * lanes)));
 
-#else  // the same, for the compiler to put side by side if it can
+#else  // the same without vector extensions; the compiler may vectorise it
 
 template <class Entry>
 struct Array {
@@ -59,15 +57,14 @@ EACH(Bits, |, Bits)
 
 #endif
 
-// A number of each.
+// A number per lane.
 struct Lanes {
     Packed v;
 
     Lanes() = default;
     Lanes(const Packed& packed) : v(packed) {}
-    // Said, so that it is one move, not several of its parts, and never one in
-    // registers from a function to another that was compiled for a processor that
-    // has others.
+    // Explicit: copies as one object, and is not passed in registers between functions that were compiled
+    // for processors with different registers.
     Lanes(const Lanes& other) : v(other.v) {}
     Lanes& operator=(const Lanes& other) {
         v = other.v;
@@ -91,7 +88,7 @@ inline Lanes operator*(const Lanes& a, const Lanes& b) { return a.v * b.v; }
 inline Lanes operator/(const Lanes& a, const Lanes& b) { return a.v / b.v; }
 inline Lanes operator-(const Lanes& a) { return Lanes(0.0).v - a.v; }
 
-// Whether something holds, of each.
+// A truth value per lane.
 struct Mask {
     Bits bits;
 
@@ -137,7 +134,7 @@ inline Mask operator!(const Mask& mask) {
     return out;
 }
 
-// Each by itself.
+// Apply to each lane.
 template <class Function>
 Lanes each(const Lanes& a, Function&& function) {
     Lanes out;
@@ -156,7 +153,7 @@ inline Lanes log(const Lanes& a) {
 }
 inline Lanes abs(const Lanes& a) { return where(a < 0.0, -a, a); }
 
-// As std::max and std::min.
+// Like std::max and std::min, per lane.
 template <class N>
 N larger(const N& a, const N& b) {
     return where(a < b, b, a);

@@ -1,5 +1,5 @@
-// Small linear algebra: vectors of three numbers, and arrays whose sizes the
-// compiler knows; of one number N, or of several side by side.
+// Small linear algebra: vectors of three numbers, and arrays of sizes known at compile time; N is double or
+// Lanes.
 #pragma once
 
 #include <algorithm>
@@ -46,8 +46,7 @@ Vec<Both<A, B>> cross(const Vec<A>& a, const Vec<B>& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-// The vector that begins at `first`; zero where that is negative, for what a
-// contact does not have.
+// The vector that begins at `first`; zero if that is negative, for parameters that a contact lacks.
 template <class N>
 Vec<N> at(const N* x, int first) {
     return first >= 0 ? Vec<N>{x[first], x[first + 1], x[first + 2]} : Vec<N>{0.0, 0.0, 0.0};
@@ -95,8 +94,7 @@ void outers(N* out, int first, const Vec<N>& a, const Vec<N>& b, const Vec<N>& c
     put(out, first + 6, a.z * b + c.z * d);
 }
 
-// Columns FIRST to END of `vector (R,) @ matrix`: so few that their sums stay
-// in registers.
+// Columns [FIRST, END) of `vector (R,) @ matrix`, few enough for the sums to stay in registers.
 template <int R, int STRIDE, int FIRST, int END, class N>
 void multiply_columns(const N* vector, const N* matrix, N* out) {
     N sum[END - FIRST];
@@ -123,9 +121,8 @@ N dot(const N* a, const N* b) {
     return total;
 }
 
-// Solve `a y = b` of a positive definite a (SIZE, SIZE), of which the upper
-// triangle is read; y comes to stand where b was, and in a's diagonal what
-// multiplies to its determinant.
+// Solve `a y = b` for a positive definite a (SIZE, SIZE), of which the upper triangle is read. y overwrites
+// b; the product of a's diagonal becomes its determinant.
 template <int SIZE, class N>
 void eliminate(N (&a)[SIZE][SIZE], N (&b)[SIZE]) {
     N inverse[SIZE];

@@ -1,5 +1,4 @@
-// The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what
-// it has.
+// The Python module `contact_tracker.hypotheses.compiled.kernels`, documented in kernels.pyi.
 #include "python/numpy_views.hpp"
 #include "python/read_settings.hpp"
 #include "python/test_bindings.hpp"
@@ -11,7 +10,7 @@
 namespace kernels {
 namespace {
 
-// How many words rows have, and where columns begin.
+// Words per row, and the first word of each column.
 using Words = std::pair<int, pybind11::dict>;
 
 BankLayout bank_layout(const Words& bank) {
@@ -70,22 +69,25 @@ PYBIND11_MODULE(kernels, module) {
         }));
     py::class_<TickArrays, std::shared_ptr<TickArrays>>(module, "Ticks")
         .def(py::init([](Ints number, Floats pose, Floats inverse, Floats variance, Floats excess,
-                         Floats unheld, std::optional<Floats> uneven, std::optional<Floats> before) {
-            TickArrays ticks{number, pose, inverse, variance, excess, unheld, uneven, before};
+                         Floats displacement_variance, std::optional<Floats> position_anisotropy,
+                         std::optional<Floats> before) {
+            TickArrays ticks{
+                number, pose, inverse, variance, excess, displacement_variance, position_anisotropy, before};
             ticks.check_shapes();
             return ticks;
         }));
     py::class_<EvidenceParameters>(module, "EvidenceParameters")
-        .def(py::init(
-            [](double radius_sq, double pull, double correlation, double foreknowledge, double independence) {
-                return EvidenceParameters{{radius_sq, pull, correlation}, foreknowledge, independence};
-            }));
+        .def(py::init([](double radius_sq, double pull, double correlation, double prior_predictive_share,
+                         double likelihood_exponent) {
+            return EvidenceParameters{
+                {radius_sq, pull, correlation}, prior_predictive_share, likelihood_exponent};
+        }));
     py::class_<TickInput>(module, "TickInput")
         .def(py::init([](std::vector<std::pair<Floats, Bools>> assumed,
                          std::vector<std::optional<Floats>> directions, Floats turn, std::int64_t onset,
                          std::int64_t onset_ns, std::int64_t stamp_ns, std::shared_ptr<TickArrays> window,
                          std::shared_ptr<TickArrays> before, Floats change, Floats log_stay) {
-            require(window != nullptr, "a moment is seen in a window");
+            require(window != nullptr, "a tick input has no window");
             return TickInput{std::move(assumed), std::move(directions),
                              std::move(turn),    onset,
                              onset_ns,           stamp_ns,
@@ -93,10 +95,10 @@ PYBIND11_MODULE(kernels, module) {
                              std::move(change),  std::move(log_stay)};
         }));
     py::class_<StopCondition>(module, "StopCondition")
-        .def(py::init(
-            [](double probability, double sureness, std::vector<std::pair<std::int64_t, std::int64_t>> due) {
-                return StopCondition{probability, sureness, std::move(due)};
-            }));
+        .def(py::init([](double probability, double posterior_power,
+                         std::vector<std::pair<std::int64_t, std::int64_t>> due) {
+            return StopCondition{probability, posterior_power, std::move(due)};
+        }));
     module.def("update", &update_in_batch);
     parts::add(module.def_submodule("parts"));
 }

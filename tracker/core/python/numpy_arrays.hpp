@@ -1,4 +1,4 @@
-// Arrays of numpy.
+// Types of numpy arrays.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -14,7 +14,7 @@ namespace kernels {
 
 namespace py = pybind11;
 
-// In order: another layout is copied.
+// C-contiguous; arrays of another layout are copied.
 using Floats = py::array_t<double, py::array::c_style | py::array::forcecast>;
 using Ints = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 using Bools = py::array_t<bool, py::array::c_style | py::array::forcecast>;
@@ -23,7 +23,7 @@ inline void require(bool holds, const char* what) {
     if (!holds) throw std::invalid_argument(what);
 }
 
-// An array of a shape.
+// Raise unless the array has this shape.
 template <class Numbers>
 void require_shape(const Numbers& array, const std::vector<py::ssize_t>& shape, const char* what) {
     require(array.ndim() == static_cast<py::ssize_t>(shape.size()) &&
@@ -31,7 +31,7 @@ void require_shape(const Numbers& array, const std::vector<py::ssize_t>& shape, 
             what);
 }
 
-// An array of a shape whose numbers are finite.
+// Raise unless the array has this shape and finite numbers.
 inline void require_finite(const Floats& array, const std::vector<py::ssize_t>& shape, const char* what) {
     require_shape(array, shape, what);
     require(std::all_of(array.data(), array.data() + array.size(), [](double x) { return std::isfinite(x); }),

@@ -1,4 +1,4 @@
-// From the arrays of the numpy code to what the kernels take.
+// Views of numpy arrays as inputs of the kernels.
 #pragma once
 
 #include <pybind11/stl.h>
@@ -16,15 +16,14 @@ namespace kernels {
 
 enum class Which { face_face, edge_face, vertex_face, edge_edge };
 
-// A kind, which family it is of, and how many words the rows of its tables
-// have.
+// A contact model: its parameters, its family, and the words per row of its tables.
 struct Model {
     Kind kind;
     Which which;
     int words, onset_words;
 };
 
-// Call with the family as a type.
+// Call with the family as a compile-time type.
 template <class Function>
 decltype(auto) visit(const Model& model, Function&& function) {
     switch (model.which) {
@@ -35,7 +34,7 @@ decltype(auto) visit(const Model& model, Function&& function) {
     }
 }
 
-// To be read: rows of so many words.
+// A read-only view of rows of `words` words.
 inline Table table_of(const Floats& rows, int words) {
     require(rows.ndim() == 2 && rows.shape(1) == words, "not a table of this contact");
     return {const_cast<double*>(rows.data()), static_cast<int>(rows.shape(0)), words};
@@ -45,45 +44,45 @@ inline Bank bank_of(const Model& model, const Floats& words, const Floats& onset
     return {model.kind, table_of(words, model.words), table_of(onsets, model.onset_words)};
 }
 
-// To be changed in place: Python says so where that is not allowed.
+// A view to change in place; raises for read-only arrays.
 inline Bank changing(const Model& model, Floats& words, Floats& onsets) {
     words.mutable_data();
     onsets.mutable_data();
     return bank_of(model, words, onsets);
 }
 
-// All but the onsets.
+// A view to change in place, except the onsets.
 inline Bank changing(const Model& model, Floats& words, const Floats& onsets) {
     words.mutable_data();
     return bank_of(model, words, onsets);
 }
 
-// Some ticks, with the arrays that they look into: of the body's `pose` in the
-// world, and its `inverse`.
+// Arrays of a window: the lifted `pose` of the body in the world and its `inverse`; the rest as in `Ticks`.
 struct TickArrays {
     Ints number;
-    Floats pose, inverse, variance, excess, unheld;
-    std::optional<Floats> uneven, before;
+    Floats pose, inverse, variance, excess, displacement_variance;
+    std::optional<Floats> position_anisotropy, before;
 
     void check_shapes() const {
         require(number.ndim() == 1 && number.shape(0) > 0, "there are no ticks");
         const py::ssize_t count = number.shape(0);
         for (const Floats& one : {pose, inverse})
             require_finite(one, {count, Ticks::entries}, "a tick has one lifted pose, of finite numbers");
-        for (const Floats& two : {variance, excess, unheld})
+        for (const Floats& two : {variance, excess, displacement_variance})
             require_finite(two, {count, 2}, "a tick has two finite variances of each sort");
-        if (uneven) require_finite(*uneven, {count, 3, 3}, "a tick has one finite covariance");
+        if (position_anisotropy)
+            require_finite(*position_anisotropy, {count, 3, 3}, "a tick has one finite covariance");
         if (before) require_finite(*before, {2, Ticks::entries}, "a finite pose is before, and its inverse");
     }
 
-    // What a contact sees of them, with its noise `beyond` theirs.
+    // The ticks for a contact, which adds `beyond` to their noise variance.
     Ticks ticks(const Model& model, const Two& beyond = {}) const {
         return {number.data(),
                 (model.kind.body_in_1 ? pose : inverse).data(),
                 variance.data(),
                 excess.data(),
-                unheld.data(),
-                uneven ? uneven->data() : nullptr,
+                displacement_variance.data(),
+                position_anisotropy ? position_anisotropy->data() : nullptr,
                 before ? before->data() + (model.kind.body_in_1 ? 0 : Ticks::entries) : nullptr,
                 static_cast<int>(number.shape(0)),
                 beyond};

@@ -1,5 +1,4 @@
-// Constants of the algorithm, which Python passes in when it loads the module:
-// none is said twice.
+// Reading of the constants that Python passes in when it loads the module.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -12,7 +11,7 @@
 
 namespace kernels {
 
-// Fields from a dictionary, after the name of each; raises KeyError where one is missing.
+// Read fields from a dictionary, each after its name; raises KeyError if one is missing.
 inline void read_fields(const pybind11::dict&) {}
 template <class Field, class... More>
 void read_fields(const pybind11::dict& values, const char* name, Field& field, More&&... more) {

@@ -1,13 +1,11 @@
-// Parts of the kernels by themselves, for tests: as the functions are that they
-// stand for.
+// Bindings of single kernels for tests, with the names and arguments of their kernels.
 #pragma once
 
 #include "update/bank_update.hpp"
 
 namespace kernels::parts {
 
-// Problems that tests set: windows of so many hypotheses, their priors and
-// where they start.
+// Fits posed by a test: windows of hypotheses, and their priors.
 struct Problems {
     const Model& model;
     Bank bank;
@@ -19,7 +17,7 @@ struct Problems {
         return rows_of([&](int i) { return bank[own(first, i)]; });
     }
 
-    // Of some from the `first` on.
+    // The priors of the hypotheses from `first` on, one per lane.
     template <class F>
     void read_prior(int first, Prior<F, Lanes>& prior) const {
         for (int i = 0; i < lanes; ++i) {
@@ -32,7 +30,7 @@ struct Problems {
         }
     }
 
-    // Numbers (H, `size`) of some from the `first` on.
+    // Numbers (H, `size`) of the hypotheses from `first` on, one per lane.
     void read(const double* from, int size, int first, Lanes* out) const {
         for (int i = 0; i < lanes; ++i) {
             for (int s = 0; s < size; ++s) out[s].put(i, from[own(first, i) * size + s]);
@@ -94,8 +92,8 @@ inline std::vector<int> best_donors(const Model& model, const Floats& words, con
                  [&](auto family) { return kernels::best_donors<decltype(family)>(model.kind, bank); });
 }
 
-inline std::vector<int> lost(const Model& model, const Floats& words, const Floats& onsets) {
-    return kernels::lost(model.kind, bank_of(model, words, onsets));
+inline std::vector<int> select_for_search(const Model& model, const Floats& words, const Floats& onsets) {
+    return kernels::select_for_search(model.kind, bank_of(model, words, onsets));
 }
 
 inline py::tuple keep_best(const Model& model, const Floats& words, const Floats& onsets, std::int64_t now,
@@ -122,13 +120,13 @@ inline py::tuple relax(const Model& model, const Floats& moments) {
     });
 }
 
-// All of them.
+// Add all bindings to a module.
 inline void add(py::module_ module) {
     module.def("minimise", &minimise);
     module.def("accumulate", &accumulate, py::arg("model"), py::arg("words").noconvert(),
                py::arg("onsets").noconvert(), py::arg("ticks"), py::arg("weights"), py::arg("log_stay"));
     module.def("best_donors", &best_donors);
-    module.def("lost", &lost);
+    module.def("select_for_search", &select_for_search);
     module.def("keep_best", &keep_best);
     module.def("relax", &relax);
 }

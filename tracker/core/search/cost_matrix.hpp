@@ -1,4 +1,4 @@
-// What geometries cost in many windows, several of both at once.
+// Costs of several geometries in many windows.
 #pragma once
 
 #include <limits>
@@ -7,12 +7,11 @@
 
 namespace kernels {
 
-// So many windows stand side by side, and so many geometries are offered
-// together: their sums stay in registers.
+// Number of windows and of geometries processed at once: their sums stay in registers.
 constexpr int abreast = 8, together = 4;
 
-// Windows in which geometries are weighed, `abreast` columns at a time: the
-// upper triangles of their `moments`, and the square of the lift's 1, `total`.
+// `abreast` windows, a column each: the upper triangle of the `moments`, and `total`, the moment of the
+// lift's constant entry.
 template <class F>
 struct Windows {
     double moments[F::C * (F::C + 1) / 2][abreast], total[abreast];
@@ -24,11 +23,10 @@ struct Windows {
     }
 };
 
-// What hypotheses ask of a geometry beside that, in the same way: the upper
-// triangle of the `precision` of what they knew before, `information`,
-// `constant`, `row_weight`, and which `window` is theirs.
+// `abreast` hypotheses, a column each: the prior (upper triangle of its `precision`, `information`,
+// `constant`), `row_weight`, and the index of the `window`.
 template <class F>
-struct Asked {
+struct RecipientBlock {
     double precision[F::S * (F::S + 1) / 2][abreast];
     double information[F::S][abreast], constant[abreast], row_weight[F::K][abreast];
     int window[abreast];
@@ -46,9 +44,8 @@ struct Asked {
     }
 };
 
-// What `v M v` is made of, of `together` vectors v that are zero beyond the
-// first A of N columns: products of their entries, for all of M's triangle that
-// these meet.
+// Factors of `v M v` for `together` vectors v that are zero beyond the first A of N entries: products of
+// entries of v, for the part of M's upper triangle that they multiply.
 template <int N, int A = N>
 struct Products {
     double factor[A * (A + 1) / 2][together];
@@ -73,8 +70,8 @@ struct Products {
     }
 };
 
-// Geometries that are offered: products of x (S,) and of its rows, and what
-// their scale hangs on.
+// `together` geometries: x (S,), the products of x and of its rows, and the part of the last row that
+// determines the scale.
 template <class F>
 struct Offer {
     double x[together][F::S];
@@ -94,8 +91,7 @@ struct Offer {
     }
 };
 
-// Squares of the rows of what is offered, summed up over each window: of the
-// k-th one of geometry g `out[k][g]` (N,).
+// Sum of squares of each row over each window: `out[k][g]` (N,) of the k-th row of geometry g.
 template <class F>
 using Squares = std::vector<double>[F::K][together];
 
@@ -128,14 +124,14 @@ WIDE void every_square(const std::vector<Windows<F>>& windows, const Offer<F>& o
     }
 }
 
-// Reference: `gauss_newton.every_cost` of what is offered, with its `squares`, for all
-// that is `asked`: each `out` (N,).
+// Reference: `gauss_newton.every_cost` of the geometries offered, given their `squares`: `out[g]` (N,) of
+// geometry g for all recipients.
 template <class F>
-WIDE void every_cost(const std::vector<Asked<F>>& asked, const Offer<F>& offer, const Squares<F>& squares,
-                     double* const* out) {
+WIDE void every_cost(const std::vector<RecipientBlock<F>>& recipients, const Offer<F>& offer,
+                     const Squares<F>& squares, double* const* out) {
     double held[together][abreast];
-    for (std::size_t n = 0; n < asked.size(); ++n) {
-        const Asked<F>& of = asked[n];
+    for (std::size_t n = 0; n < recipients.size(); ++n) {
+        const RecipientBlock<F>& of = recipients[n];
         offer.prior.squares(of.precision, held);
         for (int g = 0; g < together; ++g) {
             double cost[abreast];

@@ -1,4 +1,4 @@
-// Whose geometry fits another hypothesis better than its own does.
+// Exchange of geometry: hypotheses whose geometry fits the window of another better than its own.
 #pragma once
 
 #include "search/cost_matrix.hpp"
@@ -6,41 +6,40 @@
 namespace kernels {
 
 // Reference: `global_search.is_competitive`.
-inline bool may_win(const Kind& kind, const Hypothesis& one) {
+inline bool is_competitive(const Kind& kind, const Hypothesis& one) {
     return within_far_margin(kind.where, one.own) || in_burn_in(kind, one);
 }
 
 // Reference: `global_search.accepts_donor`.
-inline bool asks(const Kind& kind, const Hypothesis& one) {
+inline bool accepts_donor(const Kind& kind, const Hypothesis& one) {
     const bool may_return = within_far_margin(kind.where, one.own) || is_protected(kind, one);
     return may_return && one.own[kind.where.rms] > settings.fitting_rms;
 }
 
-// What geometries cost some hypotheses of a bank.
+// Costs of geometries in the windows of some hypotheses of a bank, the recipients.
 template <class F>
-class Askers {
+class DonorCosts {
 public:
-    Askers(const Kind& kind, const Bank& bank, const std::vector<int>& asking)
-        : kind_(kind), bank_(bank), asked_((asking.size() + abreast - 1) / abreast) {
+    DonorCosts(const Kind& kind, const Bank& bank, const std::vector<int>& recipients)
+        : kind_(kind), bank_(bank), recipients_((recipients.size() + abreast - 1) / abreast) {
         int windows = 0, before = -1;
-        for (std::size_t t = 0; t < asking.size(); ++t) {
-            const int b = asking[t], onset = bank.window_of(b);
+        for (std::size_t t = 0; t < recipients.size(); ++t) {
+            const int b = recipients[t], onset = bank.window_of(b);
             if (onset != before) {
                 if (windows % abreast == 0) windows_.emplace_back();
                 windows_.back().put(windows++ % abreast, bank.since(b) + kind.since.second_moment);
             }
             before = onset;
-            asked_[t / abreast].put(t % abreast, kind, bank[b], windows - 1);
+            recipients_[t / abreast].put(t % abreast, kind, bank[b], windows - 1);
         }
         for (auto& row : squares_) {
             for (std::vector<double>& one : row) one.resize(windows_.size() * abreast);
         }
     }
 
-    std::size_t width() const { return asked_.size() * abreast; }
+    std::size_t width() const { return recipients_.size() * abreast; }
 
-    // Costs of the geometries of some `rows`: of row h from `out` + h * `width`
-    // on.
+    // Costs of the geometries of `rows`: those of row h begin at `out` + h * `width`.
     void weigh(const std::vector<int>& rows, double* out) {
         Offer<F> offer;
         for (std::size_t first = 0; first < rows.size(); first += together) {
@@ -51,7 +50,7 @@ public:
                 some[g] = out + h * width();
             }
             every_square<F>(windows_, offer, squares_);
-            every_cost<F>(asked_, offer, squares_, some);
+            every_cost<F>(recipients_, offer, squares_, some);
         }
     }
 
@@ -59,11 +58,11 @@ private:
     const Kind& kind_;
     const Bank& bank_;
     std::vector<Windows<F>> windows_;
-    std::vector<Asked<F>> asked_;
+    std::vector<RecipientBlock<F>> recipients_;
     Squares<F> squares_;
 };
 
-// What its own geometry costs a hypothesis.
+// Cost of a hypothesis's own geometry.
 template <class F>
 double own_cost(const Kind& kind, const Hypothesis& one) {
     Prior<F, double> prior{};
@@ -82,33 +81,32 @@ double own_cost(const Kind& kind, const Hypothesis& one) {
     return without_nan(cost, std::numeric_limits<double>::infinity());
 }
 
-// Of each hypothesis whose geometry it takes, as in
-// `global_search.best_donors`.
+// Reference: `global_search.best_donors`, the row of each hypothesis's donor.
 template <class F>
 std::vector<int> best_donors(const Kind& kind, const Bank& bank) {
-    std::vector<int> giver(bank.count()), asking, offering;
+    std::vector<int> donor(bank.count()), recipients, donors;
     for (int b = 0; b < bank.count(); ++b) {
-        giver[b] = b;
-        if (may_win(kind, bank[b])) offering.push_back(b);
-        if (asks(kind, bank[b])) asking.push_back(b);
+        donor[b] = b;
+        if (is_competitive(kind, bank[b])) donors.push_back(b);
+        if (accepts_donor(kind, bank[b])) recipients.push_back(b);
     }
-    if (asking.empty()) return giver;
-    Askers<F> askers(kind, bank, asking);
-    std::vector<double> cost(bank.count() * askers.width());
-    askers.weigh(offering, cost.data());
-    for (std::size_t t = 0; t < asking.size(); ++t) {
-        const int own = asking[t];
-        const auto of = [&](int b) { return cost[b * askers.width() + t]; };
-        const double present = may_win(kind, bank[own]) ? of(own) : own_cost<F>(kind, bank[own]);
+    if (recipients.empty()) return donor;
+    DonorCosts<F> costs(kind, bank, recipients);
+    std::vector<double> cost(bank.count() * costs.width());
+    costs.weigh(donors, cost.data());
+    for (std::size_t t = 0; t < recipients.size(); ++t) {
+        const int own = recipients[t];
+        const auto of = [&](int b) { return cost[b * costs.width() + t]; };
+        const double present = is_competitive(kind, bank[own]) ? of(own) : own_cost<F>(kind, bank[own]);
         double least = present;
-        for (int b : offering) {
+        for (int b : donors) {
             if (!(of(b) < least)) continue;
             least = of(b);
-            giver[own] = b;
+            donor[own] = b;
         }
-        if (!(least < present - settings.least_gain)) giver[own] = own;
+        if (!(least < present - settings.least_gain)) donor[own] = own;
     }
-    return giver;
+    return donor;
 }
 
 }  // namespace kernels

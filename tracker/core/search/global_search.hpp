@@ -1,4 +1,4 @@
-// Global search: fits from many starts, and whether the best is better.
+// Global search: fits from many starts; the best replaces the geometry if it is better.
 #pragma once
 
 #include "contacts/initial_guess.hpp"
@@ -6,8 +6,7 @@
 
 namespace kernels {
 
-// Random x (N, S) to start from, drawn in the body's frame; `turn` (3, 3)
-// brings them to the world.
+// Random starts x (N, S), drawn in the body's frame; `turn` (3, 3) rotates them to the world.
 struct Directions {
     const double *x, *turn;
     int count;
@@ -25,7 +24,7 @@ struct Found {
     double cost, x[F::S];
 };
 
-// The `many` of least cost, in stable order.
+// Keep the `many` geometries of least cost, sorted stably.
 template <class F>
 void best_first(std::vector<Found<F>>& found, int many) {
     std::stable_sort(found.begin(), found.end(), [](const Found<F>& a, const Found<F>& b) {
@@ -46,8 +45,7 @@ void find_given(const Kind& kind, const double* row, bool (&given)[F::S]) {
     }
 }
 
-// Follow geometries of one window so many steps, as many at once as stand side
-// by side.
+// Fit geometries to one window by this number of steps, one per lane.
 template <class F>
 void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, Work<F>& work) {
     for (std::size_t first = 0; first < found.size(); first += lanes) {
@@ -64,7 +62,7 @@ void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, W
     }
 }
 
-// Reference: `global_search._found` of one hypothesis: the best geometries, in order.
+// Reference: `global_search._found` of one hypothesis: the best geometries, in order of cost.
 template <class F>
 std::vector<Found<F>> find(const Kind& kind, const Hypothesis& one, const Directions& directions,
                            Work<F>& work) {
@@ -93,8 +91,7 @@ std::vector<Found<F>> find(const Kind& kind, const Hypothesis& one, const Direct
     return found;
 }
 
-// Give a hypothesis the geometry and evidence of another row, if that is
-// better.
+// Copy geometry and evidence of another row to a hypothesis, if its likelihood is higher.
 template <class F>
 void take(const BankLayout& where, const double* found, double* row) {
     if (!(found[where.log_likelihood] > row[where.log_likelihood])) return;
@@ -120,7 +117,7 @@ void search(const Kind& kind, const Bank& bank, int b, const Directions& directi
         RefitQueue queue;
         for (int i = 0; i < weighed.count; ++i)
             queue.add(kind, {weighed.row(i), one.since}, steps_of(kind, one));
-        queue.learn<F>(kind, ticks, weights, work);
+        queue.refit<F>(kind, ticks, weights, work);
     }
     int best = 0;
     for (int i = 1; i < weighed.count; ++i) {

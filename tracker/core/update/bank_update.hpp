@@ -1,4 +1,4 @@
-// What lives on after a tick: as `bank_update.update_reference`.
+// Update of all banks by one tick. Reference: `bank_update.update_reference`.
 #pragma once
 
 #include <limits>
@@ -12,18 +12,17 @@
 
 namespace kernels {
 
-// The first rows of a table, as a part of it.
+// View of the first rows of a table.
 inline Floats front(const Floats& table, py::ssize_t count) {
     const auto size = static_cast<py::ssize_t>(sizeof(double));
     const std::vector<py::ssize_t> shape{count, table.shape(1)}, strides{table.shape(1) * size, size};
     return Floats(shape, strides, table.data(), table);
 }
 
-// The hypotheses of a contact, `count` of them, and their onsets, in tables
-// with room for what begins.
+// The hypotheses of a contact and their onsets, in tables with room for births.
 class GrowingBank {
 public:
-    // With room for `more` hypotheses and onsets.
+    // With room for `more` hypotheses and `more_onsets` onsets.
     GrowingBank(const Model& model, const Floats& words, const Floats& onsets, py::ssize_t more,
                 py::ssize_t more_onsets)
         : words_({words.shape(0) + more, py::ssize_t(model.words)}),
@@ -34,12 +33,12 @@ public:
         std::copy_n(onsets.data(), onsets.size(), onsets_.mutable_data());
     }
 
-    // With so many rows more.
+    // The tables, with `more` rows.
     Table own(int more = 0) { return rows_of_table(words_, count_ + more); }
     Table onsets(int more = 0) { return rows_of_table(onsets_, since_ + more); }
     int count() const { return count_; }
     int since() const { return since_; }
-    // So many rows are left, which have come to stand in front.
+    // Keep the first rows only.
     void keep(int count, int since) {
         count_ = count;
         since_ = since;
@@ -56,16 +55,15 @@ private:
     int count_, since_;
 };
 
-// A contact's hypotheses after a tick: which `rows` of its table are kept;
-// the log of the sum of their weights, their residual, and the best of them, -1
-// without any.
+// A contact's hypotheses after a tick: the `rows` of its table that are kept, the log of the sum of their
+// weights, their residual, and the best one (-1 if there is none).
 struct KeptHypotheses {
     std::vector<std::int64_t> rows;
     double log_weight, residual;
     std::int64_t leader;
 };
 
-// They move to the front of the tables; weights are against `best`.
+// Prune: move the rows kept to the front of the tables, with weights relative to `best`.
 inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t now, double best,
                                 double margin, GrowingBank& held) {
     for (int b = 1; b < bank.count(); ++b)
@@ -94,8 +92,8 @@ inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t
     return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, kept), leader};
 }
 
-// Reference: `tick_update.TickInput`, with what is `assumed` of each contact by what
-// begins, and random `directions` where it searches.
+// Reference: `tick_update.TickInput`. `assumed` are the births of each contact, `directions` the random
+// starts of each contact that searches.
 struct TickInput {
     std::vector<std::pair<Floats, Bools>> assumed;
     std::vector<std::optional<Floats>> directions;
@@ -105,17 +103,17 @@ struct TickInput {
     Floats change, log_stay;
 };
 
-// Input of the update of a contact's hypotheses by a tick.
+// Input of the update of one contact's hypotheses by a tick.
 struct ContactTask {
     const Model& model;
-    int old;    // count before the tick
-    Bank bank;  // in it
+    int old;    // hypotheses before the tick
+    Bank bank;  // with the births of the tick
     Ticks ticks, gone;
     double log_stay;
     std::optional<Directions> directions;
 };
 
-// Reference: `tick_update.LiveHypotheses`, `now` and free motion last.
+// Reference: `tick_update.LiveHypotheses`; free motion, with the onset `now`, is last.
 inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::vector<GrowingBank>& held,
                                  std::int64_t now) {
     py::ssize_t count = 1, b = 0;
@@ -139,49 +137,47 @@ inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::v
     return py::make_tuple(state, onset, log_likelihood);
 }
 
-// Reference: `tick_update.TickWeights`, with what is left of each contact.
+// Reference: `tick_update.TickWeights`, and the hypotheses kept of each contact.
 struct BankUpdate {
     std::vector<KeptHypotheses> left;
     Floats entry, log_left, residual;
     Ints leaders;
 };
 
-// The input of a contact's update in a tick; births are added to the hypotheses
-// `held`.
-inline ContactTask task_for(const Model& model, std::size_t i, const TickInput& moment, std::int64_t number,
+// The input of a contact's update by a tick; adds the births to the bank `held`.
+inline ContactTask task_for(const Model& model, std::size_t i, const TickInput& input, std::int64_t number,
                             double entry, const Two& beyond, GrowingBank& held) {
-    const auto& [born, given] = moment.assumed[i];
+    const auto& [born, given] = input.assumed[i];
     const Table fresh = table_of(born, model.words);
     const int size = visit(model, [](auto family) { return decltype(family)::S; }), old = held.count();
     require_shape(given, {fresh.count, size}, "what is given is not of these births");
-    const Birth birth{fresh, given.data(), moment.turn.data(), moment.onset, moment.onset_ns, number, entry};
-    const Ticks ticks = moment.window->ticks(model, beyond);
-    Ticks gone = (moment.before ? *moment.before : *moment.window).ticks(model, beyond);
-    gone.count = moment.before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
+    const Birth birth{fresh, given.data(), input.turn.data(), input.onset, input.onset_ns, number, entry};
+    const Ticks ticks = input.window->ticks(model, beyond);
+    Ticks gone = (input.before ? *input.before : *input.window).ticks(model, beyond);
+    gone.count = input.before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
     const Table rows = held.own(fresh.count), onsets = held.onsets(fresh.count > 0);
     visit(model, [&](auto family) {
         add_births<decltype(family)>(model.kind, old, held.since(), birth, rows, onsets);
     });
     std::optional<Directions> directions;
-    if (moment.directions[i]) directions = directions_of(model, *moment.directions[i], moment.turn);
-    return {model, old, Bank(model.kind, rows, onsets), ticks, gone, moment.log_stay.at(i), directions};
+    if (input.directions[i]) directions = directions_of(model, *input.directions[i], input.turn);
+    return {model, old, Bank(model.kind, rows, onsets), ticks, gone, input.log_stay.at(i), directions};
 }
 
-// All contacts through a tick; what begins is numbered from `number` on, which
-// goes on to the next. What is kept is so against the best of all and of free
-// motion, whose `entry` is the last.
+// Update all contacts by a tick. Births are numbered from `number` on, which is advanced. Pruning is
+// relative to the best hypothesis of all contacts and of free motion, whose `entry` is the last.
 inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vector<GrowingBank>& held,
-                               const TickInput& moment, std::int64_t& number, const Floats& entry,
+                               const TickInput& input, std::int64_t& number, const Floats& entry,
                                const std::vector<Two>& beyond, const EvidenceParameters& weights,
                                double margin) {
     const std::size_t contacts = models.size();
     const auto states = static_cast<py::ssize_t>(contacts) + 1;
-    require_finite(moment.turn, {3, 3}, "a turn is a matrix of finite numbers");
-    require_shape(moment.log_stay, {states}, "states do not have one chance to stay each");
+    require_finite(input.turn, {3, 3}, "a turn is a matrix of finite numbers");
+    require_shape(input.log_stay, {states}, "states do not have one chance to stay each");
     std::vector<ContactTask> all;
     for (std::size_t i = 0; i < contacts; ++i) {
-        all.push_back(task_for(*models[i], i, moment, number, entry.at(i), beyond[i], held[i]));
-        number += moment.assumed[i].first.shape(0);
+        all.push_back(task_for(*models[i], i, input, number, entry.at(i), beyond[i], held[i]));
+        number += input.assumed[i].first.shape(0);
     }
     double best = entry.at(contacts);
     for (ContactTask& one : all) {
@@ -193,18 +189,18 @@ inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vec
         for (int b = 0; b < one.bank.count(); ++b)
             best = std::max(best, log_weight_of(one.model.kind.where, one.bank[b].own));
     }
-    BankUpdate lived{{}, entry, Floats(states), Floats(states - 1), Ints(states - 1)};
+    BankUpdate updated{{}, entry, Floats(states), Floats(states - 1), Ints(states - 1)};
     for (std::size_t i = 0; i < contacts; ++i) {
-        ContactTask& one = all[i];  // who has not searched may only have lost its minimum
+        ContactTask& one = all[i];  // without a search, a poor hypothesis may only have lost its minimum
         const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
-        lived.left.push_back(keep_best(one.model.kind, one.bank, moment.onset, best, least, held[i]));
-        lived.log_left.mutable_at(i) = lived.left[i].log_weight;
-        lived.residual.mutable_at(i) = lived.left[i].residual;
-        lived.leaders.mutable_at(i) = lived.left[i].leader;
+        updated.left.push_back(keep_best(one.model.kind, one.bank, input.onset, best, least, held[i]));
+        updated.log_left.mutable_at(i) = updated.left[i].log_weight;
+        updated.residual.mutable_at(i) = updated.left[i].residual;
+        updated.leaders.mutable_at(i) = updated.left[i].leader;
     }
-    lived.log_left.mutable_at(contacts) = entry.at(contacts) - best;
+    updated.log_left.mutable_at(contacts) = entry.at(contacts) - best;
     number += 1;  // of free motion
-    return lived;
+    return updated;
 }
 
 }  // namespace kernels

@@ -1,5 +1,4 @@
-// Tick after tick, for as long as nobody has to look at what they teach: as
-// `bank_update.update`.
+// Update of all banks by several ticks, up to a stop condition. Reference: `bank_update.update`.
 #pragma once
 
 #include <cmath>
@@ -10,9 +9,9 @@
 
 namespace kernels {
 
-// Reference: `tick_update.StopCondition`: since when each onset may teach more.
+// Reference: `tick_update.StopCondition`; `due` are pairs of an onset and its due time (ns).
 struct StopCondition {
-    double probability, sureness;
+    double probability, posterior_power;
     std::vector<std::pair<std::int64_t, std::int64_t>> due;
 };
 
@@ -38,21 +37,20 @@ inline Floats birth_log_weights(const Floats& log_left, const Floats& change) {
     return entry;
 }
 
-// Whether a tick may teach something: one contact is that probable, and has not
-// just been looked at.
+// Whether the stop condition holds after a tick: a contact is this probable, and its onset is due.
 inline bool must_stop(const StopCondition& until, const std::vector<const Model*>& models,
-                      std::vector<GrowingBank>& held, const BankUpdate& lived, std::int64_t stamp_ns) {
-    const double* log_left = lived.log_left.data();
+                      std::vector<GrowingBank>& held, const BankUpdate& updated, std::int64_t stamp_ns) {
+    const double* log_left = updated.log_left.data();
     const std::size_t contacts = models.size(),
                       best = std::max_element(log_left, log_left + contacts + 1) - log_left;
     if (best == contacts) return false;
     double sum = 0.0;
     for (std::size_t i = 0; i <= contacts; ++i)
-        sum += std::exp(until.sureness * (log_left[i] - log_left[best]));
-    constexpr double nearly = 1.0 - 1e-9;  // who is asked then knows exactly
+        sum += std::exp(until.posterior_power * (log_left[i] - log_left[best]));
+    constexpr double nearly = 1.0 - 1e-9;  // the caller evaluates the condition exactly
     if (1.0 / sum < nearly * until.probability) return false;
-    const KeptHypotheses& left = lived.left[best];
-    if (left.leader < 0) return true;  // weights are no numbers
+    const KeptHypotheses& left = updated.left[best];
+    if (left.leader < 0) return true;  // the weights are NaN
     const Bank bank(models[best]->kind, held[best].own(), held[best].onsets());
     const std::int64_t onset_ns =
         whole(bank.since(static_cast<int>(left.leader)), models[best]->kind.since.onset_ns);
@@ -65,18 +63,18 @@ inline bool must_stop(const StopCondition& until, const std::vector<const Model*
 // Tables of the hypotheses of each contact and of their onsets.
 using Tables = std::vector<std::pair<Floats, Floats>>;
 
-// Tables of one's own, with room for all that begins in the `moments`.
+// Copies of the tables, with room for all births of the `inputs`.
 inline std::vector<GrowingBank> growing_banks(const std::vector<const Model*>& models, const Tables& words,
-                                              const std::vector<const TickInput*>& moments) {
+                                              const std::vector<const TickInput*>& inputs) {
     std::vector<GrowingBank> held;
-    for (const TickInput* moment : moments) {
-        for (std::size_t size : {moment->assumed.size(), moment->directions.size()})
+    for (const TickInput* input : inputs) {
+        for (std::size_t size : {input->assumed.size(), input->directions.size()})
             require(size == models.size(), "an entry per contact is missing");
     }
     for (std::size_t i = 0; i < models.size(); ++i) {
         py::ssize_t more = 0, onsets = 0;
-        for (const TickInput* moment : moments) {
-            const py::ssize_t many = moment->assumed[i].first.shape(0);
+        for (const TickInput* input : inputs) {
+            const py::ssize_t many = input->assumed[i].first.shape(0);
             more += many;
             onsets += many > 0;
         }
@@ -85,30 +83,31 @@ inline std::vector<GrowingBank> growing_banks(const std::vector<const Model*>& m
     return held;
 }
 
-// Through the `moments`, of which there are some, up to the first that
-// `teaches`; with the first the states begin by this `entry`.
+// Update by at least one of the `inputs`, up to the first after which the stop condition holds. `entry` are
+// the log birth weights of the states in the first.
 inline py::tuple update_in_batch(const std::vector<const Model*>& models, const Tables& words,
-                                 const std::vector<const TickInput*>& moments, std::int64_t number,
+                                 const std::vector<const TickInput*>& inputs, std::int64_t number,
                                  Floats entry, const std::vector<Two>& beyond,
                                  const EvidenceParameters& weights, double margin,
                                  const std::optional<StopCondition>& until) {
     for (std::size_t size : {words.size(), beyond.size()})
         require(size == models.size(), "an entry per contact is missing");
     require(std::count(models.begin(), models.end(), nullptr) == 0, "a contact is None");
-    require(!moments.empty() && !std::count(moments.begin(), moments.end(), nullptr), "there are no moments");
+    require(!inputs.empty() && !std::count(inputs.begin(), inputs.end(), nullptr),
+            "there are no tick inputs");
     require_shape(entry, {static_cast<py::ssize_t>(models.size()) + 1}, "states do not have one entry each");
-    std::vector<GrowingBank> held = growing_banks(models, words, moments);
-    BankUpdate lived;
+    std::vector<GrowingBank> held = growing_banks(models, words, inputs);
+    BankUpdate updated;
     py::list weighed, kept, rows;
-    for (const TickInput* moment : moments) {
-        if (moment != moments.front()) entry = birth_log_weights(lived.log_left, moment->change);
-        lived = update_banks(models, held, *moment, number, entry, beyond, weights, margin);
-        weighed.append(py::make_tuple(lived.entry, lived.log_left, lived.residual, lived.leaders,
-                                      live_hypotheses(models, held, moment->onset)));
-        if (until && must_stop(*until, models, held, lived, moment->stamp_ns)) break;
+    for (const TickInput* input : inputs) {
+        if (input != inputs.front()) entry = birth_log_weights(updated.log_left, input->change);
+        updated = update_banks(models, held, *input, number, entry, beyond, weights, margin);
+        weighed.append(py::make_tuple(updated.entry, updated.log_left, updated.residual, updated.leaders,
+                                      live_hypotheses(models, held, input->onset)));
+        if (until && must_stop(*until, models, held, updated, input->stamp_ns)) break;
     }
     for (std::size_t i = 0; i < models.size(); ++i) {
-        const std::vector<std::int64_t>& left = lived.left[i].rows;
+        const std::vector<std::int64_t>& left = updated.left[i].rows;
         kept.append(held[i].left());
         rows.append(Ints(left.size(), left.data()));
     }

@@ -1,5 +1,4 @@
-// What `bank_update.update_reference` does to all hypotheses of one contact in
-// a tick.
+// Update of all hypotheses of one contact by a tick. Reference: `bank_update.update_reference`.
 #pragma once
 
 #include "search/geometry_exchange.hpp"
@@ -7,8 +6,8 @@
 
 namespace kernels {
 
-// Reference: `pruning.Birth`: `words` of hypotheses without data, and which (n, S)
-// of their geometry's entries are `given`.
+// Reference: `pruning.Birth`. `words` are rows of hypotheses without data; `given` (n, S) marks the given
+// entries of their geometry.
 struct Birth {
     Table words;
     const bool* given;
@@ -28,8 +27,8 @@ void face(const bool* given, const double* turn, double* x) {
     }
 }
 
-// Reference: `pruning.add`, to a `table` (H + n, words) of which the first `old` rows
-// are there, and to `onsets`, of which all are that are `earlier`.
+// Reference: `pruning.add`. Adds to a `table` (H + n, words) with `old` rows, and to `onsets`, of which the
+// first `earlier` exist.
 template <class F>
 void add_births(const Kind& kind, int old, int earlier, const Birth& birth, const Table& table,
                 const Table& onsets) {
@@ -62,20 +61,20 @@ void add_births(const Kind& kind, int old, int earlier, const Birth& birth, cons
     }
 }
 
-// Let hypotheses take geometry that others offer.
+// Let hypotheses adopt the geometry of their best donor.
 template <class F>
 void adopt(const Kind& kind, const Bank& bank, const Ticks& ticks, const EvidenceParameters& weights,
            Work<F>& work) {
-    const std::vector<int> giver = best_donors<F>(kind, bank);
+    const std::vector<int> donor = best_donors<F>(kind, bank);
     std::vector<double> offered(static_cast<std::size_t>(bank.count()) * F::S);
     for (int b = 0; b < bank.count(); ++b) std::copy_n(bank[b].own + kind.where.x, F::S, &offered[b * F::S]);
     RefitQueue queue;
     for (int b = 0; b < bank.count(); ++b) {
-        if (giver[b] == b) continue;
-        std::copy_n(&offered[giver[b] * F::S], F::S, bank[b].own + kind.where.x);
+        if (donor[b] == b) continue;
+        std::copy_n(&offered[donor[b] * F::S], F::S, bank[b].own + kind.where.x);
         queue.add(kind, bank[b], steps_of(kind, bank[b]));
     }
-    queue.learn<F>(kind, ticks, weights, work);
+    queue.refit<F>(kind, ticks, weights, work);
 }
 
 // The group of a hypothesis in `global_search.select_for_search`; -1 if it does
@@ -83,7 +82,7 @@ void adopt(const Kind& kind, const Bank& bank, const Ticks& ticks, const Evidenc
 inline int group_of(const Kind& kind, const Hypothesis& one) {
     const BankLayout& where = kind.where;
     const double *row = one.own, effective_ticks = one.since[kind.since.effective_ticks];
-    if (!may_win(kind, one)) return -1;
+    if (!is_competitive(kind, one)) return -1;
     const int age =
         static_cast<int>(std::min(effective_ticks, static_cast<double>(settings.is_search_age.size() - 1)));
     if (!(settings.is_search_age[age] && row[where.rms] > settings.fitting_rms &&
@@ -96,7 +95,7 @@ inline int group_of(const Kind& kind, const Hypothesis& one) {
 }
 
 // Reference: `global_search.select_for_search`.
-inline std::vector<int> lost(const Kind& kind, const Bank& bank) {
+inline std::vector<int> select_for_search(const Kind& kind, const Bank& bank) {
     std::vector<int> best(2 * (settings.search_ages.size() + 1), -1);
     for (int b = 0; b < bank.count(); ++b) {
         const int group = group_of(kind, bank[b]);
@@ -113,8 +112,8 @@ inline std::vector<int> lost(const Kind& kind, const Bank& bank) {
     return best;
 }
 
-// The `bank` of `old` hypotheses and those that began after them, whose window
-// has lost some ticks that are `gone`; with `directions` they search as well.
+// Update a `bank` of `old` hypotheses followed by the births of the tick. `gone` are the ticks that have left
+// the window; with `directions` it also searches.
 template <class F>
 void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, const Ticks& gone,
              const EvidenceParameters& weights, double log_stay, const Directions* directions) {
@@ -128,18 +127,17 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
         const double* row = bank[b].own;
         const bool begins = b >= old;
         was[b] = log_weight_of(kind.where, row);
-        // what assumes met elements begins with them: one tick, which is given,
-        // changes no weight
+        // births from landmarks begin with their elements: their first tick is given and changes no weight
         const bool idle =
             (is_deferred(kind, row) && !directions) || (begins && whole(row, kind.where.from_landmark) != 0);
         if (!idle) queue.add(kind, bank[b], steps_of(kind, bank[b]));
     }
-    queue.learn<F>(kind, ticks, weights, work);
+    queue.refit<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
         if (has_fallen(kind, bank[b].own, was[b], settings.defer_nats))
             queue.add(kind, bank[b], settings.recovery_steps);
     }
-    queue.learn<F>(kind, ticks, weights, work);
+    queue.refit<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
         if (!has_fallen(kind, bank[b].own, was[b], settings.protection_nats)) continue;
         double& until = bank[b].own[kind.where.protected_until];
@@ -148,7 +146,7 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     if (!directions) return;
     adopt<F>(kind, bank, ticks, weights, work);
     if (motion_ratio <= settings.rest_weight) return;
-    for (int b : lost(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
+    for (int b : select_for_search(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
 }
 
 }  // namespace kernels

@@ -1,4 +1,4 @@
-"""What ``tracker/core`` is built into; ``calls`` says what for."""
+"""The extension module built from ``tracker/core``; ``calls`` converts its arguments."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,20 +10,21 @@ Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 FINGERPRINT: str
-"""Of the sources."""
+"""Fingerprint of the sources (``sources.fingerprint``)."""
 
 def configure(settings: Mapping[str, object]) -> None:
-    """Set the constants of the algorithm, see ``calls``; before anything else."""
+    """Set the constants of the algorithm (see ``calls``); required before any other call."""
 
 class Model:
-    """What sort of contact it is.
+    """A contact model, see ``calls.model_of``.
 
-    Of the rows of both tables how many words they have, and where columns begin.
+    ``bank`` and ``onsets`` are the number of words per row of the two tables, and the first word of each
+    column.
 
     Raises
     ------
     ValueError
-        Where the kernels know no family of this ``form`` and these ``sizes`` (S, C, K, P).
+        If the kernels have no family of this ``form`` and these ``sizes`` (S, C, K, P).
     """
 
     def __init__(
@@ -41,7 +42,7 @@ class Model:
     ) -> None: ...
 
 class Ticks:
-    """As ``window.Window``."""
+    """The ticks of a ``window.Window``, see ``calls.ticks_of``."""
 
     def __init__(
         self,
@@ -50,20 +51,26 @@ class Ticks:
         inverse: Numbers,
         variance: Numbers,
         excess: Numbers,
-        unheld: Numbers,
-        uneven: Numbers | None,
+        displacement_variance: Numbers,
+        position_anisotropy: Numbers | None,
         before: Numbers | None,
     ) -> None: ...
 
 class EvidenceParameters:
-    """As ``evidence.EvidenceParameters``; ``pull`` is what a touching point far away costs, per m^2."""
+    """Like ``evidence.EvidenceParameters``; ``pull`` is the weak prior's cost of a touching point's squared
+    distance (1/m^2)."""
 
     def __init__(
-        self, radius_sq: float, pull: float, correlation: float, foreknowledge: float, independence: float
+        self,
+        radius_sq: float,
+        pull: float,
+        correlation: float,
+        prior_predictive_share: float,
+        likelihood_exponent: float,
     ) -> None: ...
 
 class TickInput:
-    """As ``bank_update.TickInput``, see ``calls.tick_input``."""
+    """A ``tick_update.TickInput``, see ``calls.tick_input``."""
 
     def __init__(
         self,
@@ -80,9 +87,11 @@ class TickInput:
     ) -> None: ...
 
 class StopCondition:
-    """As ``bank_update.StopCondition``."""
+    """A ``tick_update.StopCondition``."""
 
-    def __init__(self, probability: float, sureness: float, due: Sequence[tuple[int, int]]) -> None: ...
+    def __init__(
+        self, probability: float, posterior_power: float, due: Sequence[tuple[int, int]]
+    ) -> None: ...
 
 def update(
     models: Sequence[Model],

@@ -1,4 +1,4 @@
-"""A simulated stretch of a known contact: what is found of it, and how good that could have been at best."""
+"""Fits to simulated intervals of a known contact, with the Cramer-Rao bound of their errors."""
 
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -29,15 +29,15 @@ Array = NDArray[np.float64]
 
 
 class Noise(NamedTuple):
-    """White noise of single poses, for how long a contact is seen, and how much it gives way: an error of
-    ``gives_m`` (standard deviation) along its normal, of which 1/e is left after ``lasts_s``."""
+    """White noise of single poses, the duration of the contact, and its compliance: an error along the normal
+    with the standard deviation ``compliance_m`` and the correlation time ``correlation_s``."""
 
     rate_hz: float
     sigma_m: float
     sigma_deg: float
     seconds: float
-    gives_m: float = 0.0
-    lasts_s: float = 1.0
+    compliance_m: float = 0.0
+    correlation_s: float = 1.0
 
 
 NOISES: Final = {
@@ -48,21 +48,21 @@ NOISES: Final = {
 }
 
 
-BEFORE: Final = 10_000
-"""Poses after which an error that lasts has forgotten how it began."""
+SETTLING: Final = 10_000
+"""Poses after which a correlated error is independent of its initial value."""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """Of both elements: the error, the least covariance it can have, and the one claimed."""
+class Fitted:
+    """Of both elements: the error, its least covariance, and its deviation by the estimated covariance."""
 
     error: tuple[Array, Array]
     bound: tuple[Array, Array]
     deviation: tuple[Deviation, ...]
 
 
-def find_simulated(contact: Contact, noise: Noise, seed: int) -> Found:
-    """Find the elements of one simulated stretch of a known contact."""
+def fit_simulated(contact: Contact, noise: Noise, seed: int) -> Fitted:
+    """Fit the elements of one simulated interval of a known contact."""
     scenario = Scenario(
         (Phase(contact, noise.seconds),),
         rate_hz=noise.rate_hz,
@@ -76,20 +76,21 @@ def find_simulated(contact: Contact, noise: Noise, seed: int) -> Found:
     assert true is not None
     sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
     bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
-    found = stretch_geometry(_giving(measured.poses, true, noise, seed), contact)
+    found = fitted_geometry(_with_compliance(measured.poses, true, noise, seed), contact)
     whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, found)
-    judged = geometry_errors(true_poses, measured.truth, [whole])
-    return Found(errors(found, true, true_poses), bound, tuple(row.deviation for row in judged.rows))
+    compared = geometry_errors(true_poses, measured.truth, [whole])
+    return Fitted(errors(found, true, true_poses), bound, tuple(row.deviation for row in compared.rows))
 
 
-def _giving(poses: Poses, true: ContactGeometry, noise: Noise, seed: int) -> Poses:
-    """The poses where the contact gives way as ``noise`` says."""
-    if not noise.gives_m:
+def _with_compliance(poses: Poses, true: ContactGeometry, noise: Noise, seed: int) -> Poses:
+    """The poses with the compliance of ``noise``."""
+    if not noise.compliance_m:
         return poses
-    rng, left = np.random.default_rng(seed), np.exp(-1.0 / (noise.rate_hz * noise.lasts_s))
-    away_m = lfilter([np.sqrt(1.0 - left**2)], [1.0, -left], rng.normal(size=len(poses) + BEFORE))[BEFORE:]
+    rng, rho = np.random.default_rng(seed), np.exp(-1.0 / (noise.rate_hz * noise.correlation_s))
+    white = rng.normal(size=len(poses) + SETTLING)
+    error = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], white)[SETTLING:]
     along = _normals(true, poses.rotation)
-    return replace(poses, position_m=poses.position_m + noise.gives_m * away_m[:, None] * along)
+    return replace(poses, position_m=poses.position_m + noise.compliance_m * error[:, None] * along)
 
 
 def _normals(true: ContactGeometry, rotation: Array) -> Array:
@@ -105,8 +106,8 @@ def _normals(true: ContactGeometry, rotation: Array) -> Array:
     raise TypeError("no contact")
 
 
-def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
-    """What the segmenter finds of a segment with this label and just these poses."""
+def fitted_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
+    """The geometry that the offline tracker fits to a segment of these poses with this label."""
     state, closed = tracker.start(load_model()), []
     for pose in poses:
         state, some = tracker.accumulate_pose(state, pose)
