@@ -167,4 +167,4 @@ def test_free_motion_at_the_start_is_known_by_its_missing_force(contact: Contact
     found = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
     first, *_ = found.segments
     assert first.contact is contact
-    assert evaluate(made.poses, made.truth, found).offline.accuracy() > 0.98
+    assert evaluate(made.poses, made.truth, found).offline.accuracy() > 0.95

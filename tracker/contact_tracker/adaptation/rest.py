@@ -106,8 +106,8 @@ def _missed(before: Rest, tick: Tick, now: Rest) -> Rest:
 
 
 def is_moving(lifted_poses: Array) -> bool:
-    """Whether the object moves in the newest of the latest ticks, of zeta (n, 25): in orientation or position,
-    the displacements over several spans exceed those of noise."""
+    """Whether the object moves in the newest of the latest ticks, of zeta (n, 25): in orientation or
+    position, the displacements over several spans exceed those of noise."""
     if len(lifted_poses) < SPAN_TICKS + LASTING_TICKS:
         return False
     spans = [lifted_poses[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
