@@ -1,9 +1,9 @@
-"""Mistakes of convention in how poses were recorded, recognised by what contacts explain of the motion.
+"""Detection of wrong quaternion conventions, by how much of the motion contacts explain.
 
-A quaternion with its components in another order, or inverted beside a position that is not, is a rotation
-like any other, and turns about no point that the position knows of: contacts explain next to nothing of such
-motion, and much of it once the quaternions are read as they were meant. So trackers that read them in the
-usual wrong ways run beside those that take them as they are, until these lead by enough.
+Quaternions with their components in another order, or inverted while positions are not, are valid rotations,
+but their turns do not match the positions: contacts explain hardly any of such motion, and much of it in the
+right convention. So trackers with the common wrong conventions run beside one with the quaternions as given,
+until that one leads by enough.
 """
 
 from typing import Final, NamedTuple
@@ -29,27 +29,30 @@ READINGS: Final = (
         -1.0,
     ),
 )
-"""What is wrong, where x y z w are, and the sign of x y z. The first takes poses as they are: the trackers
-that are compared have to take their noise to be the same."""
+"""The mistake, the fields of x y z w, and the sign of x y z. The first leaves poses as they are; its tracker
+is none of those side by side, since all that are compared here must have the same noise."""
 SAFE_NATS: Final = 15.0
 SAFE_AFTER_S: Final = 2.0
-"""After so much motion a lead by so much over all other readings settles it."""
+"""The poses are right after this much motion, if they lead all other readings by this much."""
 WRONG_NATS: Final = 30.0
 WRONG_FACTOR: Final = 1.5
-"""By so much, and so many times as much, another reading explains more if the poses are wrong."""
+"""The poses are wrong if another reading leads by this much, and has this many times their log evidence."""
 USUAL_S: Final = 15.0
-"""Motion (s) after which poses are taken as they are, unless another reading leads by ``DOUBT_NATS``."""
+"""Motion (s) after which poses are assumed to be right, unless another reading leads by ``DOUBT_NATS``."""
 DOUBT_NATS: Final = 5.0
 LONGEST_S: Final = 60.0
-"""Motion (s) after which they are in any case."""
+"""Motion (s) after which they are assumed to be right in any case."""
 
 
 class Conventions(NamedTuple):
-    """What is known so far.
+    """State of the comparison.
 
-    ``trackers`` of READINGS, none before the rate is known and once it is settled; whether it
-    ``is_settled``; the text of what was ``found``, empty if nothing was; the latest poses of a rest, which
-    the trackers have not taken in (``waiting``).
+    Parameters
+    ----------
+    trackers : one for each of READINGS; none before the rate is known and once ``is_settled``.
+    is_settled : whether the comparison has ended.
+    found : text of the mistake that was found, or empty.
+    waiting : the latest poses of a rest, by which the trackers are not updated yet.
     """
 
     trackers: tuple[Explained, ...]
@@ -64,9 +67,9 @@ NOTHING_KNOWN: Final = Conventions((), False, "", NO_POSES)
 def advance(
     known: Conventions, model: Model, knowledge: PriorMap, poses: Poses, rests: bool = False
 ) -> Conventions:
-    """Take in poses; ``model`` has the ticks of the stream. With ``knowledge`` nothing is compared.
+    """Advance by poses; ``model`` has the ticks of the stream. With ``knowledge`` nothing is compared.
 
-    Poses in which the object ``rests`` are skipped but for the latest, since they cost time and show nothing.
+    Of poses in which the object ``rests`` only the latest are used, since they carry no information.
     """
     if knowledge:
         return known._replace(is_settled=True)
@@ -80,7 +83,7 @@ def advance(
 
 
 def findings(known: Conventions) -> tuple[Finding, ...]:
-    """What is to be said."""
+    """The finding, if there is one."""
     return (Finding("quaternions", known.found, True),) if known.found else ()
 
 
@@ -92,7 +95,7 @@ def read(poses: Poses, reading: int) -> Poses:
 
 
 def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
-    """What contacts explain in each reading, against what they explain of the poses as they are."""
+    """Compare the log evidence of contacts in each reading with that of the poses as they are."""
     trackers = known.trackers or tuple(Explained(tracker.start(model)) for _ in READINGS)
     after = tuple(follow(one, read(poses, reading))[0] for reading, one in enumerate(trackers))
     explained, moved_s = np.array([one.state.log_evidence for one in after]), after[0].moved_s

@@ -1,8 +1,8 @@
 """Trackers side by side that differ in the noise of a tick, weighed by their evidence.
 
-The first is the model's. Others begin, with the poses so far, once these tell the ratio of the noise of
-position and orientation. After some seconds of motion those that are far behind are dropped, after some more
-all but the best (``comparison``).
+The first has the model as given. The others start, from the first pose, once the ratio of the noise of
+position and orientation is estimated. After some seconds of motion those far behind are dropped, later all
+but the best (``comparison``).
 """
 
 from collections.abc import Sequence
@@ -37,43 +37,46 @@ from contact_tracker.tracking.state import TrackerState
 Array = NDArray[np.float64]
 
 RATE_POSES: Final = 12
-"""So many poses tell the rate of the stream."""
+"""Number of poses from which the rate of the stream is estimated."""
 RATIO_POSES: Final = 60
-"""So many tell the ratio of the noise of position and orientation."""
+"""Number of poses from which the ratio of the noise of position and orientation is estimated."""
 REST_NATS: Final = 10.0
-"""So much less counts a tracker that takes noise for motion, as long as the object rests."""
+"""Log weight by which a tracker that takes noise for motion is reduced while the object rests."""
 
 
 class TrackedTick(NamedTuple):
-    """A tick that a tracker has taken in: its ``evidence``, and the answer."""
+    """A tick by which a tracker was updated: its ``evidence``, and the belief to report."""
 
     evidence: TickEvidence
     belief: Belief | None
 
 
 class FirstTick(NamedTuple):
-    """A tick before there are other trackers, and whether the object ``moves`` in it."""
+    """A tick of the first tracker before the others start, and whether the object ``moves`` in it."""
 
     tracked: TrackedTick
     moves: bool
 
 
 class Averaging(NamedTuple):
-    """The first tracker ``before`` and ``after`` it averaged some poses, which the others follow."""
+    """The first tracker ``before`` and ``after`` it averaged some poses; the others use its averages."""
 
     before: TrackerState
     after: TrackerState
 
 
 class SideBySide(NamedTuple):
-    """The trackers of one stream; bounded in size however long it is.
+    """The trackers of one stream; bounded in size, however long the stream.
 
-    While the object rests, the first tracker goes on alone, see ``rest``.
-
-    ``model`` as asked for; the ``trackers``, none before the rate is known, and their ``log_weight``
-    (K,), in which ``log_prior`` (K,) is what is no evidence; ``pending``, the poses so far as long as other
-    trackers may begin with them, and what the ticks in them were to the first tracker (``first``); for how
-    long the object has moved (s).
+    Parameters
+    ----------
+    model, knowledge, lag_s : as given; ticks of the trackers may be longer.
+    trackers : none before the rate is known. While the object rests only the first is updated (``rest``).
+    log_weight, log_prior : (K,) log weights of the trackers, and the part of them that is no evidence.
+    pending : poses so far, until the other trackers start with them; then None.
+    first : the ticks in these poses, of the first tracker.
+    moved_s : time for which the object has moved.
+    rest : whether the object rests, and the ticks by which the others are not updated yet.
     """
 
     model: Model
@@ -89,7 +92,7 @@ class SideBySide(NamedTuple):
 
     @property
     def is_decided(self) -> bool:
-        """Whether one tracker is left, and none is to begin."""
+        """Whether one tracker is left, and none is to start."""
         return self.pending is None and len(self.trackers) == 1
 
     @property
@@ -99,7 +102,7 @@ class SideBySide(NamedTuple):
 
 
 def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> SideBySide:
-    """No pose has come yet."""
+    """The state before the first pose."""
     return SideBySide(model, knowledge, lag_s, (), np.zeros(1), np.zeros(1), NO_POSES, (), 0.0, NO_REST)
 
 
@@ -112,7 +115,7 @@ def goes_on(state: SideBySide, stamp_ns: int) -> bool:
 
 
 def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """Take in poses; the beliefs of the ticks that they close."""
+    """Advance by poses; returns the beliefs of the ticks that they close."""
     if state.pending is None:
         return _side_by_side(state, poses, detail)
     left, beliefs = poses, list[Belief]()
@@ -121,23 +124,23 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
         missing = enough - len(state.pending)
         some, left = left[:missing], left[missing:]
         state = state._replace(pending=Poses.join([state.pending, some]))
-        said = list[Belief]()
+        reported = list[Belief]()
         if state.trackers:
-            state, said = _side_by_side(state, some, detail)
+            state, reported = _side_by_side(state, some, detail)
             state = _with_others(state, min(detail, Detail.GEOMETRY)) if len(some) == missing else state
         elif len(some) == missing:
-            state, said = _with_first(state, detail)
-        beliefs += said
+            state, reported = _with_first(state, detail)
+        beliefs += reported
     if len(left):
-        state, said = _side_by_side(state, left, detail)
-        beliefs += said
+        state, reported = _side_by_side(state, left, detail)
+        beliefs += reported
     return state, beliefs
 
 
 def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
-    """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back.
+    """At the end of the stream: beliefs of the last, partial tick and of the ticks within the lag.
 
-    Should it go on after all, it has paused, as after a gap.
+    The stream may be continued; the time since is a gap.
     """
     beliefs = list[Belief]()
     if state.pending is not None and len(state.pending):
@@ -146,13 +149,13 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
         state = _with_others(state, Detail.GEOMETRY)
     state = _caught_up(state, state.trackers[0]) if state.trackers else state
     ended = [tracker.finish(one) for one in state.trackers]
-    last = zip(*(said for _, said in ended), strict=True)
+    last = zip(*(reported for _, reported in ended), strict=True)
     beliefs += [mixture(some, state.log_weight) for some in last]
     return state._replace(trackers=tuple(one for one, _ in ended)), beliefs
 
 
 def _with_first(state: SideBySide, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """With the tracker of the model itself, whose ticks hold frames, and what it says of the poses so far."""
+    """Start the tracker of the model as given, with ticks long enough to hold frames; its beliefs so far."""
     assert state.pending is not None
     period_s = usual_period_s(state.pending.stamp_ns)
     first = tracker.start(with_ticks_for(state.model, period_s), state.lag_s, state.knowledge)
@@ -160,7 +163,7 @@ def _with_first(state: SideBySide, detail: Detail) -> tuple[SideBySide, list[Bel
 
 
 def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
-    """With the other trackers after the poses so far: what they say of those comes too late."""
+    """Start the other trackers and update them by the poses so far, whose beliefs were reported already."""
     assert state.pending is not None
     chosen = candidates(state.trackers[0].model, state.pending)
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
@@ -183,23 +186,23 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
 
 
 def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """All trackers advance by poses; one that is dropped meanwhile has no say in later ticks."""
+    """Advance all trackers by poses; those that are dropped are left out of later ticks."""
     leader, *others = state.trackers
     advanced, closed = tracker.accumulate_poses(leader, poses)
     if state.is_decided:
         return _single(state, advanced, closed, detail)
-    # frames are averaged once: the ticks that trackers are compared by are the same
+    # frames are averaged once, so that trackers are compared on the same ticks
     averaging, beliefs = Averaging(leader, advanced), list[Belief]()
     state = state._replace(trackers=(advanced, *others))
     while closed:
         first, ahead = state.trackers[0], _rest_ahead(state, closed)
         if _is_gap(state, closed[0], ahead[0]):
-            state, said = _pass_gap(state, closed[: len(ahead)], ahead[-1])
+            state, reported = _pass_gap(state, closed[: len(ahead)], ahead[-1])
         elif ahead[0].is_waiting:
-            state, said = _rest_on(state, closed[: len(ahead)], ahead[-1], detail)
+            state, reported = _update_first(state, closed[: len(ahead)], ahead[-1], detail)
         else:
-            state, said = _take_in(state, averaging, closed[0], ahead[0], detail)
-        beliefs += said
+            state, reported = _update_all(state, averaging, closed[0], ahead[0], detail)
+        beliefs += reported
         closed = closed[len(ahead) :]
         if state.trackers[0].model is not first.model:  # the first was dropped
             second, closed = tracker.follow_ticks(state.trackers[0], *averaging, closed)
@@ -213,8 +216,8 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
 
 
 def _rest_ahead(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
-    """The rest after the next tick, or after all of the next ticks that go together: those of a gap, or those
-    through which the others wait."""
+    """``Rest`` after the next tick, or after each of the next ticks that are processed together: those of a
+    gap, or those in which the others wait."""
     first, *others = state.trackers
     can_wait = bool(others) and not first.lag_history.size and not first.knowledge
     share = first.model.noise.estimate_share
@@ -236,7 +239,7 @@ def _rest_ahead(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
 
 
 def _is_gap(state: SideBySide, tick: Tick, now: Rest) -> bool:
-    """Whether all trackers can pass a tick, and those that follow without frames, in one step."""
+    """Whether all trackers can pass a tick and the next ones without frames in one step."""
     return (
         not tick.count
         and not now.moves
@@ -247,46 +250,46 @@ def _is_gap(state: SideBySide, tick: Tick, now: Rest) -> bool:
 
 
 def _pass_gap(state: SideBySide, ticks: Sequence[Tick], now: Rest) -> tuple[SideBySide, list[Belief]]:
-    """All trackers pass ticks without frames."""
+    """Advance all trackers by ticks without frames."""
     trackers = tuple(tracker.hold(one, len(ticks)) for one in state.trackers)
     same = mixture([one.belief for one in trackers if one.belief is not None], state.log_weight)
     beliefs = [replace(same, stamp_ns=tick.stamp_ns) for tick in ticks]
     return state._replace(trackers=trackers, rest=now.caught_up()), beliefs
 
 
-def _take_in(
+def _update_all(
     state: SideBySide, averaging: Averaging, tick: Tick, now: Rest, detail: Detail
 ) -> tuple[SideBySide, list[Belief]]:
-    """All trackers take in a tick."""
+    """Update all trackers by a tick."""
     state = _caught_up(state, averaging.before)._replace(rest=now)
     first, *others = state.trackers
     gathered = [(first, [tick]), *(tracker.follow_ticks(one, *averaging, [tick]) for one in others)]
-    judge = int(state.log_weight.argmax())
+    best = int(state.log_weight.argmax())
     followed = [
-        _observe(one, own, detail if i == judge else min(detail, Detail.GEOMETRY), i == judge)
+        _observe(one, own, detail if i == best else min(detail, Detail.GEOMETRY), i == best)
         for i, (one, own) in enumerate(gathered)
     ]
-    curved = followed[judge][0].curved  # one judges it for all
+    curved = followed[best][0].curved  # tested by one for all
     state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
     state, kept = _weigh_trackers(state, [ticks[0] for _, ticks in followed], now.moves)
     tracked = [followed[i][1][0] for i in kept]
     beliefs = [one.belief for one in tracked if one.belief is not None]
-    if not beliefs:  # they lag alike
+    if not beliefs:  # all have the same lag
         return state, []
     activity = np.array([one.evidence.activity for one in tracked])
     held_for_motion = 0.0 if now.moves else REST_NATS * activity
     return state, [mixture(beliefs, state.log_weight - held_for_motion)]
 
 
-def _rest_on(
+def _update_first(
     state: SideBySide, ticks: Sequence[Tick], now: Rest, detail: Detail
 ) -> tuple[SideBySide, list[Belief]]:
-    """The first tracker takes in ticks through which the others wait."""
+    """Update the first tracker by ticks in which the others wait."""
     first, *others = state.trackers
     if not state.rest.is_waiting:
         others = [_averaged_like(_held(one, ticks[0]), first) for one in others]
-    judges = not state.log_weight.argmax()
-    first, followed = _observe(first, ticks, detail if judges else min(detail, Detail.GEOMETRY), judges)
+    is_best = not state.log_weight.argmax()
+    first, followed = _observe(first, ticks, detail if is_best else min(detail, Detail.GEOMETRY), is_best)
     beliefs = list[Belief]()
     for tick, (evidence, belief) in zip(ticks, followed, strict=True):
         held_for_motion = np.append(REST_NATS * evidence.activity, np.zeros(len(others)))
@@ -297,15 +300,17 @@ def _rest_on(
 
 
 def _held(one: TrackerState, tick: Tick) -> TrackerState:
-    """A tracker after the first tick through which it waits, as one without motion."""
+    """A tracker after the first tick in which it waits, as one without motion."""
     if tracker.can_hold(one):
         return tracker.hold(one, 1, tick.outliers)
-    after, _ = tracker.update(one, replace(tick, innovation_excess=NO_EXCESS), Detail.GEOMETRY, judges=False)
+    after, _ = tracker.update(
+        one, replace(tick, innovation_excess=NO_EXCESS), Detail.GEOMETRY, tests_curvature=False
+    )
     return after
 
 
 def _caught_up(state: SideBySide, leader: TrackerState) -> SideBySide:
-    """No tracker waits any more: they take in the latest ticks, and those before as without motion."""
+    """The state in which no tracker waits any more."""
     first, *others = state.trackers
     missed = state.rest
     if missed.skipped or missed.kept:
@@ -314,7 +319,7 @@ def _caught_up(state: SideBySide, leader: TrackerState) -> SideBySide:
 
 
 def _with_missed(one: TrackerState, leader: TrackerState, missed: Rest) -> TrackerState:
-    """A waiting tracker after what it has missed."""
+    """A waiting tracker after the ticks it missed: the skipped ones as without motion, then those kept."""
     one = tracker.hold(one, missed.skipped, missed.outliers)
     one, own = tracker.follow_ticks(one, leader, leader, missed.kept)
     for after, _ in tracker.update_through_gaps(one, own, Detail.GEOMETRY):
@@ -323,7 +328,7 @@ def _with_missed(one: TrackerState, leader: TrackerState, missed: Rest) -> Track
 
 
 def _averaged_like(one: TrackerState, first: TrackerState) -> TrackerState:
-    """A waiting tracker with the averaging of the first; its filter of free motion begins again."""
+    """A waiting tracker with the averaging of the first; its free-motion filter will start again."""
     assert first.averaging is not None
     averaging = first.averaging
     return one._replace(averaging=averaging._replace(stream=averaging.stream._replace(free_motion=None)))
@@ -332,7 +337,7 @@ def _averaged_like(one: TrackerState, first: TrackerState) -> TrackerState:
 def _single(
     state: SideBySide, one: TrackerState, closed: Sequence[Tick], detail: Detail
 ) -> tuple[SideBySide, list[Belief]]:
-    """The one that is left goes on: there is nothing to weigh."""
+    """Advance the only tracker that is left."""
     beliefs = list[Belief]()
     for after, online in tracker.update_each(one, closed, detail):
         one, belief = after, tracker.answer(after, online)
@@ -342,18 +347,18 @@ def _single(
 
 
 def _observe(
-    state: TrackerState, closed: Sequence[Tick], detail: Detail, judges: bool
+    state: TrackerState, closed: Sequence[Tick], detail: Detail, tests_curvature: bool
 ) -> tuple[TrackerState, list[TrackedTick]]:
-    """One tracker takes in ticks; the one that ``judges`` free motion does so for all."""
+    """Update one tracker by ticks; one of the trackers tests free motion for curved surfaces."""
     followed = list[TrackedTick]()
-    for after, online in tracker.update_each(state, closed, detail, judges):
+    for after, online in tracker.update_each(state, closed, detail, tests_curvature):
         followed.append(TrackedTick(tick_evidence(state, after), tracker.answer(after, online)))
         state = after
     return state, followed
 
 
 def _with_curved(one: TrackerState, curved: CurvedMotion) -> TrackerState:
-    """What another one has judged holds for a tracker that takes the motion to be free as well."""
+    """A tracker with the result of another's test for curved surfaces, if its own label is free as well."""
     is_free = one.label is Contact.FREE
     return one._replace(curved=curved._replace(since=one.free_since)) if is_free else one
 
@@ -361,7 +366,8 @@ def _with_curved(one: TrackerState, curved: CurvedMotion) -> TrackerState:
 def _weigh_trackers(
     state: SideBySide, now: Sequence[TrackedTick], moves: bool
 ) -> tuple[SideBySide, NDArray[np.int64]]:
-    """Weigh the trackers by what a tick in which the object ``moves`` was to each; which of them are kept."""
+    """Weigh the trackers by the evidence of a tick, if the object ``moves`` in it; returns the indices of
+    those that are kept."""
     every = np.arange(len(now))
     if len(now) == 1:
         first = (*state.first, FirstTick(now[0], moves))

@@ -108,11 +108,11 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
     return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
 
 
-def with_curved_motion(state: TrackerState, label: Contact, judges: bool) -> TrackerState:
+def with_curved_motion(state: TrackerState, label: Contact, tests_curvature: bool) -> TrackerState:
     """Test free motion for a curved surface at intervals, unless another tracker does that."""
     if label is not Contact.FREE:
         return state._replace(curved=NO_CURVED_MOTION)
-    if not judges:
+    if not tests_curvature:
         return state
     known = state.curved, state.window, state.free_since
     return state._replace(curved=update_curved_motion(*known, scales_of(state.model), state.knowledge))

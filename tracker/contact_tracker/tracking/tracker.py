@@ -112,19 +112,21 @@ def close_tick(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
 
 
 def update(
-    state: TrackerState, tick: Tick, detail: Detail = Detail.FORMATION, judges: bool = True
+    state: TrackerState, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True
 ) -> tuple[TrackerState, Belief]:
     """Update by one tick; the belief has this ``detail``.
 
-    A tracker that ``judges`` tests free motion for curved surfaces; of trackers side by side one does so for
-    all.
+    Of trackers side by side, one ``tests_curvature``: whether free motion is on a curved surface.
     """
-    ((state, belief),) = update_each(state, [tick], detail, judges)
+    ((state, belief),) = update_each(state, [tick], detail, tests_curvature)
     return state, belief
 
 
 def update_each(
-    state: TrackerState, ticks: Sequence[Tick], detail: Detail = Detail.FORMATION, judges: bool = True
+    state: TrackerState,
+    ticks: Sequence[Tick],
+    detail: Detail = Detail.FORMATION,
+    tests_curvature: bool = True,
 ) -> Iterator[tuple[TrackerState, Belief]]:
     """``update`` by one tick after the other."""
     slidings = advance_windows(state.sliding_window, state.ticks, ticks, state.model)
@@ -133,7 +135,7 @@ def update_each(
             state, belief = skip_update(state, tick, sliding)
         else:
             state = measurement_update.update_hypotheses(state, tick, sliding)
-            state, belief = read_posterior(state, tick, detail, judges)
+            state, belief = read_posterior(state, tick, detail, tests_curvature)
         yield state, belief
 
 
@@ -181,19 +183,19 @@ def update_through_gaps(
         if count and can_hold(state):
             state = hold(state, count)
         else:
-            (state, _), count = update(state, ticks[first], detail, judges=False), 1
+            (state, _), count = update(state, ticks[first], detail, tests_curvature=False), 1
         yield state, count
         first += count
 
 
 def read_posterior(
-    state: TrackerState, tick: Tick, detail: Detail, judges: bool = True
+    state: TrackerState, tick: Tick, detail: Detail, tests_curvature: bool = True
 ) -> tuple[TrackerState, Belief]:
     """The belief after a tick, whose evidence is in ``state``; certain elements are added to the memory."""
     belief = state_posterior(state, tick.stamp_ns)
     shared, learns = belief, _should_update_map(state, belief)
     if learns or detail >= Detail.SHARED:  # sharing never raises the label's probability
-        state = with_curved_motion(state, belief.contact, judges)
+        state = with_curved_motion(state, belief.contact, tests_curvature)
         shared = share_among_indistinguishable(state, belief)
         learns = learns and _should_update_map(state, shared)
     if detail >= Detail.SHARED:
