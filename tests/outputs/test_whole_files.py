@@ -134,6 +134,22 @@ def test_if_the_group_cannot_be_kept_the_new_group_has_the_rights_of_others(
     assert (target.read_text(), target.stat().st_gid, mode(target)) == ("new", os.getegid(), after)
 
 
+def test_an_interrupt_while_the_temporary_file_is_made_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python raises it only when the call has returned, and the file is there."""
+    open_file = os.open
+
+    def interrupted(*arguments: object, **options: object) -> int:
+        os.close(open_file(*arguments, **options))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(atomic_file.os, "open", interrupted)
+    with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "out.csv"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_file_refused_by_the_last_check_is_kept(tmp_path: Path) -> None:
     target, checked = tmp_path / "out.csv", list[str]()
 

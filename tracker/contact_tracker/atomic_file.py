@@ -57,17 +57,18 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     replaced = _status(target)
     _sweep(target)
     temporary = target.with_name(f"{_begin(target)}{os.getpid()}.{os.urandom(8).hex()}.part")
+    made = True
     try:
-        # private, as others may not be allowed to read the replaced file
-        descriptor = os.open(
-            str(temporary),
-            os.O_CREAT | os.O_EXCL | os.O_RDWR | _NO_LINK,
-            0o666 if replaced is None else 0o600,
-        )
-    except OSError as error:
-        error.filename = str(path)
-        raise
-    try:
+        try:
+            # private, as others may not be allowed to read the replaced file
+            descriptor = os.open(
+                str(temporary),
+                os.O_CREAT | os.O_EXCL | os.O_RDWR | _NO_LINK,
+                0o666 if replaced is None else 0o600,
+            )
+        except OSError:  # not after an interrupt: the file may be there
+            made = False
+            raise
         try:
             _lock(descriptor)
             yield temporary
@@ -81,7 +82,8 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
             error.filename = str(path)
         raise
     finally:
-        temporary.unlink(missing_ok=True)
+        if made:
+            temporary.unlink(missing_ok=True)
 
 
 def _status(target: Path) -> os.stat_result | None:
