@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from contact_tracker import adaptation
 from contact_tracker.adaptation import rest
@@ -99,6 +100,21 @@ def test_in_a_gap_trackers_wait_and_then_take_in_what_follows() -> None:
 
 
 @needs_kernels
+def test_in_bursts_of_poses_the_noise_is_decided_as_well() -> None:
+    """Most ticks are in gaps there; those with frames show the motion."""
+    rng, time_s = np.random.default_rng(3), np.cumsum(np.tile([0.05, 0.05, 1.0], 220))
+    still = np.zeros_like(time_s)
+    place = 0.1 * np.array([np.sin(0.5 * time_s), np.cos(0.3 * time_s), 0.2 * np.sin(0.2 * time_s)]).T
+    turn = np.array([still, 0.2 * np.sin(0.4 * time_s), 0.3 * np.sin(0.3 * time_s)]).T
+    off = 2e-4 * rng.normal(size=(2, len(time_s), 3))
+    quat = Rotation.from_rotvec(turn) * Rotation.from_rotvec(off[1])
+    states, _ = followed(Poses((time_s * 1e9).astype(np.int64), place + off[0], quat.as_quat()))
+    assert len(states[1].trackers.trackers) > 3
+    assert len(states[-1].trackers.trackers) < 3
+    assert states[-1].trackers.moved_s > 5.0
+
+
+@needs_kernels
 @pytest.mark.parametrize("size", [1, 7, 400])
 def test_however_poses_come_trackers_wait_alike(size: int) -> None:
     moving = recorded(FACE_TO_EDGE).poses
@@ -109,6 +125,20 @@ def test_however_poses_come_trackers_wait_alike(size: int) -> None:
     assert [one.stamp_ns for one in beliefs] == [one.stamp_ns for one in expected]
     for one, other in zip(beliefs, expected, strict=True):
         assert one.contact is other.contact
+        assert one.probability == pytest.approx(other.probability, abs=1e-12)
+
+
+@needs_kernels
+@pytest.mark.parametrize("size", [1, 7])
+def test_however_poses_come_a_gap_during_which_trackers_begin_to_wait_is_the_same(size: int) -> None:
+    """One pose a tick or so; the gap is shorter than free-motion filters coast."""
+    moving = recorded(FACE_TO_EDGE).poses[::6]
+    still = resting(moving[70:], 1.0)[::6]
+    poses = then(then(then(moving[:70], still, 0.03), moving[70:100], pause_s=1.6), moving[100:160], 0.03)
+    states, expected = followed(poses)
+    assert len(states[1].trackers.trackers) > 3
+    _, beliefs = followed(poses, size)
+    for one, other in zip(beliefs, expected, strict=True):
         assert one.probability == pytest.approx(other.probability, abs=1e-12)
 
 

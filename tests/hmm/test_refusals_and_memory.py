@@ -1,5 +1,7 @@
 """Invalid input of the forward filter, and the memory of open ticks."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -49,23 +51,25 @@ def test_open_ticks_count_kept_and_released_rows() -> None:
     ticks.drop(2)
     assert (ticks.size, len(ticks), ticks.first) == (few, 1, 2)
     ticks.drop(1)
-    assert ticks.size == 0
+    assert (ticks.size, len(ticks), ticks.first) == (few, 0, 3)  # ticks may be skipped after the last step
 
 
-def test_skipped_ticks_are_released_with_the_tick_before() -> None:
-    ticks, sizes = OpenTicks(), [0]
+def test_skipped_ticks_count_for_the_memory_and_can_be_released() -> None:
+    ticks = OpenTicks()
     for tick in (0, 4, 5, 9):
         ticks.append(message(1, tick))
         for _ in range(3 if tick in (0, 5) else 0):
             ticks.skip()
-        sizes.append(ticks.size)
     assert len(ticks) == 10
-    assert ticks.older_half == 5
-    ticks.drop(ticks.older_half)
-    assert (ticks.first, len(ticks), ticks.older_half) == (5, 5, 4)
-    assert ticks.size == sizes[-1] - sizes[2]
-    ticks.drop(4)
-    assert ticks.size == sizes[-1] - sizes[3] > 0
-    assert ticks.older_half == 0
-    ticks.drop(1)
-    assert (ticks.size, len(ticks)) == (0, 0)
+    step, skipped = OpenTicks(), ticks.size
+    step.append(message(1))
+    skipped -= 4 * step.size
+    assert skipped > 0
+    sizes = []
+    for _ in range(10):
+        ticks.drop(1)
+        sizes.append(ticks.size)
+    assert len(ticks) == 0
+    assert sizes[-1] <= step.size  # the last step is kept: ticks may be skipped after it
+    assert all(after <= before for before, after in pairwise(sizes))
+    assert sizes[2] - sizes[1] == pytest.approx(-skipped / 6)

@@ -163,7 +163,7 @@ def test_free_motion_at_the_start_is_known_by_its_missing_force(contact: Contact
     made, model = simulate(scenario, 1), load_model()
     assert made.wrenches is not None
     evidence, _ = wrench_evidence(made.poses, made.wrenches, model)
-    assert evidence.begins_free() is is_free
+    assert evidence.shows_contact_at_start() is not is_free
     found = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
     first, *_ = found.segments
     assert first.contact is contact

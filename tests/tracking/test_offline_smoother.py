@@ -12,7 +12,7 @@ import pytest
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.geometry.elements import numbers
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
-from contact_tracker.motion.poses import BATCH
+from contact_tracker.motion.poses import BATCH, Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
@@ -230,6 +230,30 @@ def test_a_full_buffer_releases_its_older_half(monkeypatch):
     assert most < 30
     np.testing.assert_array_equal(found.stamp_ns, segmented(FACE_TO_EDGE).stamp_ns)
     assert names(found) == FACE_TO_EDGE  # the path is the same
+
+
+def test_an_object_that_stays_exactly_at_rest_fills_no_memory(monkeypatch):
+    """Its ticks are skipped, and are most of what is open."""
+    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.ROOM_BYTES", 60_000)
+    moving, sizes = recorded(FACE_TO_EDGE).poses[:600], list[int]()
+    conclude = Segmenter.conclude
+
+    def counted(self: Segmenter) -> Segmentation:
+        piece = conclude(self)
+        sizes.append(self._past.size)
+        return piece
+
+    monkeypatch.setattr(Segmenter, "conclude", counted)
+    count, period_ns = 2500, 40_000_000
+    same = Poses(
+        moving.stamp_ns[-1] + period_ns * np.arange(1, count + 1),
+        moving.position_m[-1:].repeat(count, axis=0),
+        moving.quat_xyzw[-1:].repeat(count, axis=0),
+    )
+    some = list(pieces(Poses.join([moving, same]), MODEL, online=Detail.WEIGHTS))
+    assert 2 < len(some) < 20
+    assert max(sizes) <= 60_000
+    assert len(Segmentation.join(some).stamp_ns) > 900
 
 
 def test_worker_processes_give_the_same_result(monkeypatch):

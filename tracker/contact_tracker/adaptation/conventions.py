@@ -91,7 +91,7 @@ def read(poses: Poses, reading: int) -> Poses:
     """Poses with their quaternions read in one of READINGS."""
     _, order, sign = READINGS[reading]
     quat = poses.quat_xyzw[:, order] * [sign, sign, sign, 1.0]
-    return Poses(poses.stamp_ns, poses.position_m, quat)
+    return Poses(poses.stamp_ns, poses.position_m, np.ascontiguousarray(quat))
 
 
 def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:

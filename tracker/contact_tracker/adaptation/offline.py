@@ -68,7 +68,7 @@ class OfflineTracker:
             return
         stream = _Stream(chain(inspected, self._inspected(rest)))
         others = self._knowledge, self._executor, None, detail, self._wrenches
-        may_begin_free = self._wrenches is None or self._wrenches.begins_free()
+        may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()
         model = _with_initial_autocorrelation(best.model) if may_begin_free else best.model
         found = offline_smoother.pieces(stream, model, progress, *others)
         for piece in found:

@@ -1,7 +1,7 @@
 """Rest of the object, as found by the first of several trackers, during which the others wait.
 
-The first tracker has the least noise, so where it finds no motion the others find none. They would only
-append such ticks to their windows.
+The first tracker usually has the least noise: where it finds no motion the others find none, and would only
+append such ticks to their windows. Where another has less, as in slow streams, the others wait in gaps only.
 """
 
 from typing import Final, NamedTuple
@@ -34,11 +34,11 @@ class Rest(NamedTuple):
 
     Parameters
     ----------
-    lifted_poses : (n, 25) zeta of the latest ticks.
-    moves : whether the object moves in the newest.
-    still : number of ticks since the last motion.
-    jolted : number of consecutive ticks with frames in which the first tracker found motion. Noise does so in
-        single ticks, which are averaged over ``NOW_TICKS``.
+    lifted_poses : (n, 25) zeta of the latest ticks with frames.
+    moves : whether the newest has frames and unpredictable motion, and the object moves in it.
+    ticks_at_rest : number of ticks since the last motion.
+    ticks_with_excess : number of consecutive ticks with frames in which some tracker may find motion. Noise
+        leads to single ones, which are averaged over ``NOW_TICKS``.
     waiting_since_ns : stamp of the tick since which the trackers but the first wait; None if they do not.
     skipped, outliers : number of ticks, and of the outliers in them, that these will not take in.
     kept : ticks after those, which they will take in.
@@ -46,8 +46,8 @@ class Rest(NamedTuple):
 
     lifted_poses: Array
     moves: bool = False
-    still: int = 0
-    jolted: int = 0
+    ticks_at_rest: int = 0
+    ticks_with_excess: int = 0
     waiting_since_ns: int | None = None
     skipped: int = 0
     outliers: int = 0
@@ -83,13 +83,16 @@ def advance(rest: Rest, tick: Tick, tick_s: float, can_wait: bool, is_quietest: 
     can_wait : whether other trackers may wait at all.
     is_quietest : whether the first tracker has the least noise; otherwise the others wait in gaps only.
     """
-    lifted_poses = np.concatenate([rest.lifted_poses[1 - SPAN_TICKS - LASTING_TICKS :], tick.zeta[None]])
-    moves, jolted = is_moving(lifted_poses), rest.jolted
+    lifted_poses, ticks_with_excess = rest.lifted_poses, rest.ticks_with_excess
     if tick.count:
-        jolted = jolted + 1 if tick.innovation_excess != NO_EXCESS or not is_quietest else 0
-    still = 0 if moves or (tick.count and jolted > NOW_TICKS) else rest.still + 1
-    now = Rest(lifted_poses, moves, still, jolted)
-    if not can_wait or still * tick_s <= REST_S:
+        lifted_poses = np.concatenate([lifted_poses[1 - SPAN_TICKS - LASTING_TICKS :], tick.zeta[None]])
+        may_move = tick.innovation_excess != NO_EXCESS or not is_quietest
+        ticks_with_excess = ticks_with_excess + 1 if may_move else 0
+    moves = tick.innovation_excess != NO_EXCESS and is_moving(lifted_poses)
+    ticks_at_rest = 0 if moves or (tick.count and ticks_with_excess > NOW_TICKS) else rest.ticks_at_rest + 1
+    now = Rest(lifted_poses, moves, ticks_at_rest, ticks_with_excess)
+    is_short = ticks_at_rest * tick_s <= REST_S or ticks_at_rest < SPAN_TICKS + LASTING_TICKS
+    if not can_wait or is_short:
         return now
     if not rest.is_waiting:
         return now._replace(waiting_since_ns=tick.stamp_ns)

@@ -22,7 +22,7 @@ from contact_tracker.adaptation.comparison import (
 )
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.adaptation.rest import NO_REST, Rest
-from contact_tracker.config.parameters import Model
+from contact_tracker.config.parameters import Model, Noise
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.free_motion import NO_EXCESS
@@ -97,7 +97,8 @@ class SideBySide(NamedTuple):
 
     @property
     def best(self) -> TrackerState | None:
-        """The most probable tracker; None before the rate of the stream is known."""
+        """The most probable tracker, at rest perhaps not updated by the latest ticks; None before the rate of
+        the stream is known."""
         return self.trackers[int(self.log_weight.argmax())] if self.trackers else None
 
 
@@ -147,7 +148,7 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
         if not state.trackers:
             state, beliefs = _with_first(state, Detail.FORMATION)
         state = _with_others(state, Detail.GEOMETRY)
-    state = _caught_up(state, state.trackers[0]) if state.trackers else state
+    state = _caught_up(state, state.trackers[0], Detail.FORMATION) if state.trackers else state
     ended = [tracker.finish(one) for one in state.trackers]
     last = zip(*(reported for _, reported in ended), strict=True)
     beliefs += [mixture(some, state.log_weight) for some in last]
@@ -220,8 +221,7 @@ def _rest_ahead(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
     gap, or those in which the others wait."""
     first, *others = state.trackers
     can_wait = bool(others) and not first.lag_history.size and not first.knowledge
-    share = first.model.noise.estimate_share
-    is_quietest = all(one.model.noise.estimate_share >= share for one in others)
+    is_quietest = not any(_has_less_noise(one.model.noise, first.model.noise) for one in others)
     ahead = list[Rest]()
     for tick in closed:
         now = rest.advance(
@@ -238,6 +238,15 @@ def _rest_ahead(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
     return ahead
 
 
+def _has_less_noise(one: Noise, other: Noise) -> bool:
+    """Whether any part of the noise of a tick is less."""
+    return (
+        one.estimate_share < other.estimate_share
+        or one.floor_position_m < other.floor_position_m
+        or one.wander_position_m < other.wander_position_m
+    )
+
+
 def _is_gap(state: SideBySide, tick: Tick, now: Rest) -> bool:
     """Whether all trackers can pass a tick and the next ones without frames in one step."""
     return (
@@ -251,24 +260,23 @@ def _is_gap(state: SideBySide, tick: Tick, now: Rest) -> bool:
 
 def _pass_gap(state: SideBySide, ticks: Sequence[Tick], now: Rest) -> tuple[SideBySide, list[Belief]]:
     """Advance all trackers by ticks without frames."""
-    trackers = tuple(tracker.hold(one, len(ticks)) for one in state.trackers)
-    same = mixture([one.belief for one in trackers if one.belief is not None], state.log_weight)
+    first, *others = (tracker.hold(one, len(ticks)) for one in state.trackers)
+    if now.is_waiting:
+        others = [_averaged_like(one, first) for one in others]
+    same = mixture([one.belief for one in (first, *others) if one.belief is not None], state.log_weight)
     beliefs = [replace(same, stamp_ns=tick.stamp_ns) for tick in ticks]
-    return state._replace(trackers=trackers, rest=now.caught_up()), beliefs
+    return state._replace(trackers=(first, *others), rest=now.caught_up()), beliefs
 
 
 def _update_all(
     state: SideBySide, averaging: Averaging, tick: Tick, now: Rest, detail: Detail
 ) -> tuple[SideBySide, list[Belief]]:
     """Update all trackers by a tick."""
-    state = _caught_up(state, averaging.before)._replace(rest=now)
+    state = _caught_up(state, averaging.before, detail)._replace(rest=now)
     first, *others = state.trackers
     gathered = [(first, [tick]), *(tracker.follow_ticks(one, *averaging, [tick]) for one in others)]
-    best = int(state.log_weight.argmax())
-    followed = [
-        _observe(one, own, detail if i == best else min(detail, Detail.GEOMETRY), i == best)
-        for i, (one, own) in enumerate(gathered)
-    ]
+    best, details = int(state.log_weight.argmax()), _details(state, detail)
+    followed = [_observe(one, own, *of_one) for (one, own), of_one in zip(gathered, details, strict=True)]
     curved = followed[best][0].curved  # tested by one for all
     state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
     state, kept = _weigh_trackers(state, [ticks[0] for _, ticks in followed], now.moves)
@@ -287,9 +295,10 @@ def _update_first(
     """Update the first tracker by ticks in which the others wait."""
     first, *others = state.trackers
     if not state.rest.is_waiting:
-        others = [_averaged_like(_held(one, ticks[0]), first) for one in others]
-    is_best = not state.log_weight.argmax()
-    first, followed = _observe(first, ticks, detail if is_best else min(detail, Detail.GEOMETRY), is_best)
+        details = _details(state, detail)[1:]
+        held = [_held(one, ticks[0], *of_one) for one, of_one in zip(others, details, strict=True)]
+        others = [_averaged_like(one, first) for one in held]
+    first, followed = _observe(first, ticks, *_details(state, detail)[0])
     beliefs = list[Belief]()
     for tick, (evidence, belief) in zip(ticks, followed, strict=True):
         held_for_motion = np.append(REST_NATS * evidence.activity, np.zeros(len(others)))
@@ -299,30 +308,40 @@ def _update_first(
     return state._replace(trackers=(first, *others), rest=now), beliefs
 
 
-def _held(one: TrackerState, tick: Tick) -> TrackerState:
+def _details(state: SideBySide, detail: Detail) -> list[tuple[Detail, bool]]:
+    """Of each tracker, the detail of its beliefs, and whether it tests free motion for curved surfaces: only
+    the best one looks for further contacts and curvature."""
+    best = int(state.log_weight.argmax())
+    others = min(detail, Detail.GEOMETRY), False
+    return [(detail, True) if i == best else others for i in range(len(state.trackers))]
+
+
+def _held(one: TrackerState, tick: Tick, detail: Detail, tests_curvature: bool) -> TrackerState:
     """A tracker after the first tick in which it waits, as one without motion."""
     if tracker.can_hold(one):
         return tracker.hold(one, 1, tick.outliers)
-    after, _ = tracker.update(
-        one, replace(tick, innovation_excess=NO_EXCESS), Detail.GEOMETRY, tests_curvature=False
-    )
+    after, _ = tracker.update(one, replace(tick, innovation_excess=NO_EXCESS), detail, tests_curvature)
     return after
 
 
-def _caught_up(state: SideBySide, leader: TrackerState) -> SideBySide:
+def _caught_up(state: SideBySide, leader: TrackerState, detail: Detail) -> SideBySide:
     """The state in which no tracker waits any more."""
     first, *others = state.trackers
-    missed = state.rest
+    missed, details = state.rest, _details(state, detail)[1:]
     if missed.skipped or missed.kept:
-        others = [_with_missed(one, leader, missed) for one in others]
+        others = [
+            _with_missed(one, leader, missed, *of_one) for one, of_one in zip(others, details, strict=True)
+        ]
     return state._replace(trackers=(first, *others), rest=missed.restarted())
 
 
-def _with_missed(one: TrackerState, leader: TrackerState, missed: Rest) -> TrackerState:
+def _with_missed(
+    one: TrackerState, leader: TrackerState, missed: Rest, detail: Detail, tests_curvature: bool
+) -> TrackerState:
     """A waiting tracker after the ticks it missed: the skipped ones as without motion, then those kept."""
     one = tracker.hold(one, missed.skipped, missed.outliers)
     one, own = tracker.follow_ticks(one, leader, leader, missed.kept)
-    for after, _ in tracker.update_through_gaps(one, own, Detail.GEOMETRY):
+    for after, _ in tracker.update_through_gaps(one, own, detail, tests_curvature):
         one = after
     return one
 

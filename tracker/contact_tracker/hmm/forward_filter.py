@@ -102,6 +102,7 @@ class ForwardFilter:
         Free motion begins anew at each tick, so its beginning is still that of the last tick that was not
         skipped.
         """
+        assert self.ticks, "the first tick has the initial distribution"
         self.ticks += 1
 
     def advance(

@@ -1,6 +1,6 @@
 """Smoothing of past ticks as soon as later data cannot change their posterior any more."""
 
-from bisect import bisect_left
+from bisect import bisect_right
 from collections.abc import Iterator
 from operator import attrgetter
 from typing import Any, Final
@@ -46,18 +46,12 @@ class OpenTicks:
         self._end += 1
         self.size += _SKIPPED_BYTES
 
-    @property
-    def older_half(self) -> int:
-        """Number of ticks in the older half of the steps."""
-        half = len(self._steps) // 2
-        return self._steps[half].tick - self.first if half else 0
-
     def drop(self, count: int) -> None:
-        """Forget the oldest ``count`` ticks, skipped ones with the tick that they follow."""
-        self.first += count
-        many = bisect_left(self._steps, self.first, key=attrgetter("tick"))
-        dropped = self._steps[:many]
-        self.size -= sum(map(_size, dropped)) + _SKIPPED_BYTES * (count - many)
+        """Forget the oldest ``count`` ticks. The step that covers the next tick is kept."""
+        before, self.first = self.first, self.first + count
+        many = max(bisect_right(self._steps, self.first, key=attrgetter("tick")) - 1, 0)
+        stepped = sum(before <= step.tick < self.first for step in self._steps[: many + 1])
+        self.size -= sum(map(_size, self._steps[:many])) + _SKIPPED_BYTES * (count - stepped)
         del self._steps[:many]
 
     def look_back(self, frontier: FilterFrontier, tolerance: float) -> tuple[Array, int]:
@@ -69,7 +63,8 @@ class OpenTicks:
         """Posterior (n, N) of the open ticks, given the data so far."""
         posterior = self._state_probabilities(frontier)
         posterior /= posterior.sum(axis=1, keepdims=True)
-        return posterior.repeat(np.diff([*(step.tick for step in self._steps), self._end]), axis=0)
+        begins = np.array([*(step.tick for step in self._steps), self._end])
+        return posterior.repeat(np.diff(np.maximum(begins, self.first)), axis=0)
 
     def _state_probabilities(self, frontier: FilterFrontier) -> Array:
         """Weights of the states at each open step, given the active beginnings."""
@@ -94,7 +89,8 @@ class OpenTicks:
                 common = row
             elif row % _CHECK_INTERVAL == 0 and spread + 2.0 * open_beginnings.spread <= tolerance:
                 break  # older ticks differ by no more than this
-        return (self._steps[common].tick if common < len(self._steps) else self._end) - self.first
+        end = self._steps[common].tick if common < len(self._steps) else self._end
+        return max(end - self.first, 0)
 
     def _backward_pass(
         self, frontier: FilterFrontier, futures: Array
@@ -106,7 +102,7 @@ class OpenTicks:
         that last through it.
         """
         states, columns = len(self._steps[0].origin_probability), futures.shape[1]
-        open_beginnings = _OpenBeginnings(states, columns, self.first, self._end)
+        open_beginnings = _OpenBeginnings(states, columns, self._steps[0].tick, self._end)
         open_beginnings.add(frontier.onset, frontier.state, futures)
         probability = np.zeros((states, columns))
         np.add.at(probability, frontier.state, futures)

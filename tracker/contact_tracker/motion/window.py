@@ -139,7 +139,8 @@ class Window:
         """The last of ``held``, in one step."""
         first = max(len(self) + count - most, 0)
         rows = np.minimum(np.arange(first, len(self) + count), len(self) - 1)
-        numbers = np.concatenate([self.index, self.index[-1] + 1 + np.arange(count)])[first:]
+        end = int(self.index[-1]) + count + 1
+        numbers = np.concatenate([self.index[first:], np.arange(max(end - most, self.index[-1] + 1), end)])
         before = self.zeta[min(first, len(self)) - 1] if first else self.before
         one = replace(self.pick(rows, before), index=numbers)
         return one.with_cached(self.inverse[rows], self.displacement_variance[rows])

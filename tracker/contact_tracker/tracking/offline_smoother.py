@@ -178,7 +178,7 @@ class Segmenter:
         frontier = self._extended_trellis()
         posterior, certain = self._past.look_back(frontier, TOLERANCE)
         if self._past.size > ROOM_BYTES:
-            certain = max(certain, self._past.older_half)
+            certain = max(certain, len(posterior) // 2)
         self._append_smoothed(posterior[:certain])
         self._append_decided(self._survivors.decided_prefix(frontier))
         self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)

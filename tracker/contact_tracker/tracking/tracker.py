@@ -173,7 +173,7 @@ def hold(state: TrackerState, count: int, outliers: int = 0) -> TrackerState:
 
 
 def update_through_gaps(
-    state: TrackerState, ticks: Sequence[Tick], detail: Detail
+    state: TrackerState, ticks: Sequence[Tick], detail: Detail, tests_curvature: bool = False
 ) -> Iterator[tuple[TrackerState, int]]:
     """``update_each`` with the empty ticks of a gap in one step: the states, and the number of ticks that led
     to each."""
@@ -183,7 +183,7 @@ def update_through_gaps(
         if count and can_hold(state):
             state = hold(state, count)
         else:
-            (state, _), count = update(state, ticks[first], detail, tests_curvature=False), 1
+            (state, _), count = update(state, ticks[first], detail, tests_curvature), 1
         yield state, count
         first += count
 

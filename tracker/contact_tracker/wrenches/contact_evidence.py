@@ -53,11 +53,11 @@ class WrenchEvidence:
         evidence[:-1] = contact + kinds
         return EXPONENT * evidence
 
-    def begins_free(self) -> bool:
-        """Whether no contact force is measured in the first ``BEGINNING_S``."""
+    def shows_contact_at_start(self) -> bool:
+        """Whether a contact force is measured in the first ``BEGINNING_S``; not if too few are measured."""
         first_ns = int(self.wrenches.ticks.stamp_ns[0])
         rows = self._measured(first_ns, first_ns + int(BEGINNING_S * 1e9))
-        return len(rows) >= FEWEST_TICKS and self._against_free(rows) < 0.0
+        return len(rows) >= FEWEST_TICKS and self._against_free(rows) > 0.0
 
     def _measured(self, first_ns: int, last_ns: int) -> NDArray[np.int64]:
         """Rows of the ticks with wrenches, without the first and the last of this time."""
