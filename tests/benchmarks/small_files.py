@@ -27,7 +27,7 @@ MOST_BYTES: Final = 1_000_000
 POSES_PER_MB: Final = 60_000
 HEADER: Final = "t,x,y,z,qx,qy,qz,qw\n"
 FIRST_POSES: Final = 14
-"""So many poses come at the usual rate before the gaps, so that ticks are short."""
+"""Number of poses at the usual rate before the first gap, so that ticks are short."""
 NOISE: Final = 2e-4
 """Of position (m) and orientation (rad)."""
 
@@ -135,6 +135,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", choices=("odd", "sound"))
     parser.add_argument("--poses", type=int, default=400, help="of each sound recording")
     args = parser.parse_args(argv)
+    if args.poses <= FIRST_POSES:
+        parser.error(f"--poses: more than {FIRST_POSES}")
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
     with tempfile.TemporaryDirectory() as scratch:

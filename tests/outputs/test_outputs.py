@@ -153,7 +153,7 @@ def test_where_the_contact_is_open_a_joint_stands_alone_and_a_further_contact_on
     joint = Joint(JointKind.SLIDER, 0.98, EDGE, EDGE, None, None)
     others = tuple(state for state in STATES if state is not Contact.FF)
     for inseparable, of_joint, of_further in (
-        (others, "; whatever touches", "; or e-f; if the first is f-f"),
+        (others, "; for any contact", "; or e-f; given f-f"),
         ((Contact.EF,), "", "; or e-f"),
     ):
         segment = Segment(ORIGIN_NS, end_ns, Contact.FF, 0.4, ON_FACE, inseparable, (further,), joint)

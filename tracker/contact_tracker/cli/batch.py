@@ -25,8 +25,8 @@ DESCRIPTION: Final = f"""\
 Segment many recordings into a dataset: a Parquet file of segments for each of them, and
 DATASET/summary.parquet with a row for each. Run again, it processes only new recordings, those
 whose content has changed, and all with another model. A recording that cannot be used is a row with
-the error, and the others go on; the exit code is {DAMAGED} then. If a LOG does not exist, nothing
-is done, and the exit code is {INPUT}."""
+the error, and the others go on; the exit code is {DAMAGED} then. If a LOG does not exist or is a
+folder without recordings, no recording is processed, and the exit code is {INPUT}."""
 EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
 _MOST_SHOWN: Final = 10
 _MOST_NAMED: Final = 3

@@ -99,24 +99,26 @@ def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = 
     others, where = alternatives(inseparable), ""
     if geometry is not None:
         of_object, of_environment = geometry.has_open_offset
-        body = _element(geometry.object, is_open=of_object)
-        where = f"{body} on {_element(geometry.environment, is_open=of_environment)}"
+        body = _element(geometry.object, has_open_offset=of_object)
+        where = f"{body} on {_element(geometry.environment, has_open_offset=of_environment)}"
     return "; ".join(filter(None, [where, others and f"or {others}"]))
 
 
 def describe_further(further: FurtherContact, segment: Segment) -> str:
     """As ``describe``; the probability of a further contact is that beside the label, which may be open."""
     where = describe(further.geometry, further.inseparable)
-    return f"{where}; if the first is {segment.contact.value}" if is_open(segment) else where
+    return f"{where}; given {segment.contact.value}" if is_open(segment) else where
 
 
-def describe_joint(joint: Joint, is_open: bool) -> str:
-    """``axis ... on axis ...; pitch ...``, of the object and the surroundings; ``is_open``: that of the
-    contact, which the joint does not depend on."""
+def describe_joint(joint: Joint, contact_is_open: bool) -> str:
+    """``axis ... on axis ...; pitch ...``, of the object and the surroundings.
+
+    Where ``contact_is_open``, it says that the joint does not depend on the contact.
+    """
     name = "centre" if joint.kind is JointKind.BALL else "axis"
     body = _element(joint.object, name, joint.kind is JointKind.SLIDER)
     where = f"{body} on {_element(joint.environment, name)}"
-    anyway = "; whatever touches" if is_open else ""
+    anyway = "; for any contact" if contact_is_open else ""
     if joint.kind is not JointKind.SCREW or joint.pitch_m_per_rad is None:
         return f"{where}{anyway}"
     turn_mm = 2e3 * np.pi * joint.pitch_m_per_rad
@@ -138,19 +140,19 @@ def _are_all(others: Sequence[Contact]) -> bool:
     return len(others) == len(STATES) - 1
 
 
-def _element(element: Element, called: str | None = None, is_open: bool = False) -> str:
-    """An element in words, with ``called`` instead of face, edge or vertex; ``is_open``: the offset of a face
-    is unknown, or a line is one of many and goes through the origin for all of them."""
+def _element(element: Element, called: str | None = None, has_open_offset: bool = False) -> str:
+    """An element in words, with ``called`` instead of face, edge or vertex. With an open offset that of a
+    face is unknown, and a line is one of many parallel ones."""
     open_ways = ", ".join(_way(way) for way in element.unobserved)
     match element:
         case Plane(normal, offset_m, covariance):
             tilt = f"{_vector(normal, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
             offset = f" at {_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
-            name, where = "face", f" normal {tilt}{'' if is_open else offset}"
+            name, where = "face", f" normal {tilt}{'' if has_open_offset else offset}"
         case Line(direction, point_m, covariance):
             along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
             through = f"{_vector(point_m, 3)} m{_length(_worst(covariance, slice(3, 6)))}"
-            name, where = "edge", f" along {along} through {_ORIGIN if is_open else through}"
+            name, where = "edge", f" along {along} through {_ORIGIN if has_open_offset else through}"
         case Point(point_m, covariance):
             name = "vertex"
             where = f" {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
@@ -160,7 +162,7 @@ def _element(element: Element, called: str | None = None, is_open: bool = False)
     shifts = sum(way.how == "shifts_along" for way in element.unobserved)
     if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point
         return f"{name} (unobserved)"
-    is_offset = is_open and isinstance(element, Plane)
+    is_offset = has_open_offset and isinstance(element, Plane)
     notes = filter(None, (OPEN_OFFSET if is_offset else "", open_ways and f"unobserved: {open_ways}"))
     noted = "; ".join(notes)
     return f"{name}{where}" + (f" ({noted})" if noted else "")

@@ -49,7 +49,7 @@ def plan(
         after = with_transitions[index + 1] if index + 1 < len(with_transitions) else None
         following, end = _leg_end(rng, phase, after, chart, anchor, object, scene)
         is_same = after and phase and after.contact is phase.contact
-        if is_same or _is_singular(phase) or _is_singular(after):
+        if is_same or _is_restricted(phase) or _is_restricted(after):
             end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
         legs.append(_leg(phase, anchor, end, chart, following, object.radius))
         chart, anchor = following, end
@@ -58,8 +58,8 @@ def plan(
     ]
 
 
-def _is_singular(phase: Phase | None) -> bool:
-    """Whether a phase starts and ends at rest."""
+def _is_restricted(phase: Phase | None) -> bool:
+    """Whether a phase is at rest, or has another motion than the normal one: it starts and ends at rest."""
     return phase is not None and phase.motion != "normal"
 
 
@@ -70,11 +70,11 @@ def _with_transitions(phases: Sequence[Phase], lead_s: float) -> list[Phase | No
         lead = [Phase(phase.contact, lead_s)] if lead_s else []
         if before and not _comparable(before.contact, phase.contact):
             result.append(None)
-        moves_singularly = _is_singular(phase) and phase.motion != "rest"
-        if moves_singularly and before and before.contact is not phase.contact:
+        is_singular = _is_restricted(phase) and phase.motion != "rest"
+        if is_singular and before and before.contact is not phase.contact:
             result += lead
         result.append(phase)
-        if _is_singular(phase) and after and after.contact is not phase.contact:
+        if _is_restricted(phase) and after and after.contact is not phase.contact:
             result += lead
     return result
 
@@ -108,7 +108,7 @@ def _leg_end(
         arriving = choose_chart(rng, after.contact, object, scene, related=chart)
         return arriving, sample_anchor(rng, anchor, chart, arriving)
 
-    if _is_singular(phase):
+    if _is_restricted(phase):
         return chart, anchor
     options = [option() for _ in range(60 if phase is None else 6)]
     return min(options, key=lambda chosen: _effort(*anchor.distance_to(chosen[1])))

@@ -28,15 +28,15 @@ _VARYING: Final = (0.07, 0.02)
 """Standard deviations of the force along the normal and across it (friction), as shares of ``PRESS_N``."""
 _WANDER_M: Final = 0.03
 """Standard deviation of the centre of pressure along lines and faces that touch."""
-_ROOM_SHARE: Final = 0.8
-"""Of the room to the rims of both features, that the centre of pressure uses."""
-_LOOKS: Final = 50
-"""At how many touching points of a leg that room is measured."""
+_CLEARANCE_SHARE: Final = 0.8
+"""Largest displacement of the centre of pressure, as a share of its distance to the rims of both features."""
+_CLEARANCE_SAMPLES: Final = 50
+"""Number of touching points of a leg at which that distance is measured."""
 _BANDWIDTH_HZ: Final = 0.8
 NOISE: Final = (0.1, 0.01)
-"""White, per axis (N, N m)."""
+"""Standard deviations of the white noise per axis (N, N m)."""
 BIAS: Final = (0.3, 0.03)
-"""Of the sensor, per axis (N, N m), constant in a recording."""
+"""Standard deviations of the sensor's bias per axis (N, N m), which is constant in a recording."""
 
 
 def measure_wrenches(
@@ -108,17 +108,17 @@ def _pressed_points(rng: np.random.Generator, leg: Leg, path: Path, rate_hz: flo
     if leg.contact not in extents:
         return path.touch_scene
     feature, to_scene = extents[leg.contact]
-    room = min(
+    clearance_m = min(
         touched.point_clearance(point)
         for touched, points in (
             (leg.chart.object, path.touch_object),
             (leg.chart.environment, path.touch_scene),
         )
-        for point in points[:: max(len(points) // _LOOKS, 1)]
+        for point in points[:: max(len(points) // _CLEARANCE_SAMPLES, 1)]
     )
     time_s = np.arange(len(path.touch_scene)) / rate_hz
     wander = band_limited(rng, time_s, len(feature.span), _BANDWIDTH_HZ) * _WANDER_M
-    shift = within(wander, _ROOM_SHARE * room) @ feature.span
+    shift = within(wander, _CLEARANCE_SHARE * clearance_m) @ feature.span
     return np.asarray(path.touch_scene + (to_scene @ shift[..., None])[..., 0], float)
 
 
