@@ -1,6 +1,7 @@
 """While the object rests, the trackers but the first wait, and catch up when it moves again."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.poses import Poses
 from contact_tracker.prior_map_files import knowledge_from
+from contact_tracker.saved_state import is_same, load, save
 from contact_tracker.tracking.belief import Belief
 from distortions import turned
 from short_recordings import FACE_TO_EDGE, recorded
@@ -47,6 +49,13 @@ def followed(poses: Poses, size: int = 50) -> tuple[list[AdaptiveState], list[Be
         states.append(state)
         beliefs += some
     return states, beliefs
+
+
+def waiting(poses: Poses) -> tuple[AdaptiveState, int]:
+    """The last state in which trackers wait, and the number of poses until then."""
+    states, _ = followed(poses)
+    last = max(i for i, state in enumerate(states) if waits(state))
+    return states[last], 50 * (last + 1)
 
 
 def waits(state: AdaptiveState) -> bool:
@@ -140,6 +149,38 @@ def test_however_poses_come_a_gap_during_which_trackers_begin_to_wait_is_the_sam
     _, beliefs = followed(poses, size)
     for one, other in zip(beliefs, expected, strict=True):
         assert one.probability == pytest.approx(other.probability, abs=1e-12)
+
+
+@needs_kernels
+def test_a_state_that_is_saved_while_trackers_wait_continues_alike(tmp_path: Path) -> None:
+    moving = recorded(FACE_TO_EDGE).poses
+    poses = then(resting(moving, 5.0), moving[:200])
+    state, cut = waiting(poses[:1000])
+    save(tmp_path / "state", state)
+    restored, beliefs = adaptation.advance(load(tmp_path / "state"), poses[cut:])
+    expected, same = adaptation.advance(state, poses[cut:])
+    assert not waits(expected)
+    assert [one.to_json() for one in beliefs] == [one.to_json() for one in same]
+    assert is_same(restored.trackers.log_weight, expected.trackers.log_weight)
+    for one, other in zip(restored.trackers.trackers, expected.trackers.trackers, strict=True):
+        assert is_same(one.banks, other.banks)
+
+
+@needs_kernels
+def test_a_stream_that_ends_while_trackers_wait_may_continue() -> None:
+    moving = recorded(FACE_TO_EDGE).poses
+    poses = then(resting(moving, 5.0), moving[:400])
+    state, cut = waiting(poses[:1000])
+    state, _ = adaptation.finish(state)
+    state, beliefs = adaptation.advance(state, poses[cut:])
+    assert len(beliefs) > 15
+    first, *others = state.trackers.trackers
+    assert others
+    assert {one.ticks for one in others} == {first.ticks}
+    for one in others:
+        np.testing.assert_array_equal(one.window.index, first.window.index)
+        np.testing.assert_array_equal(one.window.zeta[-15:], first.window.zeta[-15:])
+        assert one.outliers == first.outliers
 
 
 def test_with_known_elements_or_a_lag_no_tracker_waits() -> None:
