@@ -154,6 +154,24 @@ sys.exit(main())
     assert (unharmed.returncode, "half a result" in unharmed.stderr) == (1, True)
 
 
+def test_a_request_to_end_that_python_cannot_raise_is_repeated() -> None:
+    program = """
+import signal, time
+from contact_tracker.interrupts import end_in_order
+end_in_order("SIGTERM")
+class Held:
+    def __del__(self):
+        signal.raise_signal(signal.SIGTERM)
+try:
+    Held()
+    time.sleep(8)
+finally:
+    print("released")
+"""
+    done = run_interruptible(program)
+    assert (done.returncode, done.stdout, done.stderr) == (128 + signal.SIGTERM, "released\n", "")
+
+
 def test_incomplete_objects_after_an_interrupt_end_silently() -> None:
     program = """
 import signal

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
 """Signals by which users and systems end a command."""
+_SIGNALLED: Final = 128
+"""Added to the number of a signal, it is the exit code of a process that is ended by it."""
 _AGAIN_S: Final = 0.02
 _IMPORTS: Final = "<frozen importlib."
 _is_due = False
@@ -29,6 +31,19 @@ def wait_for_imports() -> None:
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # background jobs ignore it
         signal.signal(signal.SIGINT, _interrupt)
+        sys.unraisablehook = _unraisable
+
+
+def end_in_order(*names: str) -> None:
+    """Make the signals with these names, if they exist and are not ignored, a ``SystemExit``, so that
+    resources are released before the exit.
+
+    Where Python cannot raise it, as in a destructor, the signal is repeated.
+    """
+    for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup does
+            signal.signal(number, _end)
+    if sys.unraisablehook is sys.__unraisablehook__:
         sys.unraisablehook = _unraisable
 
 
@@ -115,29 +130,48 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+def _end(number: int, _: FrameType | None) -> None:
+    sys.exit(_SIGNALLED + number)
+
+
 def _interrupt_again() -> None:
     global _is_due
     _is_due = True
+    _repeat(signal.SIGINT)
+
+
+def _repeat(number: int) -> None:
+    """Send a signal to this process again, soon."""
     main = _thread.get_ident()  # signals are handled only there
 
     def after_a_while() -> None:
         time.sleep(_AGAIN_S)
         if hasattr(signal, "pthread_kill"):
-            signal.pthread_kill(main, signal.SIGINT)  # wakes it up if it is waiting
+            signal.pthread_kill(main, number)  # wakes it up if it is waiting
         else:
-            _thread.interrupt_main()
+            _thread.interrupt_main(signal.Signals(number))
 
     _thread.start_new_thread(after_a_while, ())
 
 
 def _unraisable(raised: "UnraisableHookArgs", /) -> Any:
-    if issubclass(raised.exc_type, KeyboardInterrupt):
-        _interrupt_again()
-    else:
+    if not _repeated(raised):
         sys.__unraisablehook__(raised)
 
 
 def _unraisable_after(raised: "UnraisableHookArgs", /) -> Any:
     """Suppress errors of destructors of objects that an interrupt left incomplete."""
+    _repeated(raised)
+
+
+def _repeated(raised: "UnraisableHookArgs") -> bool:
+    """Repeat the signal by which an exception was raised, if it was by one."""
     if issubclass(raised.exc_type, KeyboardInterrupt):
         _interrupt_again()
+        return True
+    code = raised.exc_value.code if isinstance(raised.exc_value, SystemExit) else None
+    number = code - _SIGNALLED if isinstance(code, int) else 0
+    is_ours = number > 0 and signal.getsignal(number) is _end
+    if is_ours:
+        _repeat(number)
+    return is_ours

@@ -8,7 +8,6 @@ process.
 
 import os
 import signal
-import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
@@ -20,7 +19,7 @@ from multiprocessing import active_children, get_context
 from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 from contact_tracker.errors import ContactTrackerError
-from contact_tracker.interrupts import end_with_parent, kept_from_children
+from contact_tracker.interrupts import end_in_order, end_with_parent, kept_from_children
 
 T = TypeVar("T")
 _THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
@@ -334,7 +333,7 @@ def _collect(
 
 def _begin(prepare: Callable[[], None]) -> None:
     """Initialise a worker process."""
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    end_in_order("SIGTERM")
     end_with_parent()
     prepare()
 

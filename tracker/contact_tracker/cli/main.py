@@ -7,7 +7,6 @@ import argparse
 import io
 import os
 import re
-import signal
 import sys
 import threading
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from contact_tracker.cli.suggestions import option_suggestion, suggestion
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
+from contact_tracker.interrupts import end_in_order
 
 COMMANDS: Final = (live, segment, batch, view, info, simulate, evaluate, calibrate)
 
@@ -115,7 +115,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("RUST_LOG", viewer.SILENT)
     take_over_warnings()
     if threading.current_thread() is threading.main_thread():
-        _end_in_order("SIGTERM", "SIGHUP")
+        end_in_order("SIGTERM", "SIGHUP")
     code = _run(argv)
     try:
         sys.stdout.flush()
@@ -162,13 +162,6 @@ def _run(argv: Sequence[str] | None) -> int:
     except OSError as error:
         fail(f"{error.filename or 'cannot write'}: {error.strerror or error}")
         return INPUT
-
-
-def _end_in_order(*names: str) -> None:
-    """Make these signals, where they exist and are not ignored, clean up before the exit."""
-    for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup does
-            signal.signal(number, lambda number, _: sys.exit(128 + number))
 
 
 def _prepare_streams() -> None:
