@@ -74,6 +74,28 @@ def test_contacts_are_found_in_poses_that_were_filtered(name: str) -> None:
 
 
 @needs_kernels
+@pytest.mark.parametrize("gap_s", [(19.5, 22.0), (19.0, 22.0), (19.0, 26.0)])
+def test_a_contact_that_changes_in_a_long_gap_does_so_in_its_middle(gap_s: tuple[float, float]) -> None:
+    """From e-f to v-f after 20 s; neither is fitted to poses of the other."""
+    poses = paper()[1000:]
+    whole = adaptation.segment(poses, MODEL)
+    time_s = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
+    found = adaptation.segment(poses[(time_s < gap_s[0]) | (time_s > gap_s[1])], MODEL)
+    assert [one.contact for one in found.segments] == [one.contact for one in whole.segments]
+    for one, other in zip(found.segments[1:3], whole.segments[1:3], strict=True):
+        assert one.geometry is not None
+        assert other.geometry is not None
+        assert np.linalg.norm(one.geometry.object.point_m - other.geometry.object.point_m) < 0.004
+    change_s = (found.segments[2].start_ns - poses.stamp_ns[0]) / 1e9
+    assert gap_s[0] < change_s < gap_s[1]
+    stamps_s = (found.beliefs.stamp_ns - poses.stamp_ns[0]) / 1e9
+    inside = (stamps_s > gap_s[0] + 0.2) & (stamps_s < min(gap_s[1], gap_s[0] + 5.0) - 0.2)
+    p_first, p_second = found.beliefs.probability[inside][:, [Contact.EF.column, Contact.VF.column]].T
+    assert p_first[0] > 0.6 > 0.3 > p_first[-1]
+    assert p_second[0] < 0.3 < 0.6 < p_second[-1]
+
+
+@needs_kernels
 @pytest.mark.parametrize("rest_s", [30.0, 120.0])
 def test_a_long_rest_does_not_count_as_motion(rest_s: float) -> None:
     """Filtered noise sometimes exceeds the threshold of motion; over two minutes that must not add up."""

@@ -609,6 +609,22 @@ def test_a_terminated_live_stream_resumes(tmp_path: Path) -> None:
     assert len(alone) - len(found) <= 1
 
 
+def test_a_live_stream_is_saved_while_it_waits_on_standard_input(tmp_path: Path) -> None:
+    state = tmp_path / "s.state"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    command = [*PROGRAM, "live", "-", "--json", "--state", str(state)]
+    with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
+        assert live.stdin is not None
+        assert live.stderr is not None
+        live.stdin.write(RECORDING.read_bytes()[:200_000])
+        live.stdin.flush()
+        time.sleep(5.0)  # most of what was sent is processed
+        live.send_signal(signal.SIGTERM)
+        assert live.wait(timeout=30) == 128 + signal.SIGTERM
+        assert b"Traceback" not in live.stderr.read()
+    assert state.is_file()
+
+
 def test_a_state_that_does_not_fit_is_refused_in_one_line(tmp_path: Path) -> None:
     state = tmp_path / "s.state"
     run("live", RECORDING, "--state", state)
@@ -617,3 +633,6 @@ def test_a_state_that_does_not_fit_is_refused_in_one_line(tmp_path: Path) -> Non
     state.write_bytes(state.read_bytes()[:-2000])
     assert_one_line_error(run("live", RECORDING, "--state", state), 1, "no saved state")
     assert_one_line_error(run("live", RECORDING, "--state", tmp_path), 1, "it is a folder")
+    nowhere = run("live", RECORDING, "--state", tmp_path / "none" / "s.state")
+    assert_one_line_error(nowhere, 1, "no folder")
+    assert nowhere.stdout == ""

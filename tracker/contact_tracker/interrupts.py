@@ -2,11 +2,12 @@
 parent, with which they end."""
 
 import _thread
+import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Final
@@ -138,6 +139,17 @@ def _interrupt_again() -> None:
     global _is_due
     _is_due = True
     _repeat(signal.SIGINT)
+
+
+def repeat_unless(number: int, ended: Callable[[], bool], after_s: float) -> None:
+    """Send a signal to this process again after some time, unless ``ended``."""
+
+    def watch() -> None:
+        time.sleep(after_s)
+        if not ended():
+            os.kill(os.getpid(), number)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _repeat(number: int) -> None:

@@ -131,6 +131,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         ended = DONE
         try:
             for pose in paced(source, args.rate) if args.rate else source:
+                if saved is not None:
+                    saved.take()
                 viewer.pose(pose)
                 state, beliefs = adaptation.advance(state, pose)
                 report(beliefs)

@@ -9,17 +9,20 @@ from typing import Final
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.cli.source import Source
 from contact_tracker.errors import StateError, UsageError
-from contact_tracker.interrupts import SIGNALS
+from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.outputs.changes import Changes, FormationChanges
 from contact_tracker.recording import Follow, PoseLog
 from contact_tracker.recording.stamping import Stamping
 from contact_tracker.saved_state import Progress, is_same, load, save
 
 EVERY_S: Final = 10.0
+_WAIT_S: Final = 0.5
+"""Longer than it takes to decode a pose, which must not be interrupted."""
 
 
 class SavedStream:
-    """Saves between poses only: a signal ends the stream after the current pose, a second one at once.
+    """Saves between poses only: a signal ends the stream after the current pose, a second one at once. On
+    standard input, where the next pose may never come, the stream ends while it waits for one.
 
     Parameters
     ----------
@@ -45,15 +48,22 @@ class SavedStream:
         follow: Follow | None,
     ) -> None:
         self.signal = 0
+        self._waits = False
         self.state = initial
         self._path, self._initial, self._log, self._source = path, initial, log, source
         self._shown, self._follow = shown, follow
         self._saved_s = time.monotonic()
         if path.exists():
             self._carry_on(load(path))
+        elif not path.parent.is_dir():
+            raise StateError(f"{path}: there is no folder {path.parent} to save it in")
         for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._stop)
+
+    def take(self) -> None:
+        """A pose has come, and is processed until ``keep``."""
+        self._waits = False
 
     def keep(self, state: AdaptiveState) -> bool:
         """Save at intervals, after each pose; returns whether to end."""
@@ -61,10 +71,12 @@ class SavedStream:
         if not self.signal and now_s - self._saved_s >= EVERY_S:
             self.save(state)
             self._saved_s = now_s
+        self._waits = not self.signal
         return bool(self.signal)
 
     def save(self, state: AdaptiveState) -> None:
         """Write the file."""
+        self._waits = False
         log, source = self._log, self._source
         changes, formation = self._shown
         progress = Progress(
@@ -112,5 +124,11 @@ class SavedStream:
         if self.signal:
             raise SystemExit(128 + number)
         self.signal = number
+        if self._source.is_stdin:
+            self._end_wait(number)
         if self._follow is not None:
             self._follow.stop()
+
+    def _end_wait(self, number: int) -> None:
+        """End the wait for the next pose by a second signal, once it has lasted for ``_WAIT_S``."""
+        repeat_unless(number, lambda: not self._waits, _WAIT_S)

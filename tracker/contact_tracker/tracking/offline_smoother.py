@@ -7,7 +7,7 @@ grow with the recording.
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_averaging
+from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES
@@ -43,6 +44,8 @@ PIECE_TICKS: Final = 1200
 """Ticks per piece, about; a shorter recording is one piece."""
 TOLERANCE: Final = 1e-6
 """Largest change of a reported posterior by later data."""
+LONGEST_SETTLING_TICKS: Final = SETTLING_TICKS + 1 + NOW_TICKS
+"""Most ticks after a gap until the free-motion filter knows the motion, if there is any."""
 ROOM_BYTES: Final = 60_000_000
 """Size of the open part (an object at rest may keep hours open) above which its older half is reported with
 the posterior so far."""
@@ -125,6 +128,30 @@ def pieces(
     yield segmenter.finish()
 
 
+class _Gap(NamedTuple):
+    """A long gap: its ``empty`` ticks, and the ``skipped`` ones with frames until the motion is known."""
+
+    empty: int
+    skipped: int
+
+    @property
+    def length(self) -> int:
+        """Number of ticks."""
+        return self.empty + self.skipped
+
+    @property
+    def after_middle(self) -> int:
+        """Number of ticks after its middle, where a change of contact is assumed."""
+        return self.empty // 2 + self.skipped
+
+    def interpolate(self, posterior: Array) -> None:
+        """Interpolate the ``posterior`` (n, 7), which ends with the tick at which the motion is known: the
+        contact may have changed at any time in the gap."""
+        share = np.minimum(np.arange(1, self.length + 1) / (self.empty + 1), 1.0)[-len(posterior) + 1 :, None]
+        before = posterior[max(len(posterior) - self.length - 2, 0)]
+        posterior[-self.length - 1 : -1] = (1.0 - share) * before + share * posterior[-1]
+
+
 class Segmenter:
     """Turns the ticks of a forward pass into segments, as soon as later data cannot change them."""
 
@@ -135,6 +162,9 @@ class Segmenter:
         self._pending: list[tuple[tuple[LiveHypotheses, Array] | None, tuple[Any, ...]]] = []
         self._past, self._survivors = hmm.OpenTicks(), hmm.Survivors()
         self._due = PIECE_TICKS
+        self._noted = 0  # ticks so far
+        self._gap_ticks = self._since_gap = 0  # skipped ticks: those of the last gap, and those after it
+        self._gaps: dict[int, _Gap] = {}  # by the number of the tick at which the motion is known again
         self._state: TrackerState
         self._newest: TickResult
         self._outliers = 0  # reported so far
@@ -152,6 +182,7 @@ class Segmenter:
         if self._forward is None:
             self._forward = hmm.ForwardFilter(result.log_birth_weight)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, result.residual)
+        self._count_resumed(state, result)
         evidence = None if result.is_skipped else (result.live_hypotheses, result.log_transition)
         self._pending.append((evidence, row))
         if len(self._pending) == _BATCH_TICKS:
@@ -162,6 +193,24 @@ class Segmenter:
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()
         self._state, self._newest = state, result
+
+    def _count_resumed(self, state: TrackerState, result: TickResult) -> None:
+        """Count the ticks of a long gap, and those skipped after it because the motion was not known yet.
+
+        If the contact has changed when it is known, it most probably did so in the gap, which is longer.
+        """
+        if not result.is_skipped:
+            if self._since_gap and self._gap_ticks * state.model.tick_s > LONGEST_COAST_S:
+                self._gaps[self._noted] = _Gap(self._gap_ticks, self._since_gap)
+            self._gap_ticks = self._since_gap = 0
+        elif not result.tick.count:
+            self._gap_ticks = self._gap_ticks + 1 if not self._since_gap else 1
+            self._since_gap = 0
+        elif self._gap_ticks:
+            self._since_gap += 1
+            if self._since_gap > LONGEST_SETTLING_TICKS:  # the object rests
+                self._gap_ticks = self._since_gap = 0
+        self._noted += 1
 
     @property
     def open_ticks(self) -> int:
@@ -179,6 +228,7 @@ class Segmenter:
         posterior, certain = self._past.look_back(frontier, TOLERANCE)
         if self._past.size > ROOM_BYTES:
             certain = max(certain, len(posterior) // 2)
+        certain = self._whole_gaps(certain)
         self._append_smoothed(posterior[:certain])
         self._append_decided(self._survivors.decided_prefix(frontier))
         self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)
@@ -214,16 +264,35 @@ class Segmenter:
         return self._forward.frontier
 
     def _append_smoothed(self, posterior: Array) -> None:
+        first = self._past.first
+        for number, gap in self._gaps.items():
+            if first < number < first + len(posterior):
+                gap.interpolate(posterior[: number - first + 1])
         self._past.drop(len(posterior))
         for row in ambiguity.tempered(posterior, self._state.model.certainty.posterior_power):
             self._posterior.append((row,))
+
+    def _whole_gaps(self, certain: int) -> int:
+        """At most ``certain`` of the oldest open ticks, so that those of a gap are reported together with the
+        ticks before and after, from which their posterior is interpolated."""
+        end = self._past.first + certain
+        for number, gap in self._gaps.items():
+            if number - gap.length <= end <= number:
+                end = number - gap.length - 1
+        return max(end - self._past.first, 0)
 
     def _append_decided(self, segments: Iterable[hmm.PathSegment]) -> None:
         """Append decided path segments; those of free motion, one for each tick, are joined."""
         for state, onset, end in segments:
             if self._path and state == self._path[-1][0] == FREE:
                 onset = self._path.pop()[1]
+            onset, end = (
+                number - self._gaps[number].after_middle if number in self._gaps else number
+                for number in (onset, end)
+            )
             self._path.append((state, onset, end))
+        needed = min(self._past.first, self._survivors.first)
+        self._gaps = {number: gap for number, gap in self._gaps.items() if number >= needed}
 
     def _begin_fits(self, final: bool) -> None:
         """Fit the segments whose posterior is decided; free motion at the end may continue unless
@@ -234,7 +303,7 @@ class Segmenter:
                 return
             self._path.popleft()
             count = end - onset
-            rows = self._ticks.take(count)
+            rows = _continued(self._ticks.take(count))
             last = not len(self._ticks)
             end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
             posterior = self._posterior.take(count)["probability"]
@@ -277,3 +346,10 @@ class Segmenter:
         outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers
         beliefs = Beliefs.join([of_one for _, of_one in found])
         return Segmentation(tuple(one for one, _ in found), beliefs, Beliefs.join(online), outliers)
+
+
+def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:
+    """The ticks of a segment; where it begins in a gap, the pose there is that after the gap."""
+    first = int((rows["count"] > 0.0).argmax())
+    rows["zeta"][:first] = rows["zeta"][first]
+    return rows
