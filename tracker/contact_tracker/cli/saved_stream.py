@@ -8,6 +8,7 @@ from typing import Final
 
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.cli.source import Source
+from contact_tracker.cli.terminal import say
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.outputs.changes import Changes, FormationChanges
@@ -55,6 +56,7 @@ class SavedStream:
         self._saved_s = time.monotonic()
         if path.exists():
             self._carry_on(load(path))
+            say(f"resumed from {path}, after {source.used} poses")
         elif not path.parent.is_dir():
             raise StateError(f"{path}: there is no folder {path.parent} to save it in")
         for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
