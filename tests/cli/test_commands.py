@@ -609,6 +609,30 @@ def test_a_terminated_live_stream_resumes(tmp_path: Path) -> None:
     assert len(alone) - len(found) <= 1
 
 
+def test_a_live_stream_that_is_terminated_in_a_gap_loses_no_pose(tmp_path: Path) -> None:
+    """The gate holds some poses back until the next comes, after the gap."""
+    log, state = tmp_path / "gap.csv", tmp_path / "s.state"
+    poses = Poses.collect(open_log(str(RECORDING)))
+    time_s = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
+    keep = (time_s < 2.0) | ((time_s > 5.0) & (time_s < 8.0))
+    rows = np.column_stack([time_s, poses.position_m, poses.quat_xyzw])[keep]
+    np.savetxt(log, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="", fmt="%.9f")
+    command = [*PROGRAM, "live", str(log), "--json", "--rate", "1", "--state", str(state)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
+        assert live.stdout is not None
+        output = b"".join(live.stdout.readline() for _ in range(15))
+        time.sleep(1.5)  # in the gap
+        live.send_signal(signal.SIGTERM)
+        output += live.stdout.read()
+        assert live.wait(timeout=60) == 128 + signal.SIGTERM
+    rest_of_it = run("live", log, "--json", "--state", state)
+    alone = run("live", log, "--json").stdout.splitlines()
+    found = (output.decode() + rest_of_it.stdout).splitlines()
+    assert found == alone[: len(found)]
+    assert len(alone) - len(found) <= 1
+
+
 def test_a_live_stream_is_saved_while_it_waits_on_standard_input(tmp_path: Path) -> None:
     state = tmp_path / "s.state"
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}

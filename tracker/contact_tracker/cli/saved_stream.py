@@ -87,6 +87,7 @@ class SavedStream:
             self._named(),
             log.taken,
             log.gate,
+            log.released,
             log.stamping.values,
             source.origin_ns,
             source.first_ns,
@@ -116,7 +117,8 @@ class SavedStream:
                 f"{self._path} is of {' '.join(saved.log[:4])}, not of {self._log.source}: name another file"
             )
         is_same_log = saved.log == self._named() and not self._source.is_stdin
-        self._log.carry_on(saved.gate, Stamping.of(saved.stamping), saved.taken, is_same_log)
+        stamping = Stamping.of(saved.stamping)
+        self._log.carry_on(saved.gate, stamping, saved.taken, saved.released, is_same_log)
         self._source.carry_on(saved.origin_ns, saved.first_ns, saved.last_ns, saved.used)
         changes, formation = self._shown
         changes.label, changes.settled, formation.before = saved.label, saved.settled, saved.further

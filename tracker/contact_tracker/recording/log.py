@@ -86,7 +86,8 @@ class PoseLog:
         self.note = note
         self._composer = composer
         self.late_sources: tuple[PoseSource, ...] = ()
-        self.taken = 0
+        self._taken = 0
+        self.released: tuple[Pose, ...] = ()
         self.first_log_time_ns = prefix[0][1]
         self._skipped = 0
         self._why: str | None = None
@@ -121,6 +122,11 @@ class PoseLog:
         return self._poses
 
     @property
+    def taken(self) -> int:
+        """Number of poses of the log that have been read, here or before it was carried on."""
+        return max(self._taken, self._skipped)
+
+    @property
     def gate(self) -> PoseGate:
         """The gate that validates its poses."""
         return self._gate
@@ -130,12 +136,20 @@ class PoseLog:
         """The rule that gives poses their stamps."""
         return self._stamping
 
-    def carry_on(self, gate: PoseGate, stamping: Stamping, taken: int, is_same_log: bool) -> None:
+    def carry_on(
+        self,
+        gate: PoseGate,
+        stamping: Stamping,
+        taken: int,
+        released: Sequence[Pose],
+        is_same_log: bool,
+    ) -> None:
         """Continue, before the first pose, where another reading of the source has stopped.
 
-        ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped.
+        ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped. Those that
+        the gate has ``released``, but that were not iterated over yet, come first.
         """
-        self._gate, self._counts = gate, gate.own_counts
+        self._gate, self._counts, self.released = gate, gate.own_counts, tuple(released)
         if is_same_log:
             self._stamping, self._skipped = stamping, taken
 
@@ -170,7 +184,7 @@ class PoseLog:
             return None
         admitted = self._gate.admit_all(observed.poses)
         if admitted is not None:
-            self.taken += len(messages)
+            self._taken += len(messages)
             self._note_assumption(channel, len(messages))
         return admitted
 
@@ -186,8 +200,16 @@ class PoseLog:
         return found == (source.topic, source.type, source.frame_id, source.child_frame_id)
 
     def _read(self, items: Iterator[Item]) -> Generator[Pose]:
+        yield from self._one_by_one(self.released)
         yield from self._admit(items)
-        yield from self._gate.finish()
+        yield from self._one_by_one(self._gate.finish())
+
+    def _one_by_one(self, poses: Iterable[Pose]) -> Generator[Pose]:
+        """Poses that the gate has released, of which it may hold back some until others come."""
+        rest = tuple(poses)
+        for number, pose in enumerate(rest, start=1):
+            self.released = rest[number:]
+            yield pose
 
     def _admit(self, items: Iterable[Item]) -> Generator[Pose]:
         counts, admit, stamping = self._counts, self._gate.admit, self._stamping
@@ -205,14 +227,14 @@ class PoseLog:
                         PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id)
                     )
                     continue
-                self.taken += 1
-                if self.taken <= self._skipped:
+                self._taken += 1
+                if self._taken <= self._skipped:
                     continue
                 self._note_assumption(item.channel, 1)
                 if stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
                     pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
-                yield from admit(pose)
+                yield from self._one_by_one(admit(pose))
 
     def _note_other(self, other: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Pose
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact
 
@@ -13,7 +14,8 @@ class Progress(NamedTuple):
 
     ``initial`` is the initial state, which model, lag and prior map determine.
     ``log`` are the topic, type and frames of its source, with the log time of the first pose there (ns);
-    ``taken`` poses were read, with the ``gate`` and the ``stamping`` (see ``recording.stamping``).
+    ``taken`` poses were read, with the ``gate`` and the ``stamping`` (see ``recording.stamping``); those that
+    the gate has ``released`` are still to be tracked.
     ``origin_ns``, ``first_ns`` and ``last_ns`` are stamps, ``used`` the number of valid poses; ``label`` is
     the last that was shown, ``settled`` whether as settled, and ``further`` the further contacts.
     """
@@ -23,6 +25,7 @@ class Progress(NamedTuple):
     log: tuple[str, str, str, str, int]
     taken: int
     gate: PoseGate
+    released: tuple[Pose, ...]
     stamping: tuple[bool, int | None, int]
     origin_ns: int
     first_ns: int
