@@ -1,6 +1,7 @@
 """Fits to simulated intervals of a known contact, with the Cramer-Rao bound of their errors."""
 
 from dataclasses import dataclass, replace
+from math import radians
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -8,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
+from contact_tracker.config.parameters import Noise as ModelNoise
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao, errors
 from contact_tracker.evaluation.elements import Deviation
@@ -24,13 +27,18 @@ from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Segment
+from distortions import turned
 
 Array = NDArray[np.float64]
 
 
 class Noise(NamedTuple):
-    """White noise of single poses, the duration of the contact, and its compliance: an error along the normal
-    with the standard deviation ``compliance_m`` and the correlation time ``correlation_s``."""
+    """White noise of single poses, the duration of the contact, and errors that are not white.
+
+    The compliance is an error along the normal with the standard deviation ``compliance_m`` and the
+    correlation time ``correlation_s``. ``wander_*`` are errors of the poses with the correlation time of the
+    model, which is told their size.
+    """
 
     rate_hz: float
     sigma_m: float
@@ -38,6 +46,15 @@ class Noise(NamedTuple):
     seconds: float
     compliance_m: float = 0.0
     correlation_s: float = 1.0
+    wander_m: float = 0.0
+    wander_deg: float = 0.0
+
+    @property
+    def model(self) -> Model:
+        """The shipped model with the errors that do not show in the noise."""
+        shipped = load_model()
+        wander = {"wander_position_m": self.wander_m, "wander_rotation_rad": radians(self.wander_deg)}
+        return replace(shipped, noise=replace(shipped.noise, **wander))
 
 
 NOISES: Final = {
@@ -76,7 +93,8 @@ def fit_simulated(contact: Contact, noise: Noise, seed: int) -> Fitted:
     assert true is not None
     sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
     bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
-    found = fitted_geometry(_with_compliance(measured.poses, true, noise, seed), contact)
+    model, poses = noise.model, _with_compliance(measured.poses, true, noise, seed)
+    found = fitted_geometry(_with_wander(poses, model.noise, seed), contact, model)
     whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, found)
     compared = geometry_errors(true_poses, measured.truth, [whole])
     return Fitted(errors(found, true, true_poses), bound, tuple(row.deviation for row in compared.rows))
@@ -86,11 +104,32 @@ def _with_compliance(poses: Poses, true: ContactGeometry, noise: Noise, seed: in
     """The poses with the compliance of ``noise``."""
     if not noise.compliance_m:
         return poses
-    rng, rho = np.random.default_rng(seed), np.exp(-1.0 / (noise.rate_hz * noise.correlation_s))
-    white = rng.normal(size=len(poses) + SETTLING)
-    error = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], white)[SETTLING:]
+    error = _correlated(np.random.default_rng(seed), len(poses), noise.rate_hz * noise.correlation_s)
     along = _normals(true, poses.rotation)
     return replace(poses, position_m=poses.position_m + noise.compliance_m * error[:, None] * along)
+
+
+def _with_wander(poses: Poses, noise: ModelNoise, seed: int) -> Poses:
+    """The poses with the correlated errors of the model."""
+    if not any(noise.wander_variance):
+        return poses
+    rng, memory = (
+        np.random.default_rng([seed, 1]),
+        noise.wander_s * 1e9 / float(np.diff(poses.stamp_ns).mean()),
+    )
+    error = np.stack([_correlated(rng, len(poses), memory) for _ in range(6)], axis=1)
+    return replace(
+        poses,
+        position_m=poses.position_m + noise.wander_position_m * error[:, :3],
+        quat_xyzw=turned(poses, noise.wander_rotation_rad * error[:, 3:]),
+    )
+
+
+def _correlated(rng: np.random.Generator, count: int, memory: float) -> Array:
+    """An autoregressive error (N,) of order one with unit variance and a correlation time in poses."""
+    rho = np.exp(-1.0 / memory)
+    white = rng.normal(size=count + SETTLING)
+    return np.asarray(lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], white)[SETTLING:])
 
 
 def _normals(true: ContactGeometry, rotation: Array) -> Array:
@@ -106,9 +145,9 @@ def _normals(true: ContactGeometry, rotation: Array) -> Array:
     raise TypeError("no contact")
 
 
-def fitted_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
+def fitted_geometry(poses: Poses, contact: Contact, model: Model | None = None) -> ContactGeometry:
     """The geometry that the offline tracker fits to a segment of these poses with this label."""
-    state, closed = tracker.start(load_model()), []
+    state, closed = tracker.start(load_model() if model is None else model), []
     for pose in poses:
         state, some = tracker.accumulate_pose(state, pose)
         closed += some
@@ -126,6 +165,6 @@ def fitted_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
         ),
         tick_anisotropy(noise, counts, state.model),
     )
-    model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
-    fitted, information = refine(fit_window(model, window, scales), model, window, scales)
-    return contact_geometry(fitted, 0, model, scales, window, state.averaging.origin_m, information)
+    kind, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
+    fitted, information = refine(fit_window(kind, window, scales), kind, window, scales)
+    return contact_geometry(fitted, 0, kind, scales, window, state.averaging.origin_m, information)

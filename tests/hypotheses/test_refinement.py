@@ -79,6 +79,14 @@ def test_covariances_include_correlated_errors(contact, monkeypatch):
     assert known < 0.6 * normalised()
 
 
+@each_contact
+def test_covariances_are_consistent_where_the_model_knows_that_errors_wander(contact):
+    """Errors of 0.5 mm and 0.15 deg that last for 2 s. A covariance that is far too large fails as well."""
+    wanders = NOISES["mocap"]._replace(wander_m=0.5e-3, wander_deg=0.15)
+    deviations = [d for seed in range(SEEDS) for d in fit_simulated(contact, wanders, seed).deviation]
+    assert 0.4 < sum(d.squared for d in deviations) / sum(d.freedom for d in deviations) < 2.5
+
+
 @given(st.integers(0, 10_000), st.floats(0.0, 0.7))
 @example(seed=138, correlation=0.6875).via("squares of other ticks than those of the products had it at 0.92")
 def test_size_and_correlation_of_errors_are_estimated_from_residuals(seed, correlation):

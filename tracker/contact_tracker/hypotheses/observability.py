@@ -46,7 +46,8 @@ def observed_geometry(
     ----------
     one : bank of one hypothesis.
     variance : (2,) noise of a tick: position (m^2) and rotation (rad^2).
-    information : (P, P) of the ticks on x; by default that of the hypothesis's window.
+    information : (P, P) of the ticks on x, for a bank with moments of the poses; by default that of the
+        running fit, whose moments hold innovations.
 
     Returns
     -------
@@ -97,13 +98,13 @@ def information_spectrum(
     vague = _vague(model, scales.reach_m)
     tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
     prior = tangent.T @ (vague + one.prior_information[0]) @ tangent
-    of_window = information is None
+    noise_margin = NOISE_MARGIN
     if information is None:
-        information = refit.information(one, model, scales)[0]
-    # with correlated errors the moments hold innovations, in which most of a constant pose cancels
-    noise = noise_information(one, model, tangent, variance / (1.0 - scales.correlation) ** 2)
+        information, noise_margin = refit.information(one, model, scales)[0], 1.0
+        # with correlated errors the moments hold innovations, in which most of a constant pose cancels
+        variance = variance / (1.0 - scales.correlation) ** 2
+    noise = noise_information(one, model, tangent, variance)
     eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
-    noise_margin = 1.0 if of_window else NOISE_MARGIN
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
 
