@@ -53,8 +53,9 @@ class Noise(NamedTuple):
     def model(self) -> Model:
         """The shipped model with the errors that do not show in the noise."""
         shipped = load_model()
-        wander = {"wander_position_m": self.wander_m, "wander_rotation_rad": radians(self.wander_deg)}
-        return replace(shipped, noise=replace(shipped.noise, **wander))
+        wander_m, wander_rad = self.wander_m, radians(self.wander_deg)
+        noise = replace(shipped.noise, wander_position_m=wander_m, wander_rotation_rad=wander_rad)
+        return replace(shipped, noise=noise)
 
 
 NOISES: Final = {

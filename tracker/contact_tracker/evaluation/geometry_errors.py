@@ -88,8 +88,18 @@ class GeometryErrors:
     @property
     def within_3_sd(self) -> float:
         """Share of the elements with a covariance that lie within 3 standard deviations of the truth."""
-        sd = _known(row.deviation.sd for row in self.rows)
+        sd = self._sd
         return float(np.mean(sd <= 3)) if len(sd) else float("nan")
+
+    @property
+    def median_sd(self) -> float:
+        """Median error in standard deviations; 0.67 if they are right, less if they are too large."""
+        sd = self._sd
+        return float(np.median(sd)) if len(sd) else float("nan")
+
+    @property
+    def _sd(self) -> Array:
+        return _known(row.deviation.sd for row in self.rows)
 
 
 def geometry_errors(poses: Poses, truth: Truth, segments: Sequence[Segment]) -> GeometryErrors:
