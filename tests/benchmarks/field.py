@@ -3,6 +3,7 @@
     python tests/benchmarks/field.py recordings
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only none moving_average_3
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only slow_wander --oracle
+    python tests/benchmarks/field.py FOLDER --set paper sequence robot --only volume_distortion --accuracy 0.5mm,0.1deg
 
 Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as by ``evaluate``,
 and for comparison without adaptation. Figures of a distortion are means over the recordings: accuracy, share
@@ -26,7 +27,8 @@ from tqdm import tqdm
 
 import kept_tables
 from contact_tracker import adaptation
-from contact_tracker.config.loading import load_model
+from contact_tracker.api.given import model_from
+from contact_tracker.config.parameters import Model
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.pose_validation import gate
@@ -56,14 +58,14 @@ class Measured(NamedTuple):
     other: Evaluation
 
 
-def measure(path: str, distortion: str, model_name: str, oracle: bool) -> Measured:
+def measure(path: str, distortion: str, model: Model, oracle: bool) -> Measured:
     """Distort, gate, track and evaluate one recording; for comparison without adaptation, or with the true
     errors given."""
     truth, clean = read_truth(path), Poses.collect(open_log(path))
     if truth is None:
         raise SystemExit(f"{path}: no truth")
     random = np.random.default_rng(zlib.crc32(f"{Path(path).stem} {distortion}".encode()))
-    distorted, model = DISTORTIONS[distortion](clean, random), load_model(model_name)
+    distorted = DISTORTIONS[distortion](clean, random)
     poses = gate(distorted)
     found = adaptation.segment(poses, model)
     if oracle:
@@ -104,7 +106,7 @@ def with_others(rows: list[list[str]], kept: list[list[str]]) -> list[list[str]]
 
 
 def measure_all(
-    paths: Sequence[str], names: Sequence[str], model: str, processes: int, oracle: bool
+    paths: Sequence[str], names: Sequence[str], model: Model, processes: int, oracle: bool
 ) -> Iterator[list[str]]:
     """Rows of the table, one distortion after the other."""
     with worker_pool(processes) as pool:
@@ -123,6 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", default=[], choices=DISTORTIONS, metavar="NAME")
     parser.add_argument("--oracle", action="store_true", help="compare with the true errors given")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
+    parser.add_argument("--accuracy", metavar="MM,DEG", help="systematic errors of the poses")
     parser.add_argument(
         "--tables",
         type=Path,
@@ -135,10 +138,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.oracle and (unknown := [name for name in names if name not in KNOWN]):
         parser.error(f"no true errors to give of {' '.join(unknown)}; there are: {' '.join(KNOWN)}")
     paths = [str(path) for some in find_sets(args.folder, args.set).values() for path in some]
-    rows = list(measure_all(paths, names, args.model, args.processes, args.oracle))
+    model = model_from(args.model, accuracy=args.accuracy)
+    rows = list(measure_all(paths, names, model, args.processes, args.oracle))
     header = ORACLE_HEADER if args.oracle else HEADER
     print(table(header, rows))
     if args.tables:
+        if args.accuracy:
+            parser.error("--tables keeps figures without --accuracy")
         command = command_of("field", args.set, args.model)
         if args.oracle:
             command += f" --only {' '.join(names)} --oracle"

@@ -7,9 +7,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.config.parameters import Model
+from contact_tracker.config.parameters import Model, SystematicErrors
 from contact_tracker.config.parameters import Noise as ModelNoise
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao, errors
@@ -37,7 +38,7 @@ class Noise(NamedTuple):
 
     The compliance is an error along the normal with the standard deviation ``compliance_m`` and the
     correlation time ``correlation_s``. ``wander_*`` are errors of the poses with the correlation time of the
-    model, which is told their size.
+    model, ``systematic_*`` errors that depend on the pose. The model knows the size of both.
     """
 
     rate_hz: float
@@ -48,6 +49,8 @@ class Noise(NamedTuple):
     correlation_s: float = 1.0
     wander_m: float = 0.0
     wander_deg: float = 0.0
+    systematic_m: float = 0.0
+    systematic_deg: float = 0.0
 
     @property
     def model(self) -> Model:
@@ -55,7 +58,8 @@ class Noise(NamedTuple):
         shipped = load_model()
         wander_m, wander_rad = self.wander_m, radians(self.wander_deg)
         noise = replace(shipped.noise, wander_position_m=wander_m, wander_rotation_rad=wander_rad)
-        return replace(shipped, noise=noise)
+        known = replace(shipped, noise=noise)
+        return known.with_systematic_errors(self.systematic_m, radians(self.systematic_deg))
 
 
 NOISES: Final = {
@@ -95,7 +99,8 @@ def fit_simulated(contact: Contact, noise: Noise, seed: int) -> Fitted:
     sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
     bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
     model, poses = noise.model, _with_compliance(measured.poses, true, noise, seed)
-    found = fitted_geometry(_with_wander(poses, model.noise, seed), contact, model)
+    poses = _with_systematic_errors(_with_wander(poses, model.noise, seed), model.systematic, seed)
+    found = fitted_geometry(poses, contact, model)
     whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, found)
     compared = geometry_errors(true_poses, measured.truth, [whole])
     return Fitted(errors(found, true, true_poses), bound, tuple(row.deviation for row in compared.rows))
@@ -123,6 +128,26 @@ def _with_wander(poses: Poses, noise: ModelNoise, seed: int) -> Poses:
         poses,
         position_m=poses.position_m + noise.wander_position_m * error[:, :3],
         quat_xyzw=turned(poses, noise.wander_rotation_rad * error[:, 3:]),
+    )
+
+
+def _with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) -> Poses:
+    """The poses with errors drawn from the Gaussian process of the model."""
+    if not errors.are_known:
+        return poses
+    rng, rotation = np.random.default_rng([seed, 2]), Rotation.from_quat(poses.quat_xyzw)
+    away_m = np.linalg.norm(poses.position_m[:, None] - poses.position_m, axis=2)
+    angle = np.array([(rotation.inv() * one).magnitude() for one in rotation])
+    shift = errors.position_m * _drawn(rng, away_m / errors.length_m)
+    turn = errors.rotation_rad * _drawn(rng, angle / errors.angle_rad)
+    return replace(poses, position_m=poses.position_m + shift, quat_xyzw=turned(poses, turn))
+
+
+def _drawn(rng: np.random.Generator, apart: Array) -> Array:
+    """Three independent draws (N, 3) of a process whose covariance is a bell curve of ``apart`` (N, N)."""
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
+    return np.asarray(
+        vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * rng.normal(size=(len(apart), 3)))
     )
 
 
@@ -168,4 +193,6 @@ def fitted_geometry(poses: Poses, contact: Contact, model: Model | None = None) 
     )
     kind, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
     fitted, information = refine(fit_window(kind, window, scales), kind, window, scales)
-    return contact_geometry(fitted, 0, kind, scales, window, state.averaging.origin_m, information)
+    return contact_geometry(
+        fitted, 0, kind, scales, window, state.averaging.origin_m, state.model.systematic, information
+    )

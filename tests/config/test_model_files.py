@@ -29,6 +29,7 @@ DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
 MAY_BE_LEFT_OUT = {
     (None, "poses_per_tick"),
     ("motion", "initial_autocorrelation"),
+    *(("systematic", key) for key in ("position_m", "rotation_rad", "length_m", "angle_rad")),
     *(("noise", key) for key in ("wander_position_m", "wander_rotation_rad", "wander_s", "estimate_share")),
 }
 
@@ -60,7 +61,7 @@ def numbers(kind=Model, prefix=""):
 def changed(section, key, value):
     """The default model's table with one value changed, or taken away (None)."""
     table = {k: dict(v) if isinstance(v, dict) else v for k, v in DEFAULT.items()}
-    inner = table if section is None else table[section]
+    inner = table if section is None else table.setdefault(section, {})
     inner.pop(key, None)
     if value is not None:
         inner[key] = value

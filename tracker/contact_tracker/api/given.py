@@ -14,29 +14,36 @@ from contact_tracker.prior_map_files.loading import knowledge_from, load_knowled
 
 ModelLike = str | os.PathLike[str] | Model
 Known = str | os.PathLike[str] | Mapping[str, Any] | PriorMap | None
-Noise = str | tuple[float, float] | None
+Deviations = str | tuple[float, float] | None
 
 
-def model_from(model: ModelLike, noise: Noise = None) -> Model:
-    """A model given by name, file or value, with the given noise of a pose.
+def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations = None) -> Model:
+    """A model given by name, file or value, with the given noise and systematic errors of a pose.
 
     Raises
     ------
     ModelError
         There is no such model, or it has a wrong value.
     UsageError
-        The noise is invalid.
+        The noise or the accuracy is invalid.
     """
     found = model if isinstance(model, Model) else load_model(os.fspath(model))
-    if noise is None:
-        return found
+    if noise is not None:
+        found = found.with_noise(*_deviations_from(noise, "noise"))
+    if accuracy is not None:
+        found = found.with_systematic_errors(*_deviations_from(accuracy, "accuracy"))
+    return found
+
+
+def _deviations_from(value: str | tuple[float, float], name: str) -> tuple[float, float]:
+    """A length and an angle in metres and radians; raises UsageError, which ``name`` begins."""
     try:
-        if isinstance(noise, str):
-            return found.with_noise(*deviations(noise))
-        position_m, rotation_rad = map(float, noise)
-        return found.with_noise(*plausible((position_m, rotation_rad), noise))
+        if isinstance(value, str):
+            return deviations(value)
+        position_m, rotation_rad = map(float, value)
+        return plausible((position_m, rotation_rad), value)
     except (TypeError, ValueError) as error:
-        raise UsageError(f"noise is '0.3mm,0.15deg' or (metres, radians): {error}") from error
+        raise UsageError(f"{name} is '0.3mm,0.15deg' or (metres, radians): {error}") from error
 
 
 def knowledge_of(known: Known, note: Callable[[str], None]) -> PriorMap:

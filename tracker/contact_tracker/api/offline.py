@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from contact_tracker.adaptation import OfflineTracker, Report
 from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
-from contact_tracker.api.given import Known, ModelLike, Noise, knowledge_of, model_from
+from contact_tracker.api.given import Deviations, Known, ModelLike, knowledge_of, model_from
 from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.columns import (
@@ -211,9 +211,10 @@ def segment(
     trajectory: Any,
     model: ModelLike = "default",
     known: Known = None,
-    noise: Noise = None,
+    noise: Deviations = None,
     wrench: str | Wrenches | None = None,
     mass_kg: float | None = None,
+    accuracy: Deviations = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -227,6 +228,8 @@ def segment(
     wrench : the wrench of the hand or robot on the object, which decides between contacts that motion cannot
         distinguish: the topic in the recording, or ``Wrenches`` about the body's origin and in its axes.
     mass_kg : of the object, if known; else estimated from free motion.
+    accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
+        ``noise``. They do not show in the poses, and increase the deviations of elements.
 
     Raises
     ------
@@ -235,7 +238,7 @@ def segment(
     UsageError
         An argument, the model or the prior knowledge is invalid.
     """
-    given = model_from(model, noise)
+    given = model_from(model, noise, accuracy)
     notes = list[str]()
     knowledge = knowledge_of(known, notes.append)
     poses = _trajectory_of(trajectory)

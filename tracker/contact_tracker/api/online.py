@@ -8,7 +8,7 @@ from typing import Self, SupportsIndex
 
 from contact_tracker import adaptation
 from contact_tracker.adaptation import AdaptiveState
-from contact_tracker.api.given import Known, ModelLike, Noise, knowledge_of, model_from
+from contact_tracker.api.given import Deviations, Known, ModelLike, knowledge_of, model_from
 from contact_tracker.errors import InvalidPose, StateError, UsageError
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose
@@ -22,7 +22,7 @@ class Tracker:
 
     Parameters
     ----------
-    model, known, noise : as of ``segment``.
+    model, known, noise, accuracy : as of ``segment``.
     lag_s : delay of the beliefs (s), for which they are smoothed.
 
     Raises
@@ -36,9 +36,10 @@ class Tracker:
         model: ModelLike = "default",
         lag_s: float = 0.0,
         known: Known = None,
-        noise: Noise = None,
+        noise: Deviations = None,
+        accuracy: Deviations = None,
     ) -> None:
-        given, notes = model_from(model, noise), list[str]()
+        given, notes = model_from(model, noise, accuracy), list[str]()
         if not isinstance(lag_s, int | float) or not 0.0 <= lag_s <= given.search.window_s:
             raise UsageError(f"lag_s is 0 to {given.search.window_s:g} s, not {lag_s!r}")
         self._notes = notes

@@ -86,17 +86,26 @@ def add_model(parser: argparse.ArgumentParser) -> None:
         help="standard deviations of a pose per axis, where you know them: 0.3mm,0.15deg (default: as the "
         "stream shows)",
     )
+    parser.add_argument(
+        "--accuracy",
+        type=_deviations,
+        metavar="MM,DEG",
+        help="standard deviations of systematic errors of the poses, as of calibration: 0.5mm,0.1deg. They "
+        "do not show in the stream, and increase the deviations of elements (default: those of the model)",
+    )
 
 
 def model_of(args: argparse.Namespace) -> "Model":
-    """The model of ``--model`` and ``--noise``; raises ModelError."""
+    """The model of ``--model``, ``--noise`` and ``--accuracy``; raises ModelError."""
     from contact_tracker.cli.terminal import detail
     from contact_tracker.config.loading import load_model, model_file
     from contact_tracker.hypotheses import compiled
 
     detail(f"model {model_file(args.model)}, {compiled.described()}")
     model = load_model(args.model)
-    return model if args.noise is None else model.with_noise(*args.noise)
+    if args.noise is not None:
+        model = model.with_noise(*args.noise)
+    return model if args.accuracy is None else model.with_systematic_errors(*args.accuracy)
 
 
 def _deviations(text: str) -> tuple[float, float]:

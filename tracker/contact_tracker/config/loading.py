@@ -30,7 +30,10 @@ _RANGES: Final = {
 """Ranges of numbers, both ends excluded; those of others are ``_POSITIVE``."""
 _POSITIVE: Final = (1e-12, 1e9)
 MAY_BE_ZERO: Final = frozenset(
-    {"noise.wander_position_m", "noise.wander_rotation_rad", "motion.initial_autocorrelation"}
+    {
+        *("noise.wander_position_m", "noise.wander_rotation_rad", "motion.initial_autocorrelation"),
+        *("systematic.position_m", "systematic.rotation_rad"),
+    }
 )
 _LEAST_WINDOW_TICKS: Final = 10
 MOST_BYTES: Final = 1_000_000

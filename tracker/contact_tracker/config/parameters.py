@@ -51,6 +51,26 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class SystematicErrors:
+    """Errors of poses that depend on the pose, as those of calibration; standard deviations per axis.
+
+    They hardly show in the noise or in residuals. They only add to the covariance of elements.
+    """
+
+    position_m: float = 0.0
+    rotation_rad: float = 0.0
+    length_m: float = 0.1
+    """Distance over which the error of the position changes."""
+    angle_rad: float = 0.5
+    """Turn over which the error of the orientation changes."""
+
+    @property
+    def are_known(self) -> bool:
+        """Whether the poses have any."""
+        return self.position_m > 0.0 or self.rotation_rad > 0.0
+
+
+@dataclass(frozen=True)
 class Motion:
     """The model of free motion."""
 
@@ -136,6 +156,12 @@ class Model:
     search: Search
     poses_per_tick: float = 1.5
     """Least mean number of poses per tick: for a slow stream ticks are longer than ``tick_s``."""
+    systematic: SystematicErrors = SystematicErrors()
+
+    def with_systematic_errors(self, position_m: float, rotation_rad: float) -> "Model":
+        """A copy with systematic errors of the poses of this size."""
+        errors = replace(self.systematic, position_m=position_m, rotation_rad=rotation_rad)
+        return replace(self, systematic=errors)
 
     def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> "Model":
         """A copy with known noise of the poses, which is not estimated."""

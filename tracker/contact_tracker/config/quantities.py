@@ -19,7 +19,7 @@ def deviations(text: str) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        It is something else, or no plausible noise of a pose.
+        It is something else, or no plausible error of a pose.
     """
     parts = [_QUANTITY.fullmatch(part.strip()) for part in text.split(",")]
     units = [part[2] for part in parts if part]
@@ -33,7 +33,7 @@ def plausible(values: tuple[float, float], shown: object) -> tuple[float, float]
     """The deviations (m, rad); raises ValueError, which quotes ``shown``, if they are not plausible."""
     low, high = _PLAUSIBLE
     if not all(low < value < high for value in values):
-        raise ValueError(f"{shown!r} is no noise of a pose: 1e-9 to 1 m and 1e-9 to 1 rad")
+        raise ValueError(f"{shown!r} is no error of a pose: 1e-9 to 1 m and 1e-9 to 1 rad")
     return values
 
 

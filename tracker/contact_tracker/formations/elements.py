@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.bank import Bank, blank
@@ -31,9 +32,12 @@ class FittedElements(NamedTuple):
         """(S,)"""
         return np.asarray(self.bank.x[0])
 
-    def geometry(self, scales: EvidenceParameters, origin_m: Array) -> ContactGeometry:
-        """The elements with covariance; ``origin_m`` as of ``contact_geometry``."""
-        return contact_geometry(self.bank, 0, self.model, scales, self.window, origin_m, self.information)
+    def geometry(
+        self, scales: EvidenceParameters, origin_m: Array, errors: SystematicErrors
+    ) -> ContactGeometry:
+        """The elements with covariance; ``origin_m`` and ``errors`` as of ``contact_geometry``."""
+        fit = self.bank, 0, self.model, scales, self.window
+        return contact_geometry(*fit, origin_m, errors, self.information)
 
 
 def fit_elements(model: ContactModel, x: Array, window: Window, scales: EvidenceParameters) -> FittedElements:

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.formations.complexity import elements_complexity
 from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
@@ -108,6 +109,8 @@ class FormationTicks(NamedTuple):
     leave_per_s: float
     origin_m: Array
     knowledge: PriorMap = EMPTY_MAP
+    systematic: SystematicErrors = SystematicErrors()
+    """Errors of the poses that are not noise."""
 
     @property
     def kinds(self) -> tuple[Contact, ...]:
@@ -117,7 +120,7 @@ class FormationTicks(NamedTuple):
     def geometry_of(self, elements: FittedElements) -> ContactGeometry | None:
         """Elements with covariance in the user's frames, named as in the prior map; None where a complete map
         lacks them."""
-        named = named_by(self.knowledge, elements.geometry(self.scales, self.origin_m))
+        named = named_by(self.knowledge, elements.geometry(self.scales, self.origin_m, self.systematic))
         complete = self.knowledge.object_complete, self.knowledge.environment_complete
         unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
         return None if unlisted else named

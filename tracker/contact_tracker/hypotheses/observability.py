@@ -39,6 +39,7 @@ def observed_geometry(
     scales: EvidenceParameters,
     variance: Array,
     information: Array | None = None,
+    systematic: Array | float = 0.0,
 ) -> ContactGeometry:
     """Elements of a single hypothesis with covariance and unobserved directions.
 
@@ -48,6 +49,7 @@ def observed_geometry(
     variance : (2,) noise of a tick: position (m^2) and rotation (rad^2).
     information : (P, P) of the ticks on x, for a bank with moments of the poses; by default that of the
         running fit, whose moments hold innovations.
+    systematic : covariance (S, S) of x by errors that are not noise.
 
     Returns
     -------
@@ -57,7 +59,7 @@ def observed_geometry(
     covariance, tangent, prior, eigenvalues, eigenvectors = information_spectrum(
         one, model, scales, variance, information
     )
-    found = model.geometry(x, covariance, scales.reach_m)
+    found = model.geometry(x, covariance + systematic, scales.reach_m)
     left = eigenvectors[:, : eigenvalues.searchsorted(SHOWN)]
     if not left.size:
         return found
@@ -95,9 +97,8 @@ def information_spectrum(
     information: Array | None = None,
 ) -> InformationSpectrum:
     """The spectrum of a single hypothesis; arguments as of ``observed_geometry``."""
-    vague = _vague(model, scales.reach_m)
     tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
-    prior = tangent.T @ (vague + one.prior_information[0]) @ tangent
+    prior = prior_along(one, model, tangent, scales.reach_m)
     noise_margin = NOISE_MARGIN
     if information is None:
         information, noise_margin = refit.information(one, model, scales)[0], 1.0
@@ -107,6 +108,11 @@ def information_spectrum(
     eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
+
+
+def prior_along(one: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
+    """Precision (P, P) of the prior of a single hypothesis along ``tangent`` (S, P)."""
+    return np.asarray(tangent.T @ (_vague(model, reach_m) + one.prior_information[0]) @ tangent)
 
 
 @cache
@@ -149,6 +155,13 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
     off *= np.sqrt(precision[:, None] * variance[lifted_pose.NOISE_OF_PERTURBATION])[..., None]
     jitter = off.reshape(-1, columns) @ moments
     return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
+
+
+def perturbed_rows(one: Bank, model: ContactModel) -> Array:
+    """Coefficients (K, 6, C) of the change of each residual of a single hypothesis by small turns about the
+    body's axes and shifts along the world's."""
+    rows = model.family.rows(one.x[0])
+    return np.asarray(rows @ _perturbations(model)).reshape(len(rows), 6, -1)
 
 
 @cache

@@ -55,6 +55,7 @@ VALUES: Final[tuple[type, ...]] = (
     parameters.Motion,
     parameters.Noise,
     parameters.Search,
+    parameters.SystematicErrors,
     parameters.TransitionCounts,
     parameters.Transitions,
     elements.ContactGeometry,

@@ -37,7 +37,9 @@ def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[T
     some = window.cut(max(first_row, len(window) - online.WINDOW_TICKS), None)
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
     leave_per_s, origin_m = state.model.transitions.leave_per_s, state.averaging.origin_m
-    ticks = FormationTicks(some, scales_of(state.model), leave_per_s, origin_m, state.knowledge)
+    ticks = FormationTicks(
+        some, scales_of(state.model), leave_per_s, origin_m, state.knowledge, state.model.systematic
+    )
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
     formation = online.advance(state.formation, ticks, first)
     state = state._replace(formation=formation)

@@ -128,4 +128,5 @@ def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | Non
     scales, origin_m = scales_of(state.model), state.averaging.origin_m
     pair = element_pairs(state.knowledge, contact)[bank.known_pair_index[row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
-    return named(contact_geometry(bank, row, contact, scales, window, origin_m), pair)
+    where = contact_geometry(bank, row, contact, scales, window, origin_m, state.model.systematic)
+    return named(where, pair)

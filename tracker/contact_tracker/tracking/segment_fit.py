@@ -161,7 +161,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fits[label.column], contact, window, scales)
     pair = element_pairs(knowledge, contact)[fitted.known_pair_index[0]]
-    where = contact_geometry(fitted, 0, contact, scales, window, segment.origin_m, information)
+    fit = fitted, 0, contact, scales, window
+    where = contact_geometry(*fit, segment.origin_m, model.systematic, information)
     return SegmentFit(
         label,
         named(where, pair),
@@ -177,7 +178,7 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
     """The contacts beside the ``first``, which lasts through the ``window``."""
     model, scales = segment.model, scales_of(segment.model)
     leave_per_s = model.transitions.leave_per_s
-    ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.knowledge)
+    ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.knowledge, model.systematic)
     found = find_formation(ticks, first)
     power = model.certainty.posterior_power
     further = (
