@@ -3,7 +3,7 @@
     python tests/benchmarks/field.py recordings
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only none moving_average_3
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only slow_wander --oracle
-    python tests/benchmarks/field.py FOLDER --set paper sequence robot --only volume_distortion --accuracy 0.5mm,0.1deg
+    python tests/benchmarks/field.py FOLDER --only volume_distortion --accuracy 0.5mm,0.1deg
 
 Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as by ``evaluate``,
 and for comparison without adaptation. Figures of a distortion are means over the recordings: accuracy, share
