@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation import online
+from contact_tracker.adaptation import online, repeatability
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.config.parameters import Model
@@ -42,11 +42,15 @@ class OfflineTracker:
         self._wrenches = wrenches
         self._executor = executor
         self._state = online.start(model, knowledge=knowledge)
+        self._repeatability = repeatability.Repeatability()
 
     @property
     def report(self) -> Report | None:
         """None if the recording has no poses."""
-        return report(self._state)
+        found = report(self._state)
+        if found is None:
+            return None
+        return found._replace(findings=(*found.findings, *repeatability.findings(self._repeatability)))
 
     def pieces(
         self,
@@ -75,6 +79,7 @@ class OfflineTracker:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
             piece = replace(piece, filtered=piece.filtered[count:])
+            self._repeatability = repeatability.advance(self._repeatability, piece.segments)
             if self._state.is_in_doubt:
                 piece = _in_doubt(piece)
             yield replace(piece, filtered=Beliefs.join([reported, piece.filtered]))

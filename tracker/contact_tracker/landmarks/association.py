@@ -2,6 +2,7 @@
 T28)."""
 
 from dataclasses import replace
+from math import inf, sqrt
 from typing import Final
 
 import numpy as np
@@ -23,17 +24,23 @@ _LOST: Final = 1e-12
 
 
 def is_same_element(first: Element, second: Element) -> bool:
-    """Whether two elements of one kind differ by no more than their covariances allow.
+    """Whether two elements of one kind differ by no more than their covariances allow."""
+    return mahalanobis(first, second) <= SAME
+
+
+def mahalanobis(first: Element, second: Element) -> float:
+    """Distance of two elements of one kind in standard deviations of their difference.
 
     Lines may have other points and opposite directions. Normals point out of the bodies, so planes with
-    opposite normals are different.
+    opposite normals are infinitely far apart.
     """
     if isinstance(first, Plane) and isinstance(second, Plane) and first.normal @ second.normal < 0.0:
-        return False
+        return inf
     first, second = _better_first(first, second)
     free = _free(first)
     off = free.T @ (numbers(first) - numbers(second))
-    return bool(off @ _inverse(_along(free, first) + _along(free, second)) @ off <= SAME**2)
+    information = _inverse(_along(free, first) + _along(free, second))
+    return sqrt(max(float(off @ information @ off), 0.0))
 
 
 def fuse(later: Element, earlier: Element) -> Element:
