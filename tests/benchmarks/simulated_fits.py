@@ -99,7 +99,7 @@ def fit_simulated(contact: Contact, noise: Noise, seed: int) -> Fitted:
     sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
     bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
     model, poses = noise.model, _with_compliance(measured.poses, true, noise, seed)
-    poses = _with_systematic_errors(_with_wander(poses, model.noise, seed), model.systematic, seed)
+    poses = with_systematic_errors(_with_wander(poses, model.noise, seed), model.systematic, seed)
     found = fitted_geometry(poses, contact, model)
     whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, found)
     compared = geometry_errors(true_poses, measured.truth, [whole])
@@ -131,7 +131,7 @@ def _with_wander(poses: Poses, noise: ModelNoise, seed: int) -> Poses:
     )
 
 
-def _with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) -> Poses:
+def with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) -> Poses:
     """The poses with errors drawn from the Gaussian process of the model."""
     if not errors.are_known:
         return poses

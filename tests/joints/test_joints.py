@@ -7,22 +7,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.simulated_fits import with_systematic_errors
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import adaptation
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.elements import deviation
 from contact_tracker.geometry.elements import Line, Point
 from contact_tracker.hypotheses import compiled
-from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints import evidence
+from contact_tracker.joints.evidence import fit_joint
+from contact_tracker.joints.geometry import Joint, joint_of
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
-from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.window import Window
 from contact_tracker.simulate import Phase, Scenario, named_scenario, simulate
 from contact_tracker.simulate.signals import band_limited
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.tracking.state import scales_of
 from mcap_logs import poses_topic, write_log
 
 Array = NDArray[np.float64]
@@ -197,3 +203,32 @@ def test_parameters_of_frames_are_numbered_once() -> None:
         assert len(set(model.free.tolist())) == len(model.free)
         assert model.free.max() <= PITCH
         assert model.kind.constraints == len(model.rows)
+
+
+@pytest.mark.parametrize("kind", [JointKind.HINGE, JointKind.BALL], ids=str)
+def test_covariances_include_systematic_errors(kind: JointKind) -> None:
+    """Errors of 0.5 mm and 0.1 deg that depend on the pose; by noise alone elements are far off."""
+    errors = load_model().with_systematic_errors(0.5e-3, np.radians(0.1)).systematic
+    model, scales = JOINT_MODELS[list(JointKind).index(kind)], scales_of(load_model())
+    squared, freedom = np.zeros(2), 0
+    for seed in range(6):
+        frames, poses = moved(kind, seed, 8.0)
+        some = with_systematic_errors(poses[::20], errors, seed)
+        zeta = lift(some.rotation, some.position_m)
+        variance = np.tile([SIGMA[0] ** 2, SIGMA[1] ** 2], (len(zeta), 1))
+        window = Window(np.arange(len(zeta)), zeta, variance, 100.0 * variance)
+        noise = fit_joint(model, window, scales)
+        bent = evidence.with_systematic_errors(noise, window, scales, errors)
+        place = zeta[:, T].mean(axis=0)
+        for i, fitted in enumerate((noise, bent)):
+            joint = joint_of(fitted, 1.0, place, np.zeros(3))
+            true = (
+                Point(frames.world_point_m)
+                if kind is JointKind.BALL
+                else Line(frames.world_axes[:, 2], frames.world_point_m)
+            )
+            off = deviation(joint.environment, true, place)
+            squared[i] += off.squared
+        freedom += off.freedom
+    assert 0.2 < squared[1] / freedom < 4.0
+    assert squared[0] / freedom > 5.0

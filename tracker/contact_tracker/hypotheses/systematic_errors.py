@@ -43,7 +43,7 @@ def systematic_covariance(
     is_refined : whether each tick counts by its noise alone; else also by its motion.
     """
     since = window.cut(int(np.searchsorted(window.index, one.onset[0])), None)
-    ticks = _representative(since)
+    ticks = representative(since)
     x, family, lifted = one.x[0], model.family, model.lifted(ticks.zeta)
     tangent = family.tangent(x, anchors_of(one, model)[0])
     weight = len(since) / len(ticks) / ticks.variance[:, 0]
@@ -56,12 +56,19 @@ def systematic_covariance(
     by_residual = tangent @ linalg.solve(information, weighted.reshape(len(weighted), -1))
     residuals = perturbed_rows(one, model) @ lifted.T
     by_error = np.einsum("skt,kdt->dst", by_residual.reshape(len(x), *slopes.shape[1:]), residuals)
-    turn, shift = _error_covariances(ticks.zeta, errors)
+    return propagated(by_error, ticks.zeta, errors)
+
+
+def propagated(by_error: Array, zeta: Array, errors: SystematicErrors) -> Array:
+    """Covariance (S, S) of parameters whose derivatives by the errors of N poses are ``by_error`` (6, S, N):
+    three turns about the body's axes, three shifts along the world's. ``zeta`` (N, 25) are the poses."""
+    turn, shift = _error_covariances(zeta, errors)
     each = by_error @ np.repeat([turn, shift], 3, axis=0) @ by_error.swapaxes(1, 2)
     return np.asarray(each.sum(axis=0))
 
 
-def _representative(window: Window) -> Window:
+def representative(window: Window) -> Window:
+    """The window, or if it is long some of its ticks."""
     if len(window) <= MOST_TICKS:
         return window
     return window.pick(np.linspace(0, len(window) - 1, MOST_TICKS).astype(int), window.before)

@@ -6,10 +6,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.formations.complexity import elements_complexity
 from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.formations.further import SURE_NATS, KnownContact
 from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.systematic_errors import propagated, representative
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
 from contact_tracker.motion.lifted_pose import NOISE_OF_PERTURBATION
 from contact_tracker.motion.used_directions import used_directions
@@ -39,13 +41,14 @@ JITTER: Final = 1e-9
 
 
 class FittedJoint(NamedTuple):
-    """A joint at its greatest likelihood: ``covariance`` (P, P) of its free parameters and ``log_evidence``
-    against free motion (nats)."""
+    """A joint at its greatest likelihood: ``covariance`` (P, P) of its free parameters, ``log_evidence``
+    against free motion (nats) and ``play`` (K, K) of its constraints."""
 
     model: JointModel
     frames: JointFrames
     covariance: Array
     log_evidence: float
+    play: Array
 
 
 class FoundJoint(NamedTuple):
@@ -103,7 +106,26 @@ def fit_joint(
     evidence = _log_ratio(residual, window, scales, play) - _complexity(hessian, deviation)
     evidence -= 0.5 * (frames.pitch_m / PITCH_M) ** 2  # a slider is also a screw of a far too large pitch
     covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
-    return FittedJoint(model, frames, covariance, scales.likelihood_exponent * evidence)
+    return FittedJoint(model, frames, covariance, scales.likelihood_exponent * evidence, play)
+
+
+def with_systematic_errors(
+    fitted: FittedJoint, window: Window, scales: EvidenceParameters, errors: SystematicErrors
+) -> FittedJoint:
+    """The joint with the systematic errors of the poses in its covariance (T45)."""
+    if not errors.are_known:
+        return fitted
+    ticks = representative(window)
+    residual = fitted.model.residual(fitted.frames, ticks.zeta)
+    scale, lower = _factors(residual, _noise_sd(ticks))
+    both = np.concatenate([residual.by_x, residual.by_pose], axis=2) / scale[..., None]
+    white = np.linalg.solve(fitted.play, np.linalg.solve(lower, both))
+    slope, change = np.split(white, [len(fitted.covariance)], axis=2)
+    share = len(window) / len(ticks)
+    precision = np.diag(_deviations(scales)[fitted.model.free] ** -2.0)
+    hessian = precision + share * np.einsum("wkp,wkq->pq", slope, slope)
+    by_error = np.linalg.solve(hessian, share * np.einsum("wkp,wkd->dpw", slope, change))
+    return fitted._replace(covariance=fitted.covariance + propagated(by_error, ticks.zeta, errors))
 
 
 def _minimise(
