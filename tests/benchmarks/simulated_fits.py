@@ -7,7 +7,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
-from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model, SystematicErrors
@@ -135,9 +134,9 @@ def with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) ->
     """The poses with errors drawn from the Gaussian process of the model."""
     if not errors.are_known:
         return poses
-    rng, rotation = np.random.default_rng([seed, 2]), Rotation.from_quat(poses.quat_xyzw)
+    rng, rotation = np.random.default_rng([seed, 2]), poses.rotation.reshape(-1, 9)
     away_m = np.linalg.norm(poses.position_m[:, None] - poses.position_m, axis=2)
-    angle = np.array([(rotation.inv() * one).magnitude() for one in rotation])
+    angle = np.arccos(np.clip(0.5 * (rotation @ rotation.T - 1.0), -1.0, 1.0))
     shift = errors.position_m * _drawn(rng, away_m / errors.length_m)
     turn = errors.rotation_rad * _drawn(rng, angle / errors.angle_rad)
     return replace(poses, position_m=poses.position_m + shift, quat_xyzw=turned(poses, turn))
