@@ -47,7 +47,7 @@ def recorded_evidence(
 
     Raises
     ------
-    UsageError
+    InputError
         The topic is not there or cannot be used.
     """
     poses = Poses.join(list(log.batches()))
