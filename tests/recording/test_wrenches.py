@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.mcap_logs import Topic, poses_topic, smooth_poses, transform, wrench_stamped, write_log
 
+import contact_tracker
 from contact_tracker.cli.main import run
 from contact_tracker.errors import InputError
 from contact_tracker.motion.poses import Poses
@@ -121,3 +122,15 @@ def test_a_missing_topic_is_unusable_input_as_one_of_poses_is(tmp_path: Path) ->
     path = str(write_log(tmp_path / "log.mcap", [poses_topic(smooth_poses(400))]))
     assert run(["segment", path, "--wrench", "/none"]) == 1
     assert run(["segment", path, "--topic", "/none"]) == 1
+
+
+def test_a_mass_that_free_motion_contradicts_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = str(tmp_path / "pressed.mcap")
+    assert run(["simulate", "pressed", "-q", "-o", path]) == 0
+    for mass, is_reported in (("5", True), ("0.51", False)):
+        assert run(["segment", path, "--wrench", "/object/wrench", "--mass", mass]) == 0
+        assert ("not the given 5 kg" in capsys.readouterr().err) is is_reported
+    found = contact_tracker.segment(path, wrench="/object/wrench", mass_kg=5.0)
+    assert any("not the given 5 kg" in line for line in found.warnings)
