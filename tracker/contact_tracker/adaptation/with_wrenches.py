@@ -68,6 +68,6 @@ def mass_warning(load: Load, mass_kg: float | None) -> str | None:
     if mass_kg is None or abs(load.mass_kg - mass_kg) <= MASS_DIFFERS * mass_kg:
         return None
     return (
-        f"free motion shows a mass of {load.mass_kg:.3g} kg, which is used, not the given {mass_kg:g} kg: check "
-        "it, and whether the sensor carries more than the object"
+        f"free motion shows a mass of {load.mass_kg:.3g} kg, which is used, not the given {mass_kg:g} kg: "
+        "check it, and whether the sensor carries more than the object"
     )
