@@ -16,7 +16,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.adaptation import online
+from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import whole_file
+from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.main import COMMANDS
 from contact_tracker.cli.source import Source
@@ -26,6 +29,7 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
@@ -560,6 +564,33 @@ def test_info_reads_a_file_once_however_many_sources_it_has(tmp_path: Path) -> N
     assert one.stdout.startswith("/tf world->body 7")
     assert "tracking" in one.stdout
     assert run("info", path, "--frame", "nothing").returncode == 1
+
+
+def test_info_of_many_bodies_takes_little_longer_than_of_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each is tracked for its share of the updates that one has."""
+    poses = smooth_poses(3000)
+    bodies = [
+        Topic(
+            f"/{name}",
+            "geometry_msgs/msg/TransformStamped",
+            [(pose.stamp_ns, transform(*pose, "world", name)) for pose in poses],
+        )
+        for name in "abc"
+    ]
+    path, updates = str(write_log(tmp_path / "x.mcap", bodies)), list[int]()
+
+    def counted(state: AdaptiveState, some: Poses, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
+        state, beliefs = online.advance(state, some, detail)
+        updates.append(len(beliefs))
+        return state, beliefs
+
+    monkeypatch.setattr("contact_tracker.adaptation.advance", counted)
+    monkeypatch.setattr(info, "MOST_UPDATES", 300)
+    assert main.run(["info", path]) == 0
+    assert capsys.readouterr().out.count("tracking  noise") == 3
+    assert 20 < sum(updates) < 300 // 3
 
 
 # --- a stream that carries on ----------------------------------------------------------------------------
