@@ -5,9 +5,9 @@
 
 An object in each joint is simulated for some seconds with seeds 1, 2, ... (0.3 mm, 0.15 deg, 200 Hz), and
 segmented. ``true kind`` is the share of the time with a reported joint of the true kind, ``other kind`` with
-one of another kind. Angle, distance and pitch are medians of the errors of axes and centres, in the body and in
-the world, at their points nearest to the body's origin; ``within 3 sd`` is the share of these elements; both
-in the longest segment with the true kind.
+one of another kind. Angle, distance and pitch are medians of the errors of axes and centres, in the body and
+in the world, at their points nearest to the body's origin; ``within 3 sd`` is the share of these elements;
+both in the longest segment with the true kind.
 
 ``false`` is the share of the time with a reported joint although the object is in one contact, or free: in
 simulated motion by hand, and in the recordings of ``--single`` folders. In these an object may turn about one
