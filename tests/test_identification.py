@@ -277,7 +277,7 @@ def test_the_summary_is_kept_and_written_to_the_document(folder: Path) -> None:
     kept = kept_tables.read(out)
     assert kept.command == "python tests/benchmarks/identification.py FOLDER --set other"
     offline = dict(zip(kept.tables["tracker"].columns, kept.tables["tracker"].rows[0], strict=True))
-    assert (offline["set"], offline[""], offline["right"]) == ("other", "offline", "0.900")
+    assert (offline["set"], offline["mode"], offline["accuracy"]) == ("other", "offline", "0.900")
     assert kept.tables["alternatives"].columns[:3] == ("set", "scored, s", "tracker offline")
     frame = "before\n<!-- identification tracker: begin -->\n{}<!-- identification tracker: end -->\nafter\n"
     written = document.rewritten(frame.format("of old\n"), folder)

@@ -43,11 +43,12 @@ from true_errors import KNOWN, measured_poses, true_model
 from worker_pool import worker_pool
 
 FIGURES: Final = (
-    *("offline", "online", "sure and wrong offline", "online", "calibration offline", "online"),
-    *("worst offline", "online", "within 3 sd", "median sd"),
+    *("accuracy offline", "accuracy online", "sure and wrong offline", "sure and wrong online"),
+    *("ECE offline", "ECE online", "worst accuracy offline", "worst accuracy online"),
+    *("within 3 sd", "median sd"),
 )
 
-HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "online")
+HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "not adapted online")
 ORACLE_HEADER: Final = ("distortion", "errors", *FIGURES)
 
 

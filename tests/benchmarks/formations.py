@@ -5,13 +5,13 @@
 
 Scenarios with a further contact, and with one contact alone, are simulated with seeds 1, 2, ... (0.3 mm,
 0.15 deg, 200 Hz, 24 s). ``found`` is the share of the recordings in which the first contact is labelled and
-the true kind of the further one is reported, or reported as inseparable (``of which open``: only so); if the
-first one is reported as ambiguous, it counts as ``ambiguous``. ``within 3 sd`` is the share of the elements
-of correctly reported contacts. Errors of the begin and end of a further contact (``joins``, ``leaves``) are
-medians (s) over the recordings that have one. ``false`` is the share of the time with a false further
-contact, in the simulated recordings and in those of ``--single`` folders, offline and online. ``online`` is
-the share of the time of the further contact in which it is reported online, with its kind or an inseparable
-one, and ``delay`` the median time (s) until the first report.
+the true kind of the further one is reported, or reported as inseparable (``kind open``: only so); if the
+first one is reported as ambiguous, it counts as ``label open``. ``within 3 sd`` is the share of the elements
+of correctly reported contacts. ``start error`` and ``end error`` of a further contact are median absolute
+errors (s) over the recordings that have one. ``false`` is the share of the time with a false further
+contact, in the simulated recordings and in those of ``--single`` folders, offline and online. ``found
+online`` is the share of the time of the further contact in which it is reported online, with its kind or an
+inseparable one, and ``delay online`` the median time (s) until the first report.
 """
 
 import argparse
@@ -47,8 +47,9 @@ ALONE: Final = {
 }
 """Scenarios with one contact. (Two vertices on the table would be an edge.)"""
 COLUMNS: Final = (
-    *("scenario", "recordings", "found", "of which open", "ambiguous", "within 3 sd"),
-    *("joins, s", "leaves, s", "false", "online", "delay, s", "false online"),
+    *("scenario", "recordings", "found offline", "kind open", "label open", "within 3 sd"),
+    *("start error, s", "end error, s", "false offline"),
+    *("found online", "delay online, s", "false online"),
 )
 
 SINGLE_COLUMNS: Final = ("recordings of single contacts", "seconds", "false offline", "false online")

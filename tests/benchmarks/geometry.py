@@ -47,9 +47,9 @@ GOAL: Final = 1.3
 MOSTLY: Final = 0.5
 
 
-SIMULATED: Final = ("noise", "contact", "side", "error", "median", "bound", "x bound", "nees", "95 % band")
+SIMULATED: Final = ("noise", "contact", "side", "error", "median", "bound", "x bound", "NEES", "95 % band")
 AGAINST_PAPER: Final = ("contact", "side", "error", "n", "median", "worst", "bound", "paper's")
-COVARIANCE: Final = ("set", "elements", "n", "nees", "95 % band", "median", "within 95 %")
+COVARIANCE: Final = ("set", "elements", "n", "NEES", "95 % band", "median", "within 95 %")
 
 
 def over_bound(error: Array, bound: Array) -> tuple[float, float, float]:
@@ -190,7 +190,7 @@ def report(
 
 def summary(rows: Sequence[list[str]]) -> Table:
     """Medians of the errors by noise and contact, over both elements, and their worst ratios."""
-    columns = "noise", "contact", "angle, deg", "distance, mm", "worst over the bound", "nees"
+    columns = "noise", "contact", "angle, deg", "distance, mm", "worst ratio to bound", "NEES"
     kept = list[list[str]]()
     for noise, contact in dict.fromkeys((row[0], row[1]) for row in rows):
         some = [row for row in rows if (row[0], row[1]) == (noise, contact)]

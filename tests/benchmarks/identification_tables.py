@@ -25,8 +25,8 @@ BY_METHOD: Final = (
     *GEOMETRY, "in 3 sd", "| right", "sure&wrong",
 )  # fmt: skip
 SUMMARY: Final = {
-    "": 1, "right": 2, "5-95 %": 3, "F1": 4, "delay, s": 8, "log-loss": 11, "ECE": 13, "sure and wrong": 16,
-    "angle, deg": 17, "distance, mm": 18, "within 3 sd": 19,
+    "mode": 1, "accuracy": 2, "5-95 %": 3, "F1": 4, "delay, s": 8, "log-loss": 11, "ECE": 13,
+    "sure and wrong": 16, "angle, deg": 17, "distance, mm": 18, "within 3 sd": 19,
 }  # fmt: skip
 """Columns of the summary, with their index in a row of ``BY_METHOD``."""
 SHOWN: Final = ("offline", "lag 1 s", "online")

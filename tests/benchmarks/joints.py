@@ -4,10 +4,10 @@
     python tests/benchmarks/joints.py --single FOLDER/physics/robot --tables docs/benchmarks/joints.json
 
 An object in each joint is simulated for some seconds with seeds 1, 2, ... (0.3 mm, 0.15 deg, 200 Hz), and
-segmented. ``named`` is the share of the time with a reported joint of the true kind, ``other kind`` with one
-of another kind. Angle, distance and pitch are medians of the errors of axes and centres, in the body and in
-the world, at their points nearest to the body's origin; ``within 3 sd`` is the share of these elements; both
-in the longest segment with the true kind.
+segmented. ``true kind`` is the share of the time with a reported joint of the true kind, ``other kind`` with
+one of another kind. Angle, distance and pitch are medians of the errors of axes and centres, in the body and
+in the world, at their points nearest to the body's origin; ``within 3 sd`` is the share of these elements;
+both in the longest segment with the true kind.
 
 ``false`` is the share of the time with a reported joint although the object is in one contact, or free: in
 simulated motion by hand, and in the recordings of ``--single`` folders. In these an object may turn about one
@@ -46,7 +46,7 @@ from table_rows import median_of_known, shares_row
 from worker_pool import folders_option, submit_folders, worker_pool
 
 COLUMNS: Final = (
-    *("joint", "seconds", "recordings", "named", "other kind"),
+    *("joint", "seconds", "recordings", "true kind", "other kind"),
     *("angle, deg", "distance, mm", "pitch, mm/rad", "within 3 sd"),
 )
 

@@ -61,9 +61,9 @@ def main() -> None:
     header = (
         "contact",
         "SLSQP (ms)",
-        *("cold (us)", "x", "lower"),
-        *("warm (us)", "x", "lower"),
-        *("all (us)", "x", "lower"),
+        *("cold (us)", "cold speed-up", "cold: SLSQP lower"),
+        *("warm (us)", "warm speed-up", "warm: SLSQP lower"),
+        *("all (us)", "all speed-up", "all: SLSQP lower"),
     )
     print(f"per window and contact; {count} windows, SLSQP on {args.windows}")
     print(table(header, rows))

@@ -27,8 +27,8 @@ from kept_tables import Table
 from restricted_motions import MOTIONS, Motion, poses_of
 
 HEADER: Final = (
-    *("motion", "most frequent label", "surely free offline", "online", "surely a contact offline", "online"),
-    *("any other offline", "online"),
+    *("motion", "most frequent label", "free above 0.9 offline", "free above 0.9 online"),
+    *("contact above 0.9 offline", "contact above 0.9 online", "any other offline", "any other online"),
 )
 SURE: Final = 0.9
 SETTLING_TICKS: Final = 20

@@ -24,8 +24,9 @@ from contact_tracker.recording import open_log, read_truth
 from kept_tables import ROOT, Table
 
 COLUMNS: Final = (
-    *("recording", "offline", "online", "log-loss offline", "online", "ECE offline", "online"),
-    *("sure and wrong offline", "online", "found", "angle, deg", "distance, mm", "within 3 sd"),
+    *("recording", "accuracy offline", "accuracy online", "log-loss offline", "log-loss online"),
+    *("ECE offline", "ECE online", "sure and wrong offline", "sure and wrong online"),
+    *("found", "angle, deg", "distance, mm", "within 3 sd"),
 )
 
 

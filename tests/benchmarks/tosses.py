@@ -36,7 +36,7 @@ MOVING_M_S: Final = 0.05
 """The cube is in motion while its fastest corner is faster than this."""
 SIGMA: Final = {"sigma_position_m": 0.5e-3, "sigma_rotation_deg": 0.2}
 """Assumed accuracy of plane and cube in the metadata."""
-COLUMNS: Final = ("known", "frames", "offline", "online")
+COLUMNS: Final = ("known", "frames", "accuracy offline", "accuracy online")
 LEVELS: Final = ("nothing", "plane", "plane and cube")
 
 

@@ -35,7 +35,7 @@ TOPIC: Final = "/object/wrench"
 NOISE: Final = (0.1, 0.01)
 BIAS: Final = (0.5, 0.05)
 WAYS: Final = ("motion alone", "wrenches", "wrenches with noise and bias")
-COLUMNS: Final = ("set", "with", "recordings", "offline", "sure and wrong", "within 3 sd")
+COLUMNS: Final = ("set", "with", "recordings", "accuracy", "sure and wrong", "within 3 sd")
 
 
 def disturbed(wrenches: Wrenches, seed: int) -> Wrenches:
