@@ -17,7 +17,7 @@ from support.pressed_objects import pressed
 
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
-from contact_tracker.errors import InputError
+from contact_tracker.errors import InputError, UsageError
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wrenches
@@ -274,14 +274,14 @@ def test_segments_are_those_of_wrenches_in_the_world(
 
 def test_a_frame_that_is_not_connected_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), static("tool0", "ft"))
-    with pytest.raises(InputError, match=r"frame ft, and no transforms .* object \(object\) or of its poses"):
+    with pytest.raises(UsageError, match=r"frame ft, and no transforms .* object \(object\) or of its poses"):
         read(path)
-    assert run(["segment", str(path), "--topic", "/object/pose", "--wrench", "/wrench"]) == 1
+    assert run(["segment", str(path), "--topic", "/object/pose", "--wrench", "/wrench"]) == 2
     assert "record them too, or transform the wrenches first" in capsys.readouterr().err
 
 
 def test_a_frame_that_no_transform_names_is_refused_where_the_object_has_another(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no transforms"):
+    with pytest.raises(UsageError, match="no transforms"):
         read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft")))
 
 
@@ -291,7 +291,7 @@ def test_without_a_name_of_the_object_it_is_taken_for_the_objects(tmp_path: Path
     found = read(write(tmp_path / "a.mcap", wrench_topic(PRESSED.wrenches, "o"), poses=unnamed))
     np.testing.assert_array_equal(found.wrenches.force_n, PRESSED.wrenches.force_n)
     assert found.taken == "in the frame o, which no transform names: taken as the object's"
-    with pytest.raises(InputError, match="no transforms"):
+    with pytest.raises(UsageError, match="no transforms"):
         read(
             write(tmp_path / "b.mcap", wrench_topic(IN_WORLD, "o"), static("tool0", "o"), poses=unnamed),
             topic="/object/pose",

@@ -19,10 +19,6 @@ LEAST_SHARE: Final = 0.1
 """Share of the ticks that must have wrenches: with fewer the two streams may have different clocks."""
 
 
-MASS_DIFFERS: Final = 0.1
-"""Relative difference of a given mass from that of free motion that its error does not explain."""
-
-
 class NoLoad(Exception):
     """The wrenches of a recording cannot be used; the text, one line, has the reason."""
 
@@ -61,13 +57,3 @@ def wrench_evidence(
             "too little free motion shows what the hand carries: weight and sensor bias are not known"
         )
     return WrenchEvidence(contact_wrenches(ticks, load)), load
-
-
-def mass_warning(load: Load, mass_kg: float | None) -> str | None:
-    """One line where free motion shows another mass than the given one, which then has no effect."""
-    if mass_kg is None or abs(load.mass_kg - mass_kg) <= MASS_DIFFERS * mass_kg:
-        return None
-    return (
-        f"free motion shows a mass of {load.mass_kg:.3g} kg, which is used, not the given {mass_kg:g} kg: "
-        "check it, and whether the sensor carries more than the object"
-    )

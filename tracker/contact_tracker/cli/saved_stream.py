@@ -12,7 +12,7 @@ from contact_tracker.cli.terminal import say
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.outputs.changes import Changes, FormationChanges
-from contact_tracker.recording import Follow, PoseLog, PoseSource
+from contact_tracker.recording import Follow, PoseLog
 from contact_tracker.recording.stamping import Stamping
 from contact_tracker.saved_state import Progress, is_same, load, save
 
@@ -114,8 +114,7 @@ class SavedStream:
             )
         if saved.log[:4] != self._named()[:4]:
             raise StateError(
-                f"{self._path} is of {PoseSource(*saved.log[:4])}, not of {self._log.source}: name another "
-                "file"
+                f"{self._path} is of {' '.join(saved.log[:4])}, not of {self._log.source}: name another file"
             )
         is_same_log = saved.log == self._named() and not self._source.is_stdin
         stamping = Stamping.of(saved.stamping)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from contact_tracker.adaptation.with_wrenches import NoLoad, mass_warning, wrench_evidence
+from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
@@ -15,17 +15,17 @@ from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 class RecordedEvidence(NamedTuple):
     """``evidence`` is None if the wrenches are not usable; ``text`` is one line with the load or the reason.
 
-    ``is_warning``: some of the wrenches were left out, or the given mass is not that of free motion.
+    ``is_partial``: some of the wrenches were left out.
     """
 
     evidence: WrenchEvidence | None
     text: str
-    is_warning: bool
+    is_partial: bool
 
     @property
     def warning(self) -> str | None:
-        """The line where it is a warning."""
-        return self.text if self.evidence is None or self.is_warning else None
+        """The line where wrenches, or some of them, are not used."""
+        return self.text if self.evidence is None or self.is_partial else None
 
 
 def recorded_evidence(
@@ -47,7 +47,7 @@ def recorded_evidence(
 
     Raises
     ------
-    InputError
+    UsageError
         The topic is not there or cannot be used.
     """
     poses = Poses.join(list(log.batches()))
@@ -59,7 +59,9 @@ def recorded_evidence(
         evidence, load = wrench_evidence(poses, found.wrenches, model, knowledge, mass_kg, progress)
     except NoLoad as reason:
         return RecordedEvidence(None, f"{topic} is not used: {reason}{noted}", bool(noted))
-    differs = mass_warning(load, mass_kg)
-    mass = f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
-    text = f"{len(found.wrenches)} wrenches {found.taken}{noted}; {differs or mass}"
-    return RecordedEvidence(evidence, text, bool(noted) or differs is not None)
+    return RecordedEvidence(
+        evidence,
+        f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
+        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion",
+        bool(noted),
+    )
