@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import LOG_HELP, add_time_unit
 from contact_tracker.cli.terminal import show, warn
-from contact_tracker.errors import NoPoses
+from contact_tracker.errors import ChoiceError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     summary = summarise(args.log, args.time_unit)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
     if summary.sources and not chosen:
-        raise NoPoses(
+        raise ChoiceError(
             f"{args.log}: no pose source has this topic and frame; info shows what is published, "
             "the other commands compose transforms"
         )
