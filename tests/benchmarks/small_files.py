@@ -62,6 +62,14 @@ SOUND: Final[Mapping[str, Callable[[int], Array]]] = {
 }
 
 
+def taken_by_six(moves: bool) -> str:
+    """A table of six bodies at 12 poses a second, in motion or jumping."""
+    rows = pose_rows(np.full(350, 0.0864), noise=NOISE if moves else 0.05)
+    names = [f"{body}_{column}" for body in "abcdef" for column in HEADER.strip().split(",")[1:]]
+    lines = [",".join(f"{v:.6f}" for v in (row[0], *np.tile(row[1:], 6))) for row in rows]
+    return "\n".join([",".join(["time [s]", *names]), *lines, ""])
+
+
 def repeated(row: str, header: str = "") -> str:
     """A row as often as 1 MB holds it."""
     return header + row * ((MOST_BYTES - len(header)) // len(row))
@@ -80,6 +88,8 @@ ODD: Final[Mapping[str, Callable[[], str]]] = {
         "0" + ",0" * 4340 + "\n",
         "time," + ",".join(f"{i}_{c}" for i in range(620) for c in HEADER.strip().split(",")[1:]) + "\n",
     ),
+    "six_move.csv": lambda: taken_by_six(moves=True),
+    "six_jump.csv": lambda: taken_by_six(moves=False),
     "zeros.csv": lambda: "\0" * MOST_BYTES,
     "digits.tum": lambda: "9" * 300_000 + " 0 0 0 0 0 0 1\n",
     "decimals.tum": lambda: "0." + "0" * 990_000 + " 0 0 0 0 0 0 1\n",

@@ -16,16 +16,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.adaptation import online
+from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import whole_file
+from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.main import COMMANDS
 from contact_tracker.cli.source import Source
 from contact_tracker.config.shipped import preset_names
-from contact_tracker.errors import NoPoses, UsageError
+from contact_tracker.errors import ChoiceError, UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
@@ -214,6 +218,43 @@ def test_input_that_cannot_be_used_is_one_line_and_1(command: str, tmp_path: Pat
     assert_one_line_error(run(command, "text.mcap", cwd=tmp_path), 1, "text.mcap", "not an MCAP file")
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["live", "--topic", "/none"],
+        ["segment", "--topic", "/none"],
+        ["segment", "--all", "--topic", "/none"],
+        ["info", "--topic", "/none"],
+        ["live", "--frame", "none"],
+        ["segment", "--frame", "none"],
+        ["segment", "--frame", "none->of->it"],
+        ["evaluate", "--frame", "none"],
+        ["view", "--frame", "none", "--save", "x.rrd"],
+        ["info", "--frame", "none"],
+        ["live", "--relative-to", "none"],
+        ["segment", "--relative-to", "none"],
+        ["segment", "--wrench", "/none"],
+        ["evaluate", "--wrench", "/none"],
+        ["segment", "--start", "1e6"],
+        ["segment", "--time-unit", "ms"],
+    ],
+)
+def test_what_the_call_names_and_the_recording_lacks_is_2(
+    arguments: list[str], log: Path, tmp_path: Path
+) -> None:
+    """Another call would do, so the call is wrong, not the input."""
+    command, *options = arguments
+    assert_one_line_error(run(command, log, *options, cwd=tmp_path), 2, str(log))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--frame", "--wrench"])
+def test_other_recordings_may_have_what_one_lacks(option: str, log: Path, tmp_path: Path) -> None:
+    done = run("segment", log, log, option, "/none", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("/none") == 2
+
+
 def test_control_characters_in_names_are_escaped(tmp_path: Path) -> None:
     assert "\x1b" not in run("live", "\x1b[2Jgone.mcap", cwd=tmp_path).stderr
 
@@ -266,7 +307,7 @@ def test_start_and_duration_choose_an_interval(log: Path) -> None:
     assert stamps
     assert all(0.5e9 <= s < 1.5e9 for s in stamps)
     assert "100 poses" in done.stderr
-    assert_one_line_error(run("live", log, "--start", "99"), 1, "--start")
+    assert_one_line_error(run("live", log, "--start", "99"), 2, "--start")
 
 
 def test_segment_writes_csv_whole(log: Path, tmp_path: Path) -> None:
@@ -521,7 +562,7 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
         source = Source(open_log(path), args.log, args)
         try:
             poses = [p for batch in source.batches() for p in batch] if columns else list(source)
-        except NoPoses as error:
+        except ChoiceError as error:
             poses = str(error)
         return poses, source.origin_ns, source.first_ns, source.last_ns, source.used
 
@@ -559,7 +600,34 @@ def test_info_reads_a_file_once_however_many_sources_it_has(tmp_path: Path) -> N
     one = run("info", path, "--frame", "body 7")
     assert one.stdout.startswith("/tf world->body 7")
     assert "tracking" in one.stdout
-    assert run("info", path, "--frame", "nothing").returncode == 1
+    assert run("info", path, "--frame", "nothing").returncode == 2
+
+
+def test_info_of_many_bodies_takes_little_longer_than_of_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each is tracked for its share of the updates that one has."""
+    poses = smooth_poses(3000)
+    bodies = [
+        Topic(
+            f"/{name}",
+            "geometry_msgs/msg/TransformStamped",
+            [(pose.stamp_ns, transform(*pose, "world", name)) for pose in poses],
+        )
+        for name in "abc"
+    ]
+    path, updates = str(write_log(tmp_path / "x.mcap", bodies)), list[int]()
+
+    def counted(state: AdaptiveState, some: Poses, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
+        state, beliefs = online.advance(state, some, detail)
+        updates.append(len(beliefs))
+        return state, beliefs
+
+    monkeypatch.setattr("contact_tracker.adaptation.advance", counted)
+    monkeypatch.setattr(info, "MOST_UPDATES", 300)
+    assert main.run(["info", path]) == 0
+    assert capsys.readouterr().out.count("tracking  noise") == 3
+    assert 20 < sum(updates) < 300 // 3
 
 
 # --- a stream that carries on ----------------------------------------------------------------------------
@@ -633,6 +701,27 @@ def test_a_live_stream_that_is_terminated_in_a_gap_loses_no_pose(tmp_path: Path)
     assert len(alone) - len(found) <= 1
 
 
+def test_a_live_stream_that_is_replayed_slowly_ends_at_once_and_loses_no_pose(tmp_path: Path) -> None:
+    log, state = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(60))]), tmp_path / "s.state"
+    command = [*PROGRAM, "live", str(log), "--rate", "1e-6", "--state", str(state)]
+    with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE) as live:
+        assert live.stderr is not None
+        time.sleep(5.0)  # it waits for the second pose
+        live.send_signal(signal.SIGTERM)
+        assert live.wait(timeout=20) == 128 + signal.SIGTERM
+        assert b"2 poses" in live.stderr.read()
+    assert "60 poses" in run("live", log, "--state", state).stderr
+
+
+def test_a_followed_stream_that_is_terminated_ends_with_143(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(600))])
+    (growing := tmp_path / "b.mcap").write_bytes(log.read_bytes()[:-3000])
+    with subprocess.Popen([*PROGRAM, "live", str(growing), "--follow", "-q"], env=ENVIRONMENT) as live:
+        time.sleep(5.0)
+        live.send_signal(signal.SIGTERM)
+        assert live.wait(timeout=20) == 128 + signal.SIGTERM
+
+
 def test_a_live_stream_is_saved_while_it_waits_on_standard_input(tmp_path: Path) -> None:
     state = tmp_path / "s.state"
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
@@ -657,6 +746,19 @@ def test_a_state_that_does_not_fit_is_refused_in_one_line(tmp_path: Path) -> Non
     state.write_bytes(state.read_bytes()[:-2000])
     assert_one_line_error(run("live", RECORDING, "--state", state), 1, "no saved state")
     assert_one_line_error(run("live", RECORDING, "--state", tmp_path), 1, "it is a folder")
+
+
+def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path: Path) -> None:
+    state, other = tmp_path / "s.state", tmp_path / "other.mcap"
+    run("live", log, "--state", state)
+    write_log(other, [poses_topic(smooth_poses(60), "/other")])
+    named = " and ".join(f"{open_log(str(path)).source}" for path in (log, other))
+    there, here = named.split(" and ")
+    refused = run("live", other, "--state", state)
+    assert_one_line_error(refused, 2, f"is of {there}, not of {here}: name another file")
+
+
+def test_a_state_has_a_folder(tmp_path: Path) -> None:
     nowhere = run("live", RECORDING, "--state", tmp_path / "none" / "s.state")
-    assert_one_line_error(nowhere, 1, "no folder")
+    assert_one_line_error(nowhere, 2, "no folder")
     assert nowhere.stdout == ""

@@ -62,7 +62,7 @@ def test_relative_to_another_body(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "300 poses" in done.stderr
     done = run("segment", path, "--frame", "cup", "--relative-to", "moon")
-    assert_one_line_error(done, 1, "no pose source has the frame that leads to moon")
+    assert_one_line_error(done, 2, "no pose source has the frame that leads to moon")
 
 
 @pytest.mark.parametrize("command", ["live", "segment", "info"])
@@ -91,7 +91,7 @@ def test_only_mcap_is_followed(tmp_path: Path) -> None:
     pytest.importorskip("polars")
     path = tmp_path / "a.csv"
     path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n")
-    assert_one_line_error(run("live", path, "--follow"), 1, "only an MCAP file can be followed")
+    assert_one_line_error(run("live", path, "--follow"), 2, "only an MCAP file can be followed")
 
 
 @pytest.mark.parametrize("command", ["info", "segment", "live"])

@@ -15,7 +15,7 @@ import pytest
 import zstandard
 from test_message_formats import NAME, POSES, assert_read, cdr_pose, humble
 
-from contact_tracker.errors import NoPoses, UnreadableRecording
+from contact_tracker.errors import ChoiceError, NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
 from contact_tracker.recording.extras import MissingExtra
@@ -378,7 +378,7 @@ def test_a_folder_of_compressed_parts_is_reported(tmp_path: Path) -> None:
 
 
 def test_only_mcap_is_followed(tmp_path: Path) -> None:
-    with pytest.raises(UnreadableRecording, match="only an MCAP file can be followed"):
+    with pytest.raises(ChoiceError, match="only an MCAP file can be followed"):
         open_log(str(write_sqlite(tmp_path)), follow=Follow())
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from contact_tracker.errors import AmbiguousSource, NoPoses
+from contact_tracker.errors import AmbiguousSource, ChoiceError
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import list_sources, open_log, summarise
 from contact_tracker.recording.extras import MissingExtra
@@ -234,7 +234,7 @@ def test_two_types_on_one_topic_are_two_sources(tmp_path: Path) -> None:
     for kind in ("PoseStamped", "geometry_msgs/msg/PoseStamped"):
         assert_read(path, topic=f"/a:{kind}")
     assert_read(path, OTHER, topic="/a:PoseWithCovarianceStamped")
-    with pytest.raises(NoPoses, match=r"no topic /a:Path; there is /a$"):
+    with pytest.raises(ChoiceError, match=r"no topic /a:Path; there is /a$"):
         open_log(str(path), topic="/a:Path")
 
 

@@ -16,7 +16,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from contact_tracker.errors import AmbiguousSource, NoPoses, NoTruth, UnreadableRecording
+from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses, NoTruth, UnreadableRecording
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Pose, Poses
@@ -523,7 +523,7 @@ def test_of_several_objects_on_one_topic_one_has_to_be_chosen(tmp_path: Path) ->
     assert_same(Poses.collect(open_log(path, frame="box")), a)
     assert_same(Poses.collect(open_log(path, frame="world->hand")), b)
     assert open_log(path, topic="/tf_static").source.frames == "box->lid"
-    with pytest.raises(NoPoses, match=r"cup.*/tf world->box"):
+    with pytest.raises(ChoiceError, match=r"cup.*/tf world->box"):
         open_log(path, frame="cup")
 
 
@@ -623,9 +623,9 @@ def test_poses_that_cannot_be_decoded_are_named(tmp_path: Path, topic: Topic, me
 def test_a_missing_or_unsuitable_topic_is_named(tmp_path: Path) -> None:
     string = Topic("/s", "std_msgs/msg/String", [(START_NS, {"data": "f-f"})])
     path = str(write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses()), string]))
-    with pytest.raises(NoPoses, match=r"no topic /pose; there is /object/pose$"):
+    with pytest.raises(ChoiceError, match=r"no topic /pose; there is /object/pose$"):
         open_log(path, topic="/pose")
-    with pytest.raises(NoPoses, match=r"/s is std_msgs/msg/String, which is no pose"):
+    with pytest.raises(ChoiceError, match=r"/s is std_msgs/msg/String, which is no pose"):
         open_log(path, topic="/s")
 
 

@@ -115,3 +115,15 @@ def test_wrong_usage_is_reported(tmp_path: Path, words: str) -> None:
     poses = smooth_poses(400)
     path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
     assert run(["segment", path, *words.split()]) == 2
+
+
+@pytest.mark.parametrize("mass_kg", [0.02, 5])
+def test_a_mass_that_is_overruled_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], mass_kg: float
+) -> None:
+    path = str(tmp_path / "pressed.mcap")
+    assert run(["simulate", "pressed", "-o", path, "-q"]) == 0
+    assert run(["segment", path, "--wrench", "/object/wrench", "--mass", str(mass_kg), "-q"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "warning" in line
+    assert f"{mass_kg} kg, does not fit the wrenches in free motion: 0.500 kg is used" in line

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.pressed_objects import CENTRE_M, MASS_KG, WEIGHT_N, Pressed, pressed
 
+from contact_tracker.adaptation.with_wrenches import mass_doubt
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.load import Load, estimate_load
 from contact_tracker.wrenches.tick_wrench import average
@@ -51,3 +52,15 @@ def test_a_known_mass_decides_between_loads() -> None:
     load = load_of(made, free, MASS_KG)
     assert load is not None
     np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.5)
+
+
+@pytest.mark.parametrize("share", [0.8, 1.03, 10.0])
+def test_a_mass_that_free_motion_overrules_is_said(share: float) -> None:
+    mass_kg = share * MASS_KG
+    load = load_of(pressed(Contact.FV, noise=True), mass_kg=mass_kg)
+    assert load is not None
+    doubt = mass_doubt(load, mass_kg)
+    assert bool(doubt) == (share != 1.03)
+    assert not doubt or f"{mass_kg:g} kg, does not fit" in doubt
+    assert not doubt or f"{load.mass_kg:.3f} kg is used" in doubt
+    assert not mass_doubt(load, None)

@@ -11,10 +11,14 @@
     |   `-- NoTruth               evaluation of a recording without ground truth
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
-        |-- AmbiguousSource       several pose sources: choose with --topic / --frame
+        |-- ChoiceError           what it says of a recording does not fit that recording: others it may
+        |   `-- AmbiguousSource       several pose sources: choose with --topic / --frame
         |-- MissingExtra          a format needs a library that is not installed
         |-- ModelError            a model file with a missing or impossible value
         `-- KnowledgeError        prior knowledge that is impossible or cannot be read
+
+An input cannot be used whatever the call; where another call would do, as one that names a topic or frame
+which the recording does have, the call is wrong. docs/conventions.md says the same to users.
 
 A partly readable recording is not an error: the readable part is processed and the damage reported as a
 status (exit code 3). A fit that does not converge is a status as well.
@@ -50,7 +54,7 @@ class InvalidPose(InputError):
 
 
 class StateError(InputError):
-    """A saved state that is damaged, of another version, or of another stream."""
+    """A saved state that is damaged, of another version, or no state."""
 
 
 class NoTruth(InputError):
@@ -65,7 +69,11 @@ class UsageError(ContactTrackerError):
     """The call is wrong."""
 
 
-class AmbiguousSource(UsageError):
+class ChoiceError(UsageError):
+    """What the call names (a topic, frame, interval, unit) is not in this recording, or does not fit it."""
+
+
+class AmbiguousSource(ChoiceError):
     """There are several pose sources; one has to be chosen."""
 
 

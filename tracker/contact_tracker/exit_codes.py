@@ -1,4 +1,4 @@
-"""Exit codes of the commands (see README.md), and of single recordings in a batch."""
+"""Exit codes of the commands (see docs/conventions.md), and of single recordings in a batch."""
 
 from typing import Final
 

@@ -11,7 +11,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
-from contact_tracker.wrenches.load import Load, contact_wrenches, estimate_load
+from contact_tracker.wrenches.load import AGREES, Load, contact_wrenches, estimate_load
 from contact_tracker.wrenches.tick_wrench import average
 from contact_tracker.wrenches.wrenches import Wrenches
 
@@ -21,6 +21,17 @@ LEAST_SHARE: Final = 0.1
 
 class NoLoad(Exception):
     """The wrenches of a recording cannot be used; the text, one line, has the reason."""
+
+
+def mass_doubt(load: Load, mass_kg: float | None) -> str:
+    """One line where free motion has overruled the mass that is given; empty otherwise."""
+    if mass_kg is None or abs(load.mass_kg / mass_kg - 1.0) <= AGREES:
+        return ""
+    return (
+        f"the mass that is given, {mass_kg:g} kg, does not fit the wrenches in free motion: "
+        f"{load.mass_kg:.3f} kg is used. Check it (it is that of all the sensor carries), and the unit (N) "
+        "and sign of the forces"
+    )
 
 
 def wrench_evidence(
@@ -52,6 +63,8 @@ def wrench_evidence(
     column = Contact.FREE.column
     is_free = found.beliefs.rows["contact"] == column
     load = estimate_load(ticks, is_free, found.beliefs.probability[:, column], mass_kg)
+    if load is None and mass_kg is not None:  # one that is far off fits no tick
+        load = estimate_load(ticks, is_free, found.beliefs.probability[:, column])
     if load is None:
         raise NoLoad(
             "too little free motion shows what the hand carries: weight and sensor bias are not known"

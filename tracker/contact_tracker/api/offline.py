@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from contact_tracker.adaptation import OfflineTracker, Report
-from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
+from contact_tracker.adaptation.with_wrenches import NoLoad, mass_doubt, wrench_evidence
 from contact_tracker.api.given import Deviations, Known, ModelLike, knowledge_of, model_from
 from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.errors import UsageError
@@ -246,7 +246,8 @@ def segment(
     if wrench is not None:
         measured = _wrenches_of(wrench, poses, notes.append)
         try:
-            evidence, _ = wrench_evidence(poses.poses, measured, given, knowledge, mass_kg)
+            evidence, load = wrench_evidence(poses.poses, measured, given, knowledge, mass_kg)
+            notes.extend(filter(None, [mass_doubt(load, mass_kg)]))
         except NoLoad as reason:
             notes.append(f"the wrench is not used: {reason}")
     tracker = OfflineTracker(given, knowledge, wrenches=evidence)

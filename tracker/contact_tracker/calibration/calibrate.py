@@ -67,7 +67,7 @@ def calibrate(plan: Plan, run: Runner) -> Calibration:
 
     Raises
     ------
-    InputError, AmbiguousSource
+    InputError, ChoiceError
         A recording cannot be used.
     NoTruth
         The log-loss is to be searched, and there is no truth.

@@ -79,7 +79,7 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
 
     Raises
     ------
-    InputError, AmbiguousSource
+    InputError, ChoiceError
         The recording cannot be used.
     """
     poses, truth, damage = _read(source)

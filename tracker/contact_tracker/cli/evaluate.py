@@ -8,7 +8,7 @@ from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.terminal import fail, progress, show, warn
 from contact_tracker.cli.wrench import add_wrench, evidence_of
-from contact_tracker.errors import AmbiguousSource, InputError, NoPoses
+from contact_tracker.errors import ChoiceError, InputError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, USAGE
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     for name in recordings(args.logs, "evaluate"):
         try:
             evaluations[name], damage = _evaluate(name, args, model, knowledge)
-        except (InputError, AmbiguousSource) as error:  # continue with the others
+        except (InputError, ChoiceError) as error:  # continue with the others
             fail(str(error))
             code = INPUT if isinstance(error, InputError) else USAGE
             continue

@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import LOG_HELP, add_time_unit
 from contact_tracker.cli.terminal import show, warn
-from contact_tracker.errors import NoPoses
+from contact_tracker.errors import ChoiceError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from contact_tracker.adaptation import Report
-    from contact_tracker.recording import SourceSummary
+    from contact_tracker.recording import PoseSource, SourceSummary
 
 HELP: Final = "which poses are in a recording, and how good they are"
 DESCRIPTION: Final = """\
@@ -20,6 +22,9 @@ noise, and whatever else the recording holds."""
 EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
 TRACKED_SOURCES: Final = 4
 """Most sources for which the adaptation is shown, which takes seconds each."""
+MOST_UPDATES: Final = 2000
+"""Most updates (ticks times trackers) of all sources together, some 3 s of CPU time. The first 30 s of one
+source usually need fewer."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -39,13 +44,13 @@ def run(args: argparse.Namespace) -> int:
     summary = summarise(args.log, args.time_unit)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
     if summary.sources and not chosen:
-        raise NoPoses(
+        raise ChoiceError(
             f"{args.log}: no pose source has this topic and frame; info shows what is published, "
             "the other commands compose transforms"
         )
     summary = replace(summary, sources=tuple(map(_with_noise, chosen)))
     tracked = [source for source in summary.sources if source.poses][:TRACKED_SOURCES]
-    reports = {source.source: _adapted(source) for source in tracked}
+    reports = _reports(tracked)
     if args.json:
         show(json.dumps(summary_json(summary, reports), indent=1, allow_nan=False))
     else:
@@ -79,11 +84,26 @@ def _with_noise(source: "SourceSummary") -> "SourceSummary":
     return replace(source, sigma_position_m=position_m, sigma_rotation_rad=rotation_rad)
 
 
-def _adapted(source: "SourceSummary") -> "Report | None":
-    """The default tracker's adaptation to the first valid poses."""
+def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | None]":
+    """The default tracker's adaptation to the first valid poses of each source.
+
+    All sources together take at most ``MOST_UPDATES``, so that many of them do not take many times as long.
+    """
     from contact_tracker import adaptation
+    from contact_tracker.adaptation.online import BATCH_POSES
     from contact_tracker.config.loading import load_model
     from contact_tracker.tracking.belief import Detail
 
-    state, _ = adaptation.advance(adaptation.start(load_model()), source.beginning, Detail.WEIGHTS)
-    return adaptation.report(state)
+    reports, left = dict["PoseSource", "Report | None"](), MOST_UPDATES
+    for number, source in enumerate(sources):
+        share = left // (len(sources) - number)
+        state, used = adaptation.start(load_model()), 0
+        for first in range(0, len(source.beginning), BATCH_POSES):
+            some = source.beginning[first : first + BATCH_POSES]
+            state, beliefs = adaptation.advance(state, some, Detail.WEIGHTS)
+            used += len(beliefs) * (len(state.trackers.trackers) + len(state.conventions.trackers))
+            if used >= share:
+                break
+        left -= used
+        reports[source.source] = adaptation.report(state)
+    return reports

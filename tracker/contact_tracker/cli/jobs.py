@@ -58,7 +58,7 @@ def _whole(log: str, args: argparse.Namespace) -> Iterator[Job]:
 
 
 def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
-    from contact_tracker.errors import NoPoses
+    from contact_tracker.errors import ChoiceError, NoPoses
     from contact_tracker.recording import list_sources
 
     if log == "-":
@@ -66,7 +66,8 @@ def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
     sources = [s for s in list_sources(log) if args.topic is None or s.topic == args.topic]
     sources = [s for s in sources if args.frame is None or s.is_named(args.frame)]
     if not sources:
-        raise NoPoses(f"{log}: no source of poses; contact-tracker info shows what is in it")
+        fault = NoPoses if args.topic is None and args.frame is None else ChoiceError
+        raise fault(f"{log}: no such source of poses; contact-tracker info shows what is in it")
     for source in sources:
         body = source.child_frame_id or source.topic
         output = _output(args.output, [_stem(log), body])

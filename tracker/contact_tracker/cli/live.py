@@ -128,9 +128,12 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
                     viewer.belief(belief)
                     ticks.add(belief)
 
+        def has_to_end() -> bool:
+            return saved is not None and saved.signal > 0
+
         ended = DONE
         try:
-            for pose in paced(source, args.rate) if args.rate else source:
+            for pose in paced(source, args.rate, has_to_end) if args.rate else source:
                 if saved is not None:
                     saved.take()
                 viewer.pose(pose)

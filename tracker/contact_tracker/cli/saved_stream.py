@@ -12,7 +12,7 @@ from contact_tracker.cli.terminal import say
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.outputs.changes import Changes, FormationChanges
-from contact_tracker.recording import Follow, PoseLog
+from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.stamping import Stamping
 from contact_tracker.saved_state import Progress, is_same, load, save
 
@@ -34,9 +34,9 @@ class SavedStream:
     Raises
     ------
     StateError
-        The file is not a state, or of another source.
+        The file is not a state.
     UsageError
-        It was saved with another model, lag or prior map.
+        It was saved of another source, or with another model, lag or prior map, or has no folder.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class SavedStream:
             self._carry_on(load(path))
             say(f"resumed from {path}, after {source.used} poses")
         elif not path.parent.is_dir():
-            raise StateError(f"{path}: there is no folder {path.parent} to save it in")
+            raise UsageError(f"{path}: there is no folder {path.parent} to save it in")
         for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._stop)
@@ -113,8 +113,9 @@ class SavedStream:
                 "another file"
             )
         if saved.log[:4] != self._named()[:4]:
-            raise StateError(
-                f"{self._path} is of {' '.join(saved.log[:4])}, not of {self._log.source}: name another file"
+            raise UsageError(
+                f"{self._path} is of {PoseSource(*saved.log[:4])}, not of {self._log.source}: "
+                "name another file"
             )
         is_same_log = saved.log == self._named() and not self._source.is_stdin
         stamping = Stamping.of(saved.stamping)

@@ -14,7 +14,7 @@ from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.terminal import detail, fail, progress, show
 from contact_tracker.cli.workers import add_processes, workers
 from contact_tracker.cli.wrench import add_wrench, evidence_of
-from contact_tracker.errors import AmbiguousSource, InputError
+from contact_tracker.errors import ChoiceError, InputError
 from contact_tracker.exit_codes import DONE, INPUT, USAGE
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
                 show(job.name)
             try:
                 done = _segment(job.arguments(args), model, knowledge, executor)
-            except (InputError, AmbiguousSource) as error:  # continue with the others
+            except (InputError, ChoiceError) as error:  # continue with the others
                 fail(str(error))
                 done = INPUT if isinstance(error, InputError) else USAGE
             code = code or done

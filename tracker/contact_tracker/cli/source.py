@@ -2,12 +2,12 @@
 
 import argparse
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.terminal import detail, say, warn
-from contact_tracker.errors import NoPoses
+from contact_tracker.errors import ChoiceError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import noise_text, warnings
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from contact_tracker.exports.outcome import Outcome
     from contact_tracker.tracking.segmentation import Segmentation
 
-_LONGEST_WAIT_S: Final = 1e6
-"""Longest sleep at a time (s), below limits of systems."""
+_LONGEST_SLEEP_S: Final = 0.1
+"""Longest sleep at a time (s) between looks at whether the stream has to end."""
 
 
 class Source:
@@ -45,7 +45,7 @@ class Source:
         self.outliers = 0
 
     def __iter__(self) -> Iterator[Pose]:
-        """The poses of the interval; raises NoPoses at the end if there were none."""
+        """The poses of the interval; raises NoPoses or ChoiceError at the end if there were none."""
         any_pose, late = self.used > 0, 0
         for pose in self._log:
             if not any_pose:
@@ -105,8 +105,11 @@ class Source:
 
     def _used_some(self, any_pose: bool) -> None:
         if not self.used:
-            where = "in the interval that --start and --duration leave" if any_pose else "that can be used"
-            raise NoPoses(f"{self._name}: no pose {where}{self._noted()}")
+            if any_pose:
+                raise ChoiceError(
+                    f"{self._name}: no pose in the interval that --start and --duration leave{self._noted()}"
+                )
+            raise NoPoses(f"{self._name}: no pose that can be used{self._noted()}")
 
     def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
         """The pieces of ``found``, while outliers are counted."""
@@ -171,14 +174,19 @@ class Source:
         return f"; noted: {counts}" if counts else ""
 
 
-def paced(poses: Iterable[Pose], rate: float) -> Iterator[Pose]:
-    """``poses`` in real time, ``rate`` times as fast."""
+def paced(
+    poses: Iterable[Pose], rate: float, has_to_end: Callable[[], bool] = lambda: False
+) -> Iterator[Pose]:
+    """``poses`` in real time, ``rate`` times as fast.
+
+    Once the stream ``has_to_end``, the pose that has been read comes at once, so that it is not lost.
+    """
     first_ns: int | None = None
     begin_s = time.monotonic()
     for pose in poses:
         if first_ns is None:
             first_ns, begin_s = pose.stamp_ns, time.monotonic()
-        wait_s = begin_s + (pose.stamp_ns - first_ns) * 1e-9 / rate - time.monotonic()
-        if wait_s > 0:
-            time.sleep(min(wait_s, _LONGEST_WAIT_S))
+        due_s = begin_s + (pose.stamp_ns - first_ns) * 1e-9 / rate
+        while (wait_s := due_s - time.monotonic()) > 0 and not has_to_end():
+            time.sleep(min(wait_s, _LONGEST_SLEEP_S))  # a signal that raises nothing does not end it
         yield pose

@@ -10,7 +10,7 @@ from contact_tracker.cli.arguments import LOG_HELP, add_interval, add_model, add
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.terminal import fail, progress, say
-from contact_tracker.errors import AmbiguousSource, InputError, UsageError
+from contact_tracker.errors import ChoiceError, InputError, UsageError
 from contact_tracker.exit_codes import DONE, INPUT, USAGE
 from contact_tracker.exports.replacement import check_output
 
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         for log in logs:
             try:
                 code = _view(log, args, model, knowledge, show) or code
-            except (InputError, AmbiguousSource) as error:  # continue with the others
+            except (InputError, ChoiceError) as error:  # continue with the others
                 if len(logs) == 1:
                     raise
                 fail(str(error))

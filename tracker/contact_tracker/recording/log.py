@@ -290,7 +290,9 @@ def open_log(
     UnreadableRecording
         No such file, not MCAP, or damaged before the first pose.
     NoPoses
-        It has no pose of a known type and encoding, or none matches ``topic`` and ``frame``.
+        It has no pose of a known type and encoding.
+    ChoiceError
+        None matches ``topic``, ``frame`` and ``relative_to``, or ``time_unit`` or ``follow`` does not fit.
     AmbiguousSource
         Several sources match.
     """

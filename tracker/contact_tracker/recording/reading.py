@@ -10,7 +10,7 @@ from mcap.reader import SeekingReader
 from mcap.records import ChunkIndex
 from mcap.summary import Summary
 
-from contact_tracker.errors import AmbiguousSource, UnreadableRecording
+from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.recording.bags import is_bag, read_bag
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
 from contact_tracker.recording.container import MAGIC, RecordLoop
@@ -188,6 +188,8 @@ class Reading:
     ------
     UnreadableRecording
         No such file, or, while iterating, nothing of it is MCAP.
+    ChoiceError
+        The file cannot be followed, or is no table whose times lack a unit.
     AmbiguousSource
         A folder of separate recordings.
     """
@@ -204,7 +206,7 @@ class Reading:
             refuse_unrelated(path, parts_of(path))
         for part in () if time_unit is None else parts_of(path):
             if not is_table(part, _begin(part)):
-                raise UnreadableRecording(f"{_shown(part)}: {OWN_UNIT}")
+                raise ChoiceError(f"{_shown(part)}: {OWN_UNIT}")
         self.path = path
         self._wanted = wanted
         self._follow = follow
@@ -239,7 +241,7 @@ class Reading:
         read = read_bag if is_bag(begin) else self._table if is_table(part, begin) else None
         if read is not None:
             if self._follow:
-                raise UnreadableRecording("only an MCAP file can be followed")
+                raise ChoiceError(f"{_shown(part)}: only an MCAP file can be followed")
             yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text), self.budget)
             return
         summary = None if self._follow else summary_of(part)

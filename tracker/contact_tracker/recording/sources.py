@@ -17,7 +17,7 @@ from typing import Final
 
 from mcap.summary import Summary
 
-from contact_tracker.errors import AmbiguousSource, NoPoses
+from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses
 from contact_tracker.recording.bytestream import open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.decoding import READ, MessageDecoder, Undecodable, is_readable, may_have_poses
@@ -87,19 +87,19 @@ class ChannelFilter:
         names = (channel.type, canonical(channel.type), re.split(r"[/.]", channel.type)[-1])
         return bool(colon) and channel.topic == topic and kind in names
 
-    def nothing_found(self, path: str) -> NoPoses:
+    def nothing_found(self, path: str) -> NoPoses | ChoiceError:
         """The error that lists what the recording has instead of the selected poses."""
         seen = list(self.seen.values())
         asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
         if any(map(self, asked)):
             return NoPoses(f"{path}: {_undecoded([asked[0].topic])}")
         if asked:
-            return NoPoses(f"{path}: {_reasons(asked)}")
+            return ChoiceError(f"{path}: {_reasons(asked)}")
         poses = [c for c in seen if may_have_poses(c)]
         alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
         if self._topic is not None:
             topics = _listing(dict.fromkeys(c.topic for c in (poses or seen)))
-            return NoPoses(f"{path}: no topic {self._topic}; there is {topics or 'none'}")
+            return ChoiceError(f"{path}: no topic {self._topic}; there is {topics or 'none'}")
         if any(c.topic == FRAMES_TOPIC for c in poses):
             return NoPoses(f"{path}: it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it")
         if poses and all(c.topic.endswith(_STATIC) for c in poses):
@@ -121,8 +121,8 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
 
     Raises
     ------
-    NoPoses
-        The indexes list all channels, and none is wanted.
+    NoPoses, ChoiceError
+        The indexes list all channels, and none is wanted, or none of the requested topic.
     """
     messages: list[RawMessage] = []
     read_channels: set[Channel] = set()
@@ -234,9 +234,9 @@ def only_one_fits(path: str, sources: Iterable[PoseSource], hint: str = "") -> A
     )
 
 
-def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> NoPoses:
+def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> ChoiceError:
     listing = _listing(map(str, sorted(sources)), "; ")
-    return NoPoses(f"{path}: no pose source has the frame {frame}; there is {listing}")
+    return ChoiceError(f"{path}: no pose source has the frame {frame}; there is {listing}")
 
 
 def _undecoded(topics: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import TIMES_NS
-from contact_tracker.errors import UnreadableRecording
+from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
 from contact_tracker.recording.items import Channel, RawMessage
@@ -80,6 +80,8 @@ def read_table(
     ------
     UnreadableRecording
         It has no pose columns.
+    ChoiceError
+        It says the unit of its times.
     """
     polars = need("polars", "a table")
     try:
@@ -96,7 +98,7 @@ def read_table(
     ]
     batches = _batches(polars, frame, groups) if chosen else iter(())
     if time_unit is not None and layout.has_own_unit:
-        raise UnreadableRecording(OWN_UNIT)
+        raise ChoiceError(f"{path}: {OWN_UNIT}")
     scale, lost = TIMES_NS[time_unit] if time_unit is not None else layout.time_ns, 0
     is_checked = time_unit is not None or layout.has_own_unit  # the user's word needs no check
     while True:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
+from contact_tracker.adaptation.with_wrenches import NoLoad, mass_doubt, wrench_evidence
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
@@ -15,17 +15,17 @@ from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 class RecordedEvidence(NamedTuple):
     """``evidence`` is None if the wrenches are not usable; ``text`` is one line with the load or the reason.
 
-    ``is_partial``: some of the wrenches were left out.
+    ``is_doubtful``: some of the wrenches were left out, or they overrule the mass that was given.
     """
 
     evidence: WrenchEvidence | None
     text: str
-    is_partial: bool
+    is_doubtful: bool
 
     @property
     def warning(self) -> str | None:
-        """The line where wrenches, or some of them, are not used."""
-        return self.text if self.evidence is None or self.is_partial else None
+        """The line where wrenches, some of them or the mass that was given are not used."""
+        return self.text if self.evidence is None or self.is_doubtful else None
 
 
 def recorded_evidence(
@@ -47,7 +47,7 @@ def recorded_evidence(
 
     Raises
     ------
-    UsageError
+    ChoiceError
         The topic is not there or cannot be used.
     """
     poses = Poses.join(list(log.batches()))
@@ -59,9 +59,11 @@ def recorded_evidence(
         evidence, load = wrench_evidence(poses, found.wrenches, model, knowledge, mass_kg, progress)
     except NoLoad as reason:
         return RecordedEvidence(None, f"{topic} is not used: {reason}{noted}", bool(noted))
+    doubt = mass_doubt(load, mass_kg)
     return RecordedEvidence(
         evidence,
         f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
-        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion",
-        bool(noted),
+        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
+        f"{doubt and '; '}{doubt}",
+        bool(noted or doubt),
     )

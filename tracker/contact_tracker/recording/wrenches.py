@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.errors import InputError, UsageError
+from contact_tracker.errors import ChoiceError, InputError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording.decoding import MessageDecoder, Undecodable, is_readable
 from contact_tracker.recording.items import Channel, RawMessage
@@ -72,7 +72,7 @@ def read_wrenches(
 
     Raises
     ------
-    UsageError
+    ChoiceError
         There is no such topic, it is of another type, its frame changes, or no transforms lead to it.
     InputError
         Nothing on it can be read, or its frame's pose is known at none of its stamps.
@@ -102,7 +102,7 @@ def read_wrenches(
     if not stamps:
         raise _nothing(path, topic, channels)
     if len(frames) > 1:
-        raise UsageError(f"{path}: {topic} changes its frame: {', '.join(sorted(frames)[:4])}")
+        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join(sorted(frames)[:4])}")
     (frame_id,) = frames
     columns = np.array(rows, float)
     found = Wrenches(np.array(stamps, np.int64), columns[:, :3], columns[:, 3:]).valid
@@ -158,7 +158,7 @@ def _about_body(
     chain = chain_to(path, frame_id, source)
     if chain.steps is None:
         if body or chain.is_in_tree:
-            raise UsageError(_unconnected(path, topic, frame_id, source))
+            raise ChoiceError(_unconnected(path, topic, frame_id, source))
         return _Placed(found, f"in the frame {frame_id}, which no transform names: taken as the object's")
     frames = frame_poses(path, chain, found.stamp_ns, logged.logged_ns)
     start = body if frames.in_object else parent
@@ -202,13 +202,13 @@ def _unconnected(path: str, topic: str, frame_id: str, source: PoseSource) -> st
     )
 
 
-def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> UsageError | InputError:
+def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError | InputError:
     there = channels.get(topic)
     if there is None:
         names = [name for name, channel in sorted(channels.items()) if canonical(channel.type) == WRENCH_TYPE]
-        return UsageError(
+        return ChoiceError(
             f"{path}: no topic {topic}; of {WRENCH_TYPE} there is {', '.join(names[:8]) or 'none'}"
         )
     if canonical(there.type) != WRENCH_TYPE or not is_readable(there):
-        return UsageError(f"{path}: {topic} is {there.type or 'of no type'}; only {WRENCH_TYPE} is read")
+        return ChoiceError(f"{path}: {topic} is {there.type or 'of no type'}; only {WRENCH_TYPE} is read")
     return InputError(f"{path}: no message on {topic} can be used")

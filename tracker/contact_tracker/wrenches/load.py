@@ -35,7 +35,7 @@ CENTRE_SD_M: Final = 0.3
 GYRATION_M: Final = 0.3
 """Prior scale of the radius of gyration (m)."""
 AGREES: Final = 0.07
-"""Relative deviation of weights in single ticks from a given mass."""
+"""Relative deviation of weights in single ticks from a given mass, and of the load from one that fits."""
 MASS_SHARE: Final = 0.02
 """Relative error of a given mass."""
 
