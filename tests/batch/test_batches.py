@@ -107,9 +107,7 @@ def test_the_second_run_opens_nothing(tmp_path: Path, monkeypatch: pytest.Monkey
     read, names = segmenting.read_content, list[str]()
     monkeypatch.setattr(segmenting, "read_content", lambda name: names.append(name) or read(name))
     second = run([*good, *broken], tmp_path / "dataset")
-    assert names == [
-        str(tmp_path / "broken" / "link.mcap")
-    ]  # it leads nowhere: nothing tells whether it still does
+    assert names == [str(tmp_path / "broken" / "link.mcap")]  # a dangling link has to be checked again
     missing = 1
     assert (second.done, second.unchanged) == (missing, first.total - missing)
     assert (second.bad, second.damaged) == (first.bad, first.damaged)
@@ -128,7 +126,7 @@ def test_only_changed_recordings_are_done_again(tmp_path: Path, recordings: list
     assert done() == set()
     before = contents(dataset)
     os.utime(recordings[0], ns=(1, 1))
-    assert done() == set()  # it is read, and found to be the same
+    assert done() == set()  # it is read, and its content is unchanged
     now = contents(dataset)
     assert now.pop("signatures.parquet") != before.pop("signatures.parquet")
     assert now == before
@@ -142,14 +140,16 @@ def test_only_changed_recordings_are_done_again(tmp_path: Path, recordings: list
     assert done(with_ticks=True) == set()
     assert done() == set()
     assert done(model=MODEL.with_noise(1e-3, 1e-2)) == {"0", "1", "2"}
-    assert not list(dataset.glob("ticks/*/*"))  # they were of another model
+    assert not list(dataset.glob("ticks/*/*"))  # those of the other model are removed
     assert done(topic="/object/pose") == {"0", "1", "2"}
     recordings[0].write_bytes(b"")
     assert done(topic="/object/pose") == {"0"}
-    assert len(list(dataset.glob("segments/*/*"))) == 2  # what there was of it is gone
+    assert len(list(dataset.glob("segments/*/*"))) == 2  # its old result is removed
 
 
-def test_a_change_that_does_not_show_is_found_by_content_only(tmp_path: Path, recordings: list[Path]) -> None:
+def test_a_change_without_new_size_or_time_is_detected_by_rehash_only(
+    tmp_path: Path, recordings: list[Path]
+) -> None:
     run(recordings, tmp_path / "dataset")
     state = recordings[0].stat()
     data = bytearray(recordings[0].read_bytes())
@@ -161,7 +161,7 @@ def test_a_change_that_does_not_show_is_found_by_content_only(tmp_path: Path, re
     assert run(recordings, tmp_path / "dataset", rehash=True).done == 1
 
 
-def test_of_another_version_everything_is_done_again(
+def test_another_version_processes_all_recordings_again(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(recordings, tmp_path / "dataset")
@@ -169,7 +169,7 @@ def test_of_another_version_everything_is_done_again(
     assert run(recordings, tmp_path / "dataset").done == 3
 
 
-def test_possible_faults_of_the_system_are_tried_again(
+def test_recordings_with_possible_system_faults_are_tried_again(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -194,7 +194,7 @@ def test_an_internal_error_is_a_row(
     (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
     assert row["exit_code"] == exit_codes.UNEXPECTED
     assert "ZeroDivisionError: by nothing (test_batches.py:" in row["error"]
-    assert run(recordings[:1], tmp_path / "dataset").unchanged == 1  # the next version may do better
+    assert run(recordings[:1], tmp_path / "dataset").unchanged == 1  # until the next version
 
 
 def test_a_recording_that_changes_while_it_is_read_has_no_result(
@@ -227,8 +227,8 @@ def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
     assert run(recordings, tmp_path / "dataset").bad == 0
 
 
-def test_rows_that_were_recorded_are_there_after_a_kill(tmp_path: Path, recordings: list[Path]) -> None:
-    """Also if the last line is incomplete."""
+def test_recorded_rows_survive_a_kill(tmp_path: Path, recordings: list[Path]) -> None:
+    """Except an incomplete last line of the journal."""
     dataset = tmp_path / "dataset"
     run(recordings, dataset)
     whole = contents(dataset)
@@ -304,7 +304,7 @@ def test_recordings_among_files() -> None:
     }
 
 
-def test_the_same_recording_by_two_names_is_done_once(tmp_path: Path, recordings: list[Path]) -> None:
+def test_a_recording_with_two_names_is_processed_once(tmp_path: Path, recordings: list[Path]) -> None:
     names = [recordings[0], tmp_path / "logs" / ".." / "logs" / "0.mcap", tmp_path / "logs"]
     assert run(names, tmp_path / "dataset").total == 3
 

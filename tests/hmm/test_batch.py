@@ -1,4 +1,4 @@
-"""Inference with explicit onsets against the sum and the maximum over all paths, one by one."""
+"""Smoothing, expected changes and Viterbi against enumeration of all paths."""
 
 from itertools import pairwise
 
@@ -23,8 +23,8 @@ def test_posterior_and_evidence_are_the_sum_over_all_paths(seed):
     weights = np.array([weight for weight, _ in paths])
     assert log_evidence == pytest.approx(np.logaddexp.reduce(weights), abs=1e-9)
     expected = np.zeros((case.ticks, case.states))
-    for share, (_, stretches) in zip(np.exp(weights - log_evidence), paths, strict=True):
-        for h, onset, end in stretches:
+    for share, (_, segments) in zip(np.exp(weights - log_evidence), paths, strict=True):
+        for h, onset, end in segments:
             expected[onset:end, case.state[h]] += share
     np.testing.assert_allclose(posterior, expected, atol=1e-9)
     np.testing.assert_allclose(posterior.sum(axis=1), 1.0)
@@ -36,11 +36,11 @@ def test_expected_changes_are_the_sum_over_all_paths(seed):
     case = Case(seed)
     posterior, changes, log_evidence = hmm.expect(case.trellis, *case.model)
     expected = np.zeros_like(changes)
-    for weight, stretches in case.paths():
-        for (before, *_), (after, onset, _) in pairwise(stretches):
+    for weight, segments in case.paths():
+        for (before, *_), (after, onset, _) in pairwise(segments):
             expected[onset, case.state[before], case.state[after]] += np.exp(weight - log_evidence)
     np.testing.assert_allclose(changes, expected, atol=1e-9)
-    begun = np.diff(posterior, axis=0)  # what begins less what ends is what there is more of
+    begun = np.diff(posterior, axis=0)  # probability that enters a state less that leaves it
     np.testing.assert_allclose(changes[1:].sum(axis=1) - changes[1:].sum(axis=2), begun, atol=1e-9)
     np.testing.assert_array_equal(posterior, hmm.smooth(case.trellis, *case.model)[0])
 
@@ -49,14 +49,14 @@ def test_expected_changes_are_the_sum_over_all_paths(seed):
 @given(seed=seeds)
 def test_viterbi_is_the_best_of_all_paths(seed):
     case = Case(seed)
-    weight, stretches = max(case.paths())
+    weight, segments = max(case.paths())
     assert np.isfinite(weight)
-    assert hmm.viterbi(case.trellis, *case.model) == stretches
+    assert hmm.viterbi(case.trellis, *case.model) == segments
 
 
 @many
 @given(seed=seeds)
-def test_the_filter_is_the_smoother_that_has_no_future(seed):
+def test_the_filter_is_the_smoother_of_the_data_so_far(seed):
     """The recursion of the online tracker, by ``enter`` and ``by_state``, against smoothing each prefix."""
     case = Case(seed)
     log_left, entry = case.log_initial, np.full(len(case.state), -np.inf)
@@ -75,16 +75,16 @@ def test_the_filter_is_the_smoother_that_has_no_future(seed):
 
 @many
 @given(seed=seeds)
-def test_a_common_likelihood_factor_changes_nothing(seed):
-    """Data that every hypothesis explains by c_t nats more shifts the evidence, and nothing else."""
+def test_a_common_likelihood_factor_changes_the_evidence_only(seed):
+    """Adding c_t nats to the likelihood of all hypotheses at tick t shifts the evidence, nothing else."""
     case = Case(seed)
     posterior, log_evidence = hmm.smooth(case.trellis, *case.model)
     path = hmm.viterbi(case.trellis, *case.model)
-    told = np.concatenate([[0.0], np.cumsum(np.random.default_rng(seed).normal(size=case.ticks) * 300.0)])
-    case.value += told - told[case.onset][:, None]
+    offset = np.concatenate([[0.0], np.cumsum(np.random.default_rng(seed).normal(size=case.ticks) * 300.0)])
+    case.value += offset - offset[case.onset][:, None]
     shifted, shifted_evidence = hmm.smooth(case.trellis, *case.model)
     np.testing.assert_allclose(shifted, posterior, atol=1e-9)
-    assert shifted_evidence == pytest.approx(log_evidence + told[-1], abs=1e-7)
+    assert shifted_evidence == pytest.approx(log_evidence + offset[-1], abs=1e-7)
     assert hmm.viterbi(case.trellis, *case.model) == path
 
 
@@ -110,21 +110,21 @@ def test_results_do_not_depend_on_the_order_of_hypotheses_and_states(seed):
 
 @many
 @given(seed=seeds)
-def test_where_one_path_outweighs_all_others_the_posterior_is_that_path(seed):
+def test_the_posterior_of_a_dominant_path_is_that_path(seed):
     case = Case(seed)
     case.value *= 1e4
-    stretches = hmm.viterbi(case.trellis, *case.model)
+    segments = hmm.viterbi(case.trellis, *case.model)
     posterior, _ = hmm.smooth(case.trellis, *case.model)
     weights = sorted(weight for weight, _ in case.paths())
     if len(weights) > 1 and weights[-1] - weights[-2] < 40.0:
         return
     expected = np.zeros_like(posterior)
-    for h, onset, end in stretches:
+    for h, onset, end in segments:
         expected[onset:end, case.state[h]] = 1.0
     np.testing.assert_allclose(posterior, expected, atol=1e-9)
 
 
-def test_one_state_that_cannot_be_left_is_certain():
+def test_a_state_without_way_out_is_certain():
     ticks = 4
     trellis = hmm.Trellis(
         np.array([0, 1, 1, 1, 1]),
@@ -139,8 +139,8 @@ def test_one_state_that_cannot_be_left_is_certain():
     assert hmm.viterbi(trellis, np.log([1.0, 1e-300]), stuck) == [(0, 0, ticks)]
 
 
-def test_weights_of_a_long_recording_neither_overflow_nor_vanish():
-    """Nor does what their digits lose: probabilities are distributions all the same."""
+def test_weights_of_a_long_recording_neither_overflow_nor_underflow():
+    """Probabilities remain normalised in spite of rounding."""
     case = Case(3, sizes=((3, 6),))
     unshifted, unshifted_changes, _ = hmm.expect(case.trellis, *case.model)
     case.value -= 1e9 * (np.arange(case.ticks + 1) - case.onset[:, None])
@@ -152,7 +152,7 @@ def test_weights_of_a_long_recording_neither_overflow_nor_vanish():
 
 
 def test_hypotheses_absent_at_their_onset_have_no_origin():
-    """The first hypothesis would be by far the best, and shows up a tick after its onset."""
+    """The first hypothesis has the highest likelihood, but first appears a tick after its onset."""
     trellis = hmm.Trellis(
         np.array([0, 1, 1]),
         np.array([0, 0, 1]),
@@ -165,7 +165,7 @@ def test_hypotheses_absent_at_their_onset_have_no_origin():
     np.testing.assert_allclose(posterior, [[0.0, 1.0]] * 2)
 
 
-def test_log_sum_exp_of_nothing_possible_is_impossible():
+def test_log_sum_exp_of_impossible_states_is_minus_infinity():
     table = np.array([[-np.inf, -np.inf], [1000.0, 1000.0], [-1000.0, -np.inf]])
     np.testing.assert_allclose(hmm.log_sum_exp(table), [-np.inf, 1000.0 + np.log(2.0), -1000.0])
     np.testing.assert_array_equal(hmm.by_state(np.zeros(0), np.zeros(0, np.int64), 3), np.full(3, -np.inf))

@@ -1,4 +1,4 @@
-"""Fixed lag: the history of hypotheses equals the sum over all paths of the chain."""
+"""Fixed lag: lag histories of hypotheses against enumeration of all paths of the chain."""
 
 from itertools import product
 
@@ -28,8 +28,8 @@ def of_all_paths(initial: Array, changes: Array, data: Array, lag: int) -> Array
 
 @pytest.mark.parametrize("lag", [0, 1, LAG])
 @pytest.mark.parametrize("scale", [1.0, 1e-200, 1e200])
-def test_the_past_is_the_sum_over_all_paths(lag: int, scale: float) -> None:
-    """Each tick, what is in a state is one hypothesis; weights are known up to a factor only."""
+def test_lag_histories_are_sums_over_all_paths(lag: int, scale: float) -> None:
+    """With one hypothesis per state in each tick, and weights with any common factor."""
     rng = np.random.default_rng(3)
     initial, data = rng.dirichlet(np.ones(STATES)), rng.uniform(0.1, 1.0, (TICKS, STATES))
     changes = rng.dirichlet(np.ones(STATES), (TICKS, STATES))
@@ -45,21 +45,21 @@ def test_the_past_is_the_sum_over_all_paths(lag: int, scale: float) -> None:
         np.testing.assert_allclose(fixed_lag.mixed(past, log_left), expected[tick], atol=1e-12)
 
 
-def test_several_hypotheses_grow_at_once() -> None:
+def test_histories_of_several_hypotheses_are_extended_at_once() -> None:
     past = np.arange(12.0).reshape(2, 2, 3)
     grown = fixed_lag.grown(past, 1)
     np.testing.assert_array_equal(grown[:, 0], past[:, 1])
     np.testing.assert_array_equal(grown[:, 1], [[0.0, 1.0, 0.0]] * 2)
 
 
-def test_without_hypotheses_there_is_no_past() -> None:
+def test_without_hypotheses_the_history_is_zero() -> None:
     mixed = fixed_lag.mixed(np.zeros((0, LAG, STATES)), np.zeros(0))
     np.testing.assert_array_equal(mixed, np.zeros((LAG, STATES)))
 
 
 @pytest.mark.filterwarnings("error")
-def test_weights_may_be_as_far_apart_as_they_like() -> None:
-    """Hypotheses of negligible weight do not count, also if it underflows."""
+def test_weights_may_differ_by_any_factor() -> None:
+    """Hypotheses whose weights underflow do not contribute."""
     past = np.eye(STATES)[:, None]
     log_left, even = np.array([-2000.0, 0.0, -4000.0]), np.zeros((STATES, STATES))
     np.testing.assert_array_equal(fixed_lag.inherited(past, log_left, even), past[[1, 1, 1]])

@@ -1,4 +1,4 @@
-"""Online Viterbi and smoothing, against the whole recording; and endless streams."""
+"""Incremental Viterbi and smoothing against those of the whole recording, and in long streams."""
 
 import numpy as np
 import pytest
@@ -16,9 +16,10 @@ many = settings(max_examples=40, deadline=None)
 
 
 def run(trellis, log_initial, log_transition, every, tolerance=TOLERANCE):
-    """Concluded every so many ticks: path, posterior, and after which ticks how many were told."""
+    """Inference with a release of decided ticks every ``every`` ticks: path, posterior, and the numbers of
+    ticks whose posterior and path are released after each."""
     forward, past, survivors = hmm.ForwardFilter(log_initial), hmm.OpenTicks(), hmm.Survivors()
-    path, posterior, told = [], [], []
+    path, posterior, released = [], [], []
     for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
         step = forward.advance(trellis.state[alive], trellis.onset[alive], likelihood, log_transition[b - 1])
         past.append(step)
@@ -28,10 +29,10 @@ def run(trellis, log_initial, log_transition, every, tolerance=TOLERANCE):
             posterior.append(probability[:certain])
             past.drop(certain)
             path += survivors.decided_prefix(forward.frontier)
-            told.append((past.first, survivors.first))
+            released.append((past.first, survivors.first))
     if len(past):
         posterior.append(past.look_back(forward.frontier, tolerance)[0])
-    return path + survivors.finish(forward.frontier), np.concatenate(posterior), told
+    return path + survivors.finish(forward.frontier), np.concatenate(posterior), released
 
 
 def whole(trellis, log_initial, log_transition):
@@ -43,10 +44,10 @@ def whole(trellis, log_initial, log_transition):
 
 def pruned(trellis, log_initial, log_transition, margin=20.0):
     """Without negligible hypotheses, as in the tracker."""
-    forward, hopeless = hmm.ForwardFilter(log_initial), np.zeros(len(trellis.state), bool)
+    forward, negligible = hmm.ForwardFilter(log_initial), np.zeros(len(trellis.state), bool)
     alive, value = [], []
     for b, (before, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True)):
-        kept = ~hopeless[before]
+        kept = ~negligible[before]
         alive.append(before[kept])
         value.append(likelihood[kept])
         state, onset = trellis.state[alive[-1]], trellis.onset[alive[-1]]
@@ -57,18 +58,18 @@ def pruned(trellis, log_initial, log_transition, margin=20.0):
             for a, i, w in zip(frontier.onset, frontier.state, frontier.log_weight, strict=True)
             if w > -margin
         }
-        hopeless[alive[-1]] = [pair not in good for pair in zip(onset, state, strict=True)]
+        negligible[alive[-1]] = [pair not in good for pair in zip(onset, state, strict=True)]
     return trellis._replace(alive=alive, log_likelihood=value)
 
 
 @many
 @given(seed=seeds, every=st.integers(1, 7))
-def test_pieces_of_any_trellis_are_the_whole(seed, every):
+def test_pieces_of_any_trellis_equal_the_whole(seed, every):
     case = Case(seed)
     try:
         expected = whole(case.trellis, *case.model)
         path, posterior, _ = run(case.trellis, *case.model, every)
-    except ValueError as error:  # no path at all, whole or in pieces
+    except ValueError as error:  # of the whole and of the pieces
         assert "no path" in str(error)  # noqa: PT017
         return
     assert path == expected[0]
@@ -76,29 +77,29 @@ def test_pieces_of_any_trellis_are_the_whole(seed, every):
 
 
 @pytest.mark.parametrize("blur", [0.5, 2.0])
-def test_pieces_of_a_recording_are_the_whole_and_are_released_soon(blur):
+def test_pieces_of_a_recording_equal_the_whole_and_are_released_early(blur):
     rng = np.random.default_rng(7)
     model, exposure = random_model(rng), rng.uniform(0.02, 1.0, 150)
     chain = log_initial(model), np.array([tick_transitions(model, e).log_transition for e in exposure])
     trellis = pruned(noisy_trellis(walk(model, exposure, rng), model, exposure, rng, blur), *chain)
     expected_path, expected = whole(trellis, *chain)
-    path, posterior, told = run(trellis, *chain, every=30)
+    path, posterior, released = run(trellis, *chain, every=30)
     assert path == expected_path
     assert np.abs(posterior - expected).max() < TOLERANCE
-    smoothed, decided = np.array(told).T
-    if blur == 0.5:  # what is clear is told long before the end
+    smoothed, decided = np.array(released).T
+    if blur == 0.5:  # unambiguous ticks are released long before the end
         assert smoothed[-1] > 60
         assert decided[-1] > 60
     loose = run(trellis, *chain, every=30, tolerance=0.1)
-    assert loose[2][2][0] >= told[2][0]
+    assert loose[2][2][0] >= released[2][0]
     assert np.abs(loose[1] - expected).max() < 0.1
 
 
 @many
 @given(seed=seeds)
 @pytest.mark.parametrize("checked", [1, 16])
-def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
-    """Cut anywhere; then the most one-sided futures there are: one beginning goes on, all else is over."""
+def test_decided_ticks_are_those_that_no_later_data_can_change(checked, seed):
+    """Extreme later data: only one of the hypotheses at the cut survives."""
     case = Case(seed, sizes=((3, 6), (4, 5)), death=0.1, absent=0.0, forbidden=0.0)
     trellis, (initial, change) = case.trellis, case.model
     cut = case.ticks - 1
@@ -124,8 +125,8 @@ def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
         assert certain == int(np.argmax(np.append(spread, np.inf) > tolerance + 1e-12))
 
 
-def test_futures_may_agree_on_now_and_not_on_before():
-    """State 0 began with tick 20 after state 1, or with tick 40 after state 2: later ticks are the same."""
+def test_hypotheses_may_agree_on_late_ticks_and_differ_on_earlier_ones():
+    """State 0 begins at tick 20 after state 1, or at tick 40 after state 2; later ticks are equal."""
     never = np.full((3, 3), -np.inf)
     into_0 = {
         tick: np.where(np.eye(3)[:, [before]] * np.eye(3)[0], 0.0, -np.inf)
@@ -146,11 +147,11 @@ def test_futures_may_agree_on_now_and_not_on_before():
     np.testing.assert_allclose(posterior[[10, 30, 50]], [[0, 0.5, 0.5], [0.5, 0, 0.5], [1, 0, 0]], atol=1e-12)
 
 
-# --- hours -------------------------------------------------------------------------------------------------
+# --- long streams ------------------------------------------------------------------------------------------
 
 
 def hours(ticks, evidence, rng, states=3):
-    """A stream of ticks: onsets thinned out with age as the tracker does, ``evidence`` per tick and state."""
+    """A stream of ticks with ``evidence`` per tick and state; onsets are thinned by age as in the tracker."""
     onset = [np.zeros(0, np.int64) for _ in range(states - 1)]
     for now in range(ticks):
         for i, old in enumerate(onset):
@@ -170,7 +171,7 @@ def hours(ticks, evidence, rng, states=3):
 
 @pytest.mark.parametrize(("evidence", "certain"), [((0.5, -0.5), True), ((0.0, 0.0), False)])
 def test_hypotheses_and_rounding_stay_bounded_for_hours(evidence, certain):
-    """One contact for a long time; and rest, in which nothing can be told: then all of it stays open."""
+    """In one long contact, and at rest, where no tick is decided and all stay open."""
     rng, ticks = np.random.default_rng(1), 4000
     change = np.log(np.full((3, 3), 0.01))
     forward, past, survivors = hmm.ForwardFilter(np.log(np.full(3, 1 / 3))), hmm.OpenTicks(), hmm.Survivors()
@@ -182,7 +183,7 @@ def test_hypotheses_and_rounding_stay_bounded_for_hours(evidence, certain):
             probability, until = past.look_back(forward.frontier, TOLERANCE)
             past.drop(until)
     assert len(forward.frontier.onset) < 200
-    assert forward.frontier.log_weight.max() == pytest.approx(0.0, abs=3.0)  # no digits are lost
+    assert forward.frontier.log_weight.max() == pytest.approx(0.0, abs=3.0)  # weights are renormalised
     assert (len(past) < 1100) is certain
     assert past.size < 10_000 * ticks
     if certain:
@@ -203,8 +204,8 @@ def with_free_joined(path):
 
 @many
 @given(seed=seeds, every=st.integers(3, 40), share=st.sampled_from([0.1, 0.5, 0.95]))
-def test_skipped_ticks_are_those_in_which_nothing_changes(seed, every, share):
-    """Likelihoods stay as they were, nothing begins, and free motion goes on."""
+def test_skipped_ticks_are_ticks_without_change(seed, every, share):
+    """Skipping equals a tick with the same likelihoods, without births, in which free motion lasts."""
     rng, ticks = np.random.default_rng(seed), 120
     initial, change = np.log(np.full(3, 1 / 3)), np.log(rng.dirichlet(np.full(3, 0.5), (ticks, 3)) + 1e-9)
     none = np.full((3, 3), -np.inf)
@@ -236,7 +237,7 @@ def test_skipped_ticks_are_those_in_which_nothing_changes(seed, every, share):
                 past.look_back(forward.frontier, TOLERANCE) for forward, past, _ in (whole, short)
             )
             np.testing.assert_allclose(posterior, expected, atol=1e-9)
-            assert until >= certain  # with the ticks after the last one that is decided
+            assert until >= certain  # it includes skipped ticks after the last decided one
             np.testing.assert_allclose(np.diff(expected[certain - 1 : until], axis=0), 0.0, atol=1e-9)
             for path, (forward, past, survivors) in zip(paths, (whole, short), strict=True):
                 past.drop(until)
@@ -250,7 +251,7 @@ def test_skipped_ticks_are_those_in_which_nothing_changes(seed, every, share):
 
 @pytest.mark.filterwarnings("error")
 def test_the_smallest_weights_stay_finite():
-    """A weight that is barely above zero, and is divided by more than one."""
+    """A weight near the smallest positive number is divided by more than one."""
     change = np.log(np.array([[0.9, 0.1], [0.1, 0.9]]))
     for behind in np.arange(-747.0, -738.0, 0.05):
         forward = hmm.ForwardFilter(np.log([0.5, 0.5]))
@@ -262,7 +263,7 @@ def test_the_smallest_weights_stay_finite():
         assert frontier.probability.sum() == pytest.approx(1.0)
 
 
-def test_hypotheses_without_onset_are_refused():
+def test_hypotheses_with_an_unknown_onset_are_refused():
     forward, one, none, change = (
         hmm.ForwardFilter(np.zeros(2)),
         np.zeros(1, np.int64),
@@ -270,7 +271,7 @@ def test_hypotheses_without_onset_are_refused():
         np.zeros((2, 2)),
     )
     forward.advance(one, one, none, change)
-    for gone in (0, 3):  # onset 0 is over, onset 3 is to come
+    for gone in (0, 3):  # onset 0 has been dropped, onset 3 is in the future
         forward.advance(one, one + 1, none, change)
         with pytest.raises(ValueError, match="nothing has begun"):
             forward.advance(one, one + gone, none, change)
@@ -281,7 +282,7 @@ def test_hypotheses_without_onset_are_refused():
 
 
 def test_states_without_predecessor_have_no_origin():
-    """Nothing comes before the first tick, and a state to which no path leads has no best one."""
+    """The first tick has no predecessor, and a state without path to it has no best one."""
     forward, only = hmm.ForwardFilter(np.log([0.5, 0.25, 0.25])), np.full((3, 3), -np.inf)
     step = forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), only)
     assert forward.frontier.origin.tolist() == [-1, -1]
@@ -293,8 +294,7 @@ def test_states_without_predecessor_have_no_origin():
 
 
 def assert_smoothed(seed, onsets_of_ticks, drop_at=None, dropped=0):
-    """The smoother agrees with smoothing of the whole, with random likelihoods and these onsets alive by
-    tick."""
+    """Compare incremental with batch smoothing, for random likelihoods and the onsets alive in each tick."""
     rng, ticks = np.random.default_rng(seed), len(onsets_of_ticks)
     value = 0.05 * rng.normal(size=(2, ticks, ticks + 1))
     initial, change = np.log([0.5, 0.5]), np.log(rng.dirichlet(np.ones(2), (ticks, 2)))
@@ -303,7 +303,7 @@ def assert_smoothed(seed, onsets_of_ticks, drop_at=None, dropped=0):
         state, onset = np.repeat([0, 1], len(onsets)), np.tile(onsets, 2)
         alive.append(np.concatenate([onsets, ticks + onsets]))
         past.append(forward.advance(state, onset, value[state, onset, tick + 1], change[tick]))
-        if tick == drop_at:  # those before it are not asked for any more
+        if tick == drop_at:  # earlier ticks are released
             past.drop(dropped)
     trellis = hmm.Trellis(
         np.repeat([0, 1], ticks),
@@ -316,7 +316,7 @@ def assert_smoothed(seed, onsets_of_ticks, drop_at=None, dropped=0):
 
 
 def test_many_onsets_may_stay_open():
-    """More than the smoother first has room for: all of them are kept apart."""
+    """More than the initial capacity of the smoother; all are kept separate."""
     assert_smoothed(5, [np.arange(tick + 1) for tick in range(60)], drop_at=50, dropped=20)
 
 
@@ -334,7 +334,7 @@ def test_an_onset_in_the_first_row_keeps_it_when_another_turns_up():
 
 def test_posteriors_are_renormalised_after_rounding():
     past, frontier = hmm.OpenTicks(), hmm.FilterFrontier(*map(np.array, ([1], [0], [0.0], [0.0], [1])))
-    for chance in (0.0, 0.9):  # instead of one
+    for chance in (0.0, 0.9):  # instead of 1
         way = np.array([0]), np.array([1]), np.array([1.0])
         source = np.array([[0.0, 0.0], [chance, 0.0]])
         past.append(hmm.ForwardMessage(len(past), source, *way, np.zeros((2, 2))))

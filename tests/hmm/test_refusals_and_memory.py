@@ -17,13 +17,13 @@ def begun() -> ForwardFilter:
     return running
 
 
-def test_one_hypothesis_that_has_never_begun_is_refused_among_those_that_have() -> None:
+def test_a_hypothesis_with_an_unknown_onset_is_refused_among_valid_ones() -> None:
     with pytest.raises(ValueError, match="nothing has begun"):
         begun().advance(np.array([0, 1, 1]), np.array([0, 0, 7]), np.zeros(3), CHANGE)
 
 
 @pytest.mark.parametrize("odd", [np.nan, np.inf, -np.inf])
-def test_one_likelihood_that_is_not_finite_is_refused_among_those_that_are(odd: float) -> None:
+def test_a_likelihood_that_is_not_finite_is_refused_among_finite_ones(odd: float) -> None:
     with pytest.raises(ValueError, match="no path"):
         begun().advance(np.array([0, 1]), np.array([0, 0]), np.array([0.0, odd]), CHANGE)
 

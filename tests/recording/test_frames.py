@@ -1,4 +1,4 @@
-"""Poses in other frames than they were published in: chains of transforms, and other bodies."""
+"""Poses in frames other than the published one: chains of transforms, and relative to other bodies."""
 
 import tracemalloc
 from collections.abc import Callable
@@ -27,12 +27,12 @@ def tf(poses: Poses | list[Pose], parent: str, child: str, topic: str = "/tf") -
 
 
 def joined(*topics: Topic) -> Topic:
-    """Their messages on the topic of the first."""
+    """One topic, that of the first, with the messages of all."""
     return Topic(topics[0].name, TF, [message for topic in topics for message in topic.messages])
 
 
 def matrix(position: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """4 x 4, by the formula of quaternions."""
+    """The 4 x 4 matrix of a pose, by the formula of quaternions."""
     x, y, z, w = quat / np.sqrt(quat @ quat)
     turn = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -43,7 +43,7 @@ def matrix(position: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 def interpolated(poses: Poses, stamp_ns: int) -> np.ndarray:
-    """By the formulas: linear, and along the arc between quaternions."""
+    """The 4 x 4 matrix at ``stamp_ns``: position linear, quaternion along the shortest arc."""
     i = min(int(np.searchsorted(poses.stamp_ns, stamp_ns, side="right")) - 1, len(poses) - 2)
     share = float(stamp_ns - poses.stamp_ns[i]) / float(poses.stamp_ns[i + 1] - poses.stamp_ns[i])
     a, b = poses.quat_xyzw[i], poses.quat_xyzw[i + 1]
@@ -54,7 +54,7 @@ def interpolated(poses: Poses, stamp_ns: int) -> np.ndarray:
 
 
 def assert_is(found: Poses, stamps_ns: np.ndarray, expected: Callable[[int, int], np.ndarray]) -> None:
-    """``expected`` of place and stamp, to 1e-9."""
+    """Compare poses with ``expected(index, stamp_ns)``, to 1e-9."""
     np.testing.assert_array_equal(found.stamp_ns, stamps_ns)
     for i, stamp_ns in enumerate(stamps_ns.tolist()):
         got = matrix(found.position_m[i], found.quat_xyzw[i])
@@ -96,7 +96,7 @@ def test_a_chain_whose_parent_moves(tmp_path: Path, chunk_size: int, in_columns:
 
 
 def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
-    """From one branch to the other: the first is inverted."""
+    """From one branch to another; the transforms of the first are inverted."""
     other = faster(300, 80.0, 7)
     topics = joined(tf(FLANGE, "world", "flange"), tf(OBJECT, "flange", "object"), tf(other, "world", "tool"))
     path = write_log(tmp_path / "a.mcap", [topics])
@@ -110,7 +110,7 @@ def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
 
 
 def test_a_static_transform_at_the_end(tmp_path: Path) -> None:
-    """The stamps are those of what moves last."""
+    """Stamps are those of the last moving transform."""
     topics = [tf(OBJECT, "world", "marker"), tf([MOUNT], "marker", "object", "/tf_static")]
     found = Poses.collect(open_log(str(write_log(tmp_path / "a.mcap", topics)), frame="world->object"))
     mount, seen = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw)), by(OBJECT)
@@ -118,7 +118,7 @@ def test_a_static_transform_at_the_end(tmp_path: Path) -> None:
 
 
 def test_relative_to_a_frame(tmp_path: Path) -> None:
-    """A PoseStamped in the camera's frame, wanted in the world."""
+    """A PoseStamped in the camera's frame is transformed to the world."""
     topics = [
         tf(FLANGE, "world", "flange"),
         tf([MOUNT], "flange", "camera", "/tf_static"),
@@ -214,7 +214,7 @@ def test_missing_chains_are_refused(tmp_path: Path) -> None:
 
 
 def test_stdin_and_growing_files_do_not_wait_longer_than_needed(tmp_path: Path) -> None:
-    """Pose by pose: each comes as soon as the transform after it has come."""
+    """Each pose is yielded as soon as the next transform has arrived."""
     path = write_arm(tmp_path / "a.mcap")
     from contact_tracker.recording import Follow
 
@@ -242,7 +242,7 @@ def test_a_pose_with_a_leading_stamp_does_not_delay_others(tmp_path: Path, follo
 
 
 def test_known_definitions_along_a_chain_are_counted(tmp_path: Path) -> None:
-    """Of the body and of its parent."""
+    """Both those of the body and of its parent."""
     chain = write_log(
         tmp_path / "a.mcap", [joined(tf(smooth_poses(40), "world", "arm")), tf([MOUNT], "arm", "cup")]
     )

@@ -1,6 +1,6 @@
-"""Wrenches in the frame of a sensor: where that is, is looked up on /tf and /tf_static.
+"""Wrenches in the frame of a sensor, whose pose is on /tf and /tf_static.
 
-What is expected is composed here by itself: a wrench is a skew 4 x 4 matrix, sum of ``x f^T - f x^T`` over
+Expected values are computed independently: a wrench is a skew 4 x 4 matrix, sum of ``x f^T - f x^T`` over
 forces at points in homogeneous coordinates, and a change of frame is a product with 4 x 4 matrices.
 """
 
@@ -34,7 +34,7 @@ TABLE = (np.array([0.4, 1.2, -0.3]), Rotation.from_euler("xyz", [-0.2, 0.4, 2.1]
 
 @dataclass
 class Frame:
-    """Where a frame is in another, and what of it is published: ``stamps_ns`` of what moves."""
+    """The poses of a frame in its parent, published at ``stamps_ns``; one stamp for a static frame."""
 
     parent: str
     child: str
@@ -71,7 +71,7 @@ def static(parent: str, child: str, place: tuple[np.ndarray, Rotation] = MOUNT) 
 
 
 def moving(parent: str, child: str, seed: int = 5, hz: float = 73.0, start_s: float = -0.1) -> Frame:
-    """What moves, at stamps of its own."""
+    """A moving frame with its own stamps."""
     rng = np.random.default_rng(seed)
     t = np.arange(start_s, 6.2, 1.0 / hz)
     phase = rng.uniform(0, 6, (2, 3))
@@ -90,7 +90,7 @@ BODY = Frame(
 
 
 def carried(wrenches: Wrenches, frames: np.ndarray) -> Wrenches:
-    """The same wrenches in what ``frames`` (N, 4, 4) are given in."""
+    """The wrenches transformed from ``frames`` (N, 4, 4) to their parent."""
     skew = np.zeros((len(wrenches), 4, 4))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         skew[:, i, j], skew[:, j, i] = wrenches.moment_nm[:, k], -wrenches.moment_nm[:, k]
@@ -110,8 +110,8 @@ IN_WORLD = carried(PRESSED.wrenches, BODY.at(BODY.stamps_ns))
 
 
 def in_frame(*frames: Frame) -> Wrenches:
-    """The wrenches of the world in the frame at the end of a chain from there; as ``BODY`` has all stamps,
-    the chain may go through it."""
+    """The wrenches in the frame at the end of a chain from the world. The chain may contain ``BODY``, which
+    has all stamps."""
     along = np.eye(4)
     for frame in frames:
         along = along @ frame.at(IN_WORLD.stamp_ns)
@@ -163,7 +163,7 @@ def test_wrenches_of_a_sensor_are_those_of_the_world(tmp_path: Path, name: str, 
     frames = CHAINS[name]
     published = [frame for frame in frames if frame is not BODY]
     if poses.type.endswith("PoseStamped") and len(published) < len(frames):
-        published.append(BODY)  # else nothing says which frame the body's is
+        published.append(BODY)  # otherwise the frame of the body is unknown
     path = write(tmp_path / "log.mcap", wrench_topic(in_frame(*frames), "ft"), *published, poses=poses)
     found = read(path, topic="/object/pose")
     assert (found.dropped, found.unplaced, found.bad_transforms) == (0, 0, 0)
@@ -196,7 +196,7 @@ def test_transforms_are_found_without_an_index_and_however_late(tmp_path: Path) 
 
 @pytest.mark.parametrize("choice", [{"frame": "base->object"}, {"topic": "/pose"}])
 def test_poses_that_are_composed_themselves(tmp_path: Path, choice: dict[str, str]) -> None:
-    """An arm carries the sensor, and the sensor the object: only what rests leads from one to the other."""
+    """An arm carries sensor and object; the chain between them is static."""
     arm, mount = moving("base", "flange", hz=200.0), static("flange", "object", TABLE)
     poses = Poses.collect(
         Pose(int(at), tuple(place[:3, 3]), tuple(Rotation.from_matrix(place[:3, :3]).as_quat()))
@@ -209,14 +209,14 @@ def test_poses_that_are_composed_themselves(tmp_path: Path, choice: dict[str, st
     path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), arm, mount, sensor, poses=direct)
     expected = carried(IN_WORLD, to_object)
     found = read(path, **choice)
-    # Poses without a name lead through the arm, which is interpolated, and back by the nearest pose.
+    # without a child frame the chain goes through the interpolated arm and back by the nearest pose
     tolerance = 1e-9 if "frame" in choice else 0.3
     np.testing.assert_allclose(found.wrenches.force_n, expected.force_n, atol=tolerance)
     np.testing.assert_allclose(found.wrenches.moment_nm, expected.moment_nm, atol=tolerance)
 
 
 def test_poses_that_are_relative_to_another_body(tmp_path: Path) -> None:
-    """The world is then a frame like any other: it is where the other body's poses lead."""
+    """The frame of the wrenches, the world, is then the parent of the other body's poses."""
     other = moving("world", "", hz=200.0)
     rows = zip(other.stamps_ns.tolist(), other.position_m, other.rotation.as_quat(), strict=True)
     table = Topic("/table/pose", "geometry_msgs/msg/PoseStamped", [(r[0], pose_stamped(*r)) for r in rows])
@@ -237,15 +237,15 @@ def world_evidence(world_log: Path) -> np.ndarray:
 
 
 def touching_evidence(path: Path) -> np.ndarray:
-    """What wrenches say of the time in contact."""
+    """Evidence of the wrenches in the time of contact."""
     log = open_log(str(path), topic="/object/pose")
     found = recorded_evidence(str(path), "/wrench", log, load_model(), EMPTY_MAP)
     assert found is not None
     assert found.warning is None
     assert found.evidence is not None
-    earned = found.evidence.log_evidence(PRESSED.touch_ns, PRESSED.end_ns)
-    assert earned is not None
-    return earned
+    evidence = found.evidence.log_evidence(PRESSED.touch_ns, PRESSED.end_ns)
+    assert evidence is not None
+    return evidence
 
 
 @pytest.mark.parametrize("name", ["on the body", "in the world", "on an arm"])
@@ -256,7 +256,7 @@ def test_evidence_is_that_of_wrenches_in_the_world(
     published = frames[frames[0] is BODY :]
     path = write(tmp_path / "log.mcap", wrench_topic(in_frame(*frames), "ft"), *published)
     np.testing.assert_allclose(touching_evidence(path), world_evidence, rtol=1e-6, atol=1e-6)
-    assert np.ptp(world_evidence) > 10.0  # it says something
+    assert np.ptp(world_evidence) > 10.0  # it distinguishes contacts
 
 
 def test_segments_are_those_of_wrenches_in_the_world(
@@ -285,8 +285,8 @@ def test_a_frame_that_no_transform_names_is_refused_where_the_object_has_another
         read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft")))
 
 
-def test_without_a_name_of_the_object_it_is_taken_for_the_objects(tmp_path: Path) -> None:
-    """Unless transforms name it: then it is known to be something else, but not where."""
+def test_an_unknown_frame_is_the_objects_if_the_object_has_no_name(tmp_path: Path) -> None:
+    """Unless transforms name it: then it is another frame, at an unknown pose."""
     unnamed = unnamed_poses()
     found = read(write(tmp_path / "a.mcap", wrench_topic(PRESSED.wrenches, "o"), poses=unnamed))
     np.testing.assert_array_equal(found.wrenches.force_n, PRESSED.wrenches.force_n)
@@ -299,13 +299,13 @@ def test_without_a_name_of_the_object_it_is_taken_for_the_objects(tmp_path: Path
 
 
 @pytest.mark.parametrize("poses", [named_poses(), unnamed_poses()], ids=["named", "unnamed"])
-def test_no_name_is_the_objects(tmp_path: Path, poses: Topic) -> None:
+def test_an_empty_frame_id_is_the_objects(tmp_path: Path, poses: Topic) -> None:
     found = read(write(tmp_path / "log.mcap", wrench_topic(PRESSED.wrenches, ""), poses=poses))
     np.testing.assert_array_equal(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm)
     assert found.taken == "in no frame that is named: taken as the object's"
 
 
-def test_leading_slashes_of_ros_1_are_no_part_of_a_name(tmp_path: Path) -> None:
+def test_leading_slashes_of_ros_1_are_ignored(tmp_path: Path) -> None:
     found = read(write(tmp_path / "a.mcap", wrench_topic(PRESSED.wrenches, "/object")))
     np.testing.assert_array_equal(found.wrenches.force_n, PRESSED.wrenches.force_n)
     found = read(write(tmp_path / "b.mcap", wrench_topic(IN_WORLD, "/world")))
@@ -327,7 +327,7 @@ def test_wrenches_before_the_first_transform_are_left_out_and_counted(
     assert text in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_gap_in_what_moves_is_not_bridged(tmp_path: Path) -> None:
+def test_a_gap_in_a_moving_transform_is_not_bridged(tmp_path: Path) -> None:
     whole = moving("world", "ft")
     kept = (whole.stamps_ns < START_NS + 2 * 10**9) | (whole.stamps_ns > START_NS + 7 * 10**9 // 2)
     flange = Frame("world", "ft", whole.stamps_ns[kept], whole.position_m[kept], whole.rotation[kept])
@@ -337,7 +337,7 @@ def test_a_gap_in_what_moves_is_not_bridged(tmp_path: Path) -> None:
     assert found.unplaced == inside.sum() > 200
 
 
-def test_transforms_that_are_no_poses_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_invalid_transforms_are_left_out_and_counted(tmp_path: Path) -> None:
     flange = moving("world", "ft")
     topic = flange.topic
     at = START_NS + 2 * 10**9 + 1

@@ -1,4 +1,4 @@
-"""Lines of action distinguish contacts that motion does not, in any frames, with noise and bias."""
+"""Lines of action distinguish contacts that motion does not, in any frame, with noise and bias."""
 
 from dataclasses import replace
 
@@ -50,8 +50,8 @@ def test_a_free_object_is_identified() -> None:
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_frames_do_not_matter(contact: Contact) -> None:
-    """How the axes of the world and of the body lie, and where the world's origin is."""
+def test_evidence_does_not_depend_on_frames(contact: Contact) -> None:
+    """Neither on the axes of world and body nor on the world's origin."""
     made = pressed(contact, 3)
     before, found = log_evidence_of(made), log_evidence_of(_moved(made, np.zeros(3)))
     likely = before > before.max() - 10.0
@@ -59,8 +59,8 @@ def test_frames_do_not_matter(contact: Contact) -> None:
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_the_origin_of_the_body_hardly_matters(contact: Contact) -> None:
-    """Priors on centre of mass and inertia are about it."""
+def test_evidence_hardly_depends_on_the_origin_of_the_body(contact: Contact) -> None:
+    """Only by the priors of centre of mass and inertia, which are about it."""
     made = pressed(contact, 3)
     before, found = log_evidence_of(made), log_evidence_of(_moved(made, np.array([0.05, -0.03, 0.04])))
     likely = before > before.max() - 10.0
@@ -69,8 +69,7 @@ def test_the_origin_of_the_body_hardly_matters(contact: Contact) -> None:
 
 
 def _moved(made: Pressed, offset_m: np.ndarray) -> Pressed:
-    """The same, observed from a world that is turned and shifted, of a body frame that is turned and at
-    ``offset_m``."""
+    """The same motion in a turned and shifted world frame and a turned body frame at ``offset_m``."""
     world, body = Rotation.random(random_state=1), Rotation.random(random_state=2)
     turn = Rotation.from_quat(made.poses.quat_xyzw)
     place = np.add(world.apply(made.poses.position_m + turn.apply(offset_m)), (0.7, -1.1, 0.4))
@@ -80,7 +79,7 @@ def _moved(made: Pressed, offset_m: np.ndarray) -> Pressed:
     return replace(made, poses=poses, wrenches=Wrenches(made.wrenches.stamp_ns, force, moment))
 
 
-def test_a_wrench_in_the_world_is_the_same() -> None:
+def test_a_wrench_in_the_world_is_transformed_to_the_body() -> None:
     made = pressed(Contact.FV)
     turn = Rotation.from_quat(made.poses.quat_xyzw)
     force = turn.apply(made.wrenches.force_n)
@@ -93,8 +92,8 @@ def test_a_wrench_in_the_world_is_the_same() -> None:
 def test_missing_measurements_have_no_evidence() -> None:
     made = pressed(Contact.VF)
     early = made.wrenches.stamp_ns < made.touch_ns
-    silent = Wrenches(*(column[early] for column in vars(made.wrenches).values()))
-    assert evidence_of(replace(made, wrenches=silent)).log_evidence(made.touch_ns, made.end_ns) is None
+    before_touch = Wrenches(*(column[early] for column in vars(made.wrenches).values()))
+    assert evidence_of(replace(made, wrenches=before_touch)).log_evidence(made.touch_ns, made.end_ns) is None
     assert evidence_of(made).log_evidence(made.touch_ns, made.touch_ns + 10) is None
 
 
@@ -102,12 +101,11 @@ def test_a_gap_does_not_change_the_result() -> None:
     made = pressed(Contact.VF)
     middle = made.touch_ns + 2_000_000_000
     kept = np.abs(made.wrenches.stamp_ns - middle) > 500_000_000
-    holed = Wrenches(*(column[kept] for column in vars(made.wrenches).values()))
-    assert log_evidence_of(replace(made, wrenches=holed)).argmax() == Contact.VF.column
+    with_gap = Wrenches(*(column[kept] for column in vars(made.wrenches).values()))
+    assert log_evidence_of(replace(made, wrenches=with_gap)).argmax() == Contact.VF.column
 
 
 def test_two_contacts_in_one_window_have_no_evidence() -> None:
-    """Neither fits alone, so there is no evidence."""
     one, other = pressed(Contact.FV, 0), pressed(Contact.VF, 0)
     late = other.poses.stamp_ns >= other.touch_ns
     after = other.poses.stamp_ns[late] + one.end_ns - other.touch_ns + 5_000_000

@@ -1,4 +1,4 @@
-"""The load of the hand is estimated from free motion, also if some of it is misclassified contact."""
+"""The load is estimated from free motion, also if contact is partly misclassified as free."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def load_of(made: Pressed, free: np.ndarray | None = None, mass_kg: float | None
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_weight_and_centre_are_found(seed: int) -> None:
+def test_weight_and_centre_of_mass_are_estimated(seed: int) -> None:
     load = load_of(pressed(Contact.VF, seed, noise=True, bias=True))
     assert load is not None
     sd = np.sqrt(np.diag(load.force_covariance))
@@ -26,11 +26,11 @@ def test_weight_and_centre_are_found(seed: int) -> None:
     assert load.mass_kg == pytest.approx(MASS_KG, rel=0.05)
 
 
-def test_a_contact_that_is_taken_for_free_does_not_count() -> None:
+def test_a_contact_misclassified_as_free_is_an_outlier() -> None:
     made = pressed(Contact.FV)
     free = made.is_free.copy()
     touch = int(np.flatnonzero(~free)[0])
-    free[touch - 30 : touch - 25] = False  # two runs of free motion, and a longer one that is none
+    free[touch - 30 : touch - 25] = False  # two runs of free motion, and a longer one of contact
     free[touch + 5 : touch + 50] = True
     load = load_of(made, free)
     assert load is not None
@@ -43,7 +43,7 @@ def test_without_free_motion_there_is_no_load() -> None:
 
 
 def test_a_known_mass_decides_between_loads() -> None:
-    """In free motion for a second, and for another in contact that was taken for free motion."""
+    """About one second of free motion, and four of contact misclassified as free."""
     made = pressed(Contact.FV, 1)
     free = np.zeros(len(made.tick_ns), bool)
     touch = int(np.flatnonzero(~made.is_free)[0])

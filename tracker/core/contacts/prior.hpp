@@ -48,7 +48,7 @@ struct Prior {
 
     // `a @ precision @ b` for the directions a and b of the free parameters p and q; `pulled` is
     // `b @ precision`.
-    N held(int p, int q, const N* a, const N* pulled) const {
+    N curvature(int p, int q, const N* a, const N* pulled) const {
         if constexpr (!F::apart) return dot<F::S>(a, pulled);
         if ((p < F::of_1) != (q < F::of_1)) return 0.0;
         return p < F::of_1 ? dot<F::d2>(a, pulled) : dot<F::S - F::d2>(a + F::d2, pulled + F::d2);

@@ -16,20 +16,21 @@ WIDE Lanes volume(const Lanes* first, const Lanes* predicted_share, Work<F>& wor
     for (int p = 0; p < F::P; ++p) {
         for (int q = p; q < F::P; ++q) {
             const int entry = F::upper(p, q);
-            Lanes held = near.held[entry] + (p == q && F::flat_in(p) ? 1.0 : 0.0), gained = 0.0;
+            Lanes prior_part = near.prior_hessian[entry] + (p == q && F::flat_in(p) ? 1.0 : 0.0),
+                  gained = 0.0;
             for (int k = 0; k < F::K; ++k) {
-                held += predicted_share[k] * near.hessian[k][entry];
+                prior_part += predicted_share[k] * near.hessian[k][entry];
                 gained += near.hessian[k][entry];
             }
-            before[p][q] = held;
-            after[p][q] = held + gained;
+            before[p][q] = prior_part;
+            after[p][q] = prior_part + gained;
         }
     }
     rows<F>(near.at, work.rows);
     each_row<F>([&](auto k) {
         const Lanes off = k == F::last ? pair<F, k>(work.rows[k], first) : Lanes(0.0);
         for (int p = 0; p < F::P; ++p) {
-            slope[p] = pair<F, k>(near.slopes[p][k], first) + near.leans[p] * off;
+            slope[p] = pair<F, k>(near.slopes[p][k], first) + near.scale_slopes[p] * off;
             for (int q = 0; q <= p; ++q) before[q][p] += near.weight[k] * slope[p] * slope[q];
         }
     });

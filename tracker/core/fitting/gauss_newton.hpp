@@ -27,12 +27,12 @@ WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
         slope_of_last<F>(x, along, work.design[i]);
         carry_shift<F, i>(along, window, work, work.moved[i]);
         prior.pull(p, along, pulled);
-        shift[i] =
-            -weight * pair_shift<F, i>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
+        shift[i] = -weight * pair_shift<F, i>(work.design[i], work.row_moments[F::last]) -
+                   dot<F::S>(along, work.pull);
         each_of<i + 1>([&](auto j) {
             const int q = F::shifts[j];
             normal[j][i] = weight * pair_shift<F, j>(work.design[j], work.moved[i]) +
-                           prior.held(p, q, work.axes[q], pulled);
+                           prior.curvature(p, q, work.axes[q], pulled);
         });
         trace += normal[i][i];
     });
@@ -46,10 +46,10 @@ WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
         for (int s = 0; s < F::S; ++s) x[s] += shift[i] * along[s];
         for (int c = own.first; c < own.end; ++c) work.rows[F::last][c] += shift[i] * work.design[i][c];
         for (int c = 0; c < F::active_in(F::last); ++c)
-            work.carried[F::last][c] += shift[i] * work.moved[i][c];
+            work.row_moments[F::last][c] += shift[i] * work.moved[i][c];
     });
     Lanes squares = 0.0;
-    each_row<F>([&](auto k) { squares += work.weight[k] * pair<F, k>(work.rows[k], work.carried[k]); });
+    each_row<F>([&](auto k) { squares += work.weight[k] * pair<F, k>(work.rows[k], work.row_moments[k]); });
     prior.times(x, work.pull);
     return 0.5 * (squares + dot<F::S>(x, work.pull)) - dot<F::S>(x, prior.information) + prior.constant;
 }
@@ -64,13 +64,13 @@ void equations_of_shifts(Work<F>& work) {
         work.prior.pull(p, near.free[p], pulled);
         near.gradient[p] = dot<F::S>(near.free[p], work.pull);
         for (int q = 0; q <= p; ++q) {
-            near.held[F::upper(q, p)] = work.prior.held(p, q, near.free[q], pulled);
+            near.prior_hessian[F::upper(q, p)] = work.prior.curvature(p, q, near.free[q], pulled);
         }
     }
     each_of<F::L>([&](auto i) {
         const int p = F::shifts[i];
         std::copy_n(work.design[i], F::C, near.slopes[p][F::last]);
-        near.gradient[p] += weight * pair_shift<F, i>(work.design[i], work.carried[F::last]);
+        near.gradient[p] += weight * pair_shift<F, i>(work.design[i], work.row_moments[F::last]);
         each_of<i + 1>([&](auto j) {
             near.hessian[F::last][F::upper(F::shifts[j], p)] =
                 weight * pair_shift<F, j>(work.design[j], work.moved[i]);
@@ -94,12 +94,12 @@ WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
         auto& slopes = near.slopes[p];
         slope<F>(x, near.free[p], slopes);
         if constexpr (F::crosses) {  // per metre: the scale depends on x
-            near.leans[p] = 0.5 * dot<9>(work.turn, slopes[F::last] + 9);
-            for (int c = 0; c < F::C; ++c) slopes[F::last][c] -= near.leans[p] * work.rows[F::last][c];
+            near.scale_slopes[p] = 0.5 * dot<9>(work.turn, slopes[F::last] + 9);
+            for (int c = 0; c < F::C; ++c) slopes[F::last][c] -= near.scale_slopes[p] * work.rows[F::last][c];
         }
         each_row<F>([&](auto k) {
             carry<F, k>(slopes[k], window, pushed);
-            near.gradient[p] += near.weight[k] * pair<F, k>(slopes[k], work.carried[k]);
+            near.gradient[p] += near.weight[k] * pair<F, k>(slopes[k], work.row_moments[k]);
             for (int j = 0; j <= i; ++j) {
                 const int q = F::turns[j];
                 near.hessian[k][F::upper(q, p)] = near.weight[k] * pair<F, k>(near.slopes[q][k], pushed);
@@ -120,7 +120,7 @@ WIDE Lanes take_step(const Lanes& damping, Work<F>& work) {
     for (int p = 0; p < F::P; ++p) {
         work.step[p] = -near.gradient[p];
         for (int q = p; q < F::P; ++q) {
-            curvature[p][q] = near.held[F::upper(p, q)];
+            curvature[p][q] = near.prior_hessian[F::upper(p, q)];
             for (int k = 0; k < F::K; ++k) curvature[p][q] += near.hessian[k][F::upper(p, q)];
         }
         curvature[p][p] += settings.damping.least_curvature;

@@ -15,15 +15,15 @@ void carry(const Lanes* row, const Moments<F>& window, Lanes* out) {
 }
 
 template <class F, int K>
-Lanes pair(const Lanes* row, const Lanes* carried) {
-    return dot<F::active_in(K)>(row, carried);
+Lanes pair(const Lanes* row, const Lanes* row_moments) {
+    return dot<F::active_in(K)>(row, row_moments);
 }
 
 // Product of the last row's derivative by the I-th shift with another row: some columns are zero.
 template <class F, int I>
-Lanes pair_shift(const Lanes* row, const Lanes* carried) {
+Lanes pair_shift(const Lanes* row, const Lanes* row_moments) {
     constexpr Columns own = F::shifted_by(I);
-    return dot<own.end - own.first>(row + own.first, carried + own.first);
+    return dot<own.end - own.first>(row + own.first, row_moments + own.first);
 }
 
 // Sum, weighted by v, of three rows of a matrix that are `STRIDE` apart.
@@ -47,9 +47,9 @@ std::array<Vec<Lanes>, 2> seconds(const Lanes* x) {
 template <class F>
 void carry_rows(const Lanes* x, const Moments<F>& window, Work<F>& work) {
     if constexpr (F::crosses) {
-        carry<F, F::last>(work.rows[F::last], window, work.carried[F::last]);
+        carry<F, F::last>(work.rows[F::last], window, work.row_moments[F::last]);
     } else {
-        Lanes* last = work.carried[F::last];
+        Lanes* last = work.row_moments[F::last];
         const Vec<Lanes> d2 = at(x, F::d2);
         for (int i = 0; i < 3; ++i) weighted<F::C, 3 * F::C>(d2, window.moments + i * F::C, work.by_d2[i]);
         weighted<F::C, F::C>(d2, window.moments + 9 * F::C, last);
@@ -59,7 +59,7 @@ void carry_rows(const Lanes* x, const Moments<F>& window, Work<F>& work) {
             for (int c = 0; c < F::C; ++c) last[c] += of_line[c];
         }
         const auto b = seconds<F>(x);
-        for (int k = 0; k < F::last; ++k) weighted<9, F::C>(b[k], work.by_d2[0], work.carried[k]);
+        for (int k = 0; k < F::last; ++k) weighted<9, F::C>(b[k], work.by_d2[0], work.row_moments[k]);
     }
 }
 

@@ -97,20 +97,20 @@ struct Onsets {
     }
 };
 
-// Reference: `bank_update.marginalise_expired_ticks` of the first `count` hypotheses; `gone` are the ticks
+// Reference: `bank_update.marginalise_expired_ticks` of the first `count` hypotheses; `expired` are the ticks
 // that have left the window.
 template <class F>
-void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, const Ticks& gone,
+void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, const Ticks& expired,
                                const Lengths& lengths) {
     const BankLayout& where = kind.where;
-    if (!gone.count) return;
+    if (!expired.count) return;
     for (int first = 0; first < count; first += lanes) {  // they are in order of onset
-        if (whole(bank.own.row(first), where.onset) > gone.newest()) return;
+        if (whole(bank.own.row(first), where.onset) > expired.newest()) return;
         const Rows rows = rows_of([&](int i) { return bank[std::min(first + i, count - 1)]; });
         Lanes x[F::S];
         read(rows.own, where.x, F::S, x);
         const Onsets begun(kind, rows);
-        const EvidenceSums<F> sums = sum_evidence<F>(kind, x, begun.onset, begun.certain, gone, lengths);
+        const EvidenceSums<F> sums = sum_evidence<F>(kind, x, begun.onset, begun.certain, expired, lengths);
         Lanes gain = read(rows.own, where.gain_before_window);
         for (int k = 0; k < F::K; ++k) gain += sums.gain[k];
         write(rows.own, where.llr_before_window, read(rows.own, where.llr_before_window) + sums.log_ratio);

@@ -36,13 +36,13 @@ void each_row(Function&& function) {
 }
 
 // Linearisation of the fit at the geometry `at` (S,): `weight` (K,) of the rows, their derivatives `slopes`
-// (P, K, C) along the `free` directions (P, S), `gradient` (P,), `hessian` (K, U) of each row, and the
-// prior's part `held` (U,). As the last row's scale depends on x, its slopes are reduced by `leans` (P,)
+// (P, K, C) along the `free` directions (P, S), `gradient` (P,), `hessian` (K, U) of each row, and
+// `prior_hessian` (U,). As the last row's scale depends on x, its slopes are reduced by `scale_slopes` (P,)
 // times the row.
 template <class F>
 struct Near {
-    Lanes weight[F::K], slopes[F::P][F::K][F::C], free[F::P][F::S], leans[F::P];
-    Lanes gradient[F::P], hessian[F::K][F::U], held[F::U], at[F::S];
+    Lanes weight[F::K], slopes[F::P][F::K][F::C], free[F::P][F::S], scale_slopes[F::P];
+    Lanes gradient[F::P], hessian[F::K][F::U], prior_hessian[F::U], at[F::S];
 
     // Restore `before` in some lanes.
     void keep(const Mask& some, const Near& before) {
@@ -52,17 +52,17 @@ struct Near {
         restore(weight, before.weight, F::K);
         restore(slopes[0][0], before.slopes[0][0], F::P * F::K * F::C);
         restore(free[0], before.free[0], F::P * F::S);
-        restore(leans, before.leans, F::P);
+        restore(scale_slopes, before.scale_slopes, F::P);
         restore(gradient, before.gradient, F::P);
         restore(hessian[0], before.hessian[0], F::K * F::U);
-        restore(held, before.held, F::U);
+        restore(prior_hessian, before.prior_hessian, F::U);
         restore(at, before.at, F::S);
     }
 };
 
 // Working memory: the `prior`, the linearisation `near` x, and the state of a trial.
 //
-// Of a trial: `rows` (K, C), `carried` (rows times the moments), their `weight` (K,), `axes` (P, S) (free
+// Of a trial: `rows` (K, C), `row_moments` (rows times the moments), their `weight` (K,), `axes` (P, S) (free
 // directions before shifting), `design` (L, C) (derivatives of the last row by the shifts), `moved` (design
 // times the moments), `pull` (S,) (x times the prior's precision), and `by_d2` (3, C) (the moments times
 // vec(d2 b^T) without b).
@@ -70,13 +70,13 @@ template <class F>
 struct Work {
     Prior<F, Lanes> prior;
     Near<F> near;
-    Lanes rows[F::K][F::C], carried[F::K][F::C], weight[F::K], axes[F::P][F::S];
+    Lanes rows[F::K][F::C], row_moments[F::K][F::C], weight[F::K], axes[F::P][F::S];
     Lanes design[F::L][F::C], moved[F::L][F::C], pull[F::S], turn[9];
     Lanes step[F::P], trial[F::S], by_d2[3][F::C];
 
     Work() {  // entries that no step writes
         std::fill_n(near.slopes[0][0], F::P * F::K * F::C, Lanes(0.0));
-        std::fill_n(near.leans, F::P, Lanes(0.0));
+        std::fill_n(near.scale_slopes, F::P, Lanes(0.0));
         std::fill_n(design[0], F::L * F::C, Lanes(0.0));
     }
 };

@@ -98,10 +98,10 @@ inline std::vector<int> select_for_search(const Model& model, const Floats& word
 
 inline py::tuple keep_best(const Model& model, const Floats& words, const Floats& onsets, std::int64_t now,
                            double best, double margin) {
-    GrowingBank held(model, words, onsets, 0, 0);
-    const KeptHypotheses left =
-        kernels::keep_best(model.kind, Bank(model.kind, held.own(), held.onsets()), now, best, margin, held);
-    const auto [own, since] = held.left();
+    GrowingBank growing(model, words, onsets, 0, 0);
+    const KeptHypotheses left = kernels::keep_best(
+        model.kind, Bank(model.kind, growing.own(), growing.onsets()), now, best, margin, growing);
+    const auto [own, since] = growing.left();
     return py::make_tuple(Ints(left.rows.size(), left.rows.data()), own, since, left.log_weight,
                           left.residual, left.leader);
 }

@@ -21,30 +21,30 @@ template <class F>
 class DonorCosts {
 public:
     DonorCosts(const Kind& kind, const Bank& bank, const std::vector<int>& recipients)
-        : kind_(kind), bank_(bank), recipients_((recipients.size() + abreast - 1) / abreast) {
+        : kind_(kind), bank_(bank), recipients_((recipients.size() + window_batch - 1) / window_batch) {
         int windows = 0, before = -1;
         for (std::size_t t = 0; t < recipients.size(); ++t) {
             const int b = recipients[t], onset = bank.window_of(b);
             if (onset != before) {
-                if (windows % abreast == 0) windows_.emplace_back();
-                windows_.back().put(windows++ % abreast, bank.since(b) + kind.since.second_moment);
+                if (windows % window_batch == 0) windows_.emplace_back();
+                windows_.back().put(windows++ % window_batch, bank.since(b) + kind.since.second_moment);
             }
             before = onset;
-            recipients_[t / abreast].put(t % abreast, kind, bank[b], windows - 1);
+            recipients_[t / window_batch].put(t % window_batch, kind, bank[b], windows - 1);
         }
         for (auto& row : squares_) {
-            for (std::vector<double>& one : row) one.resize(windows_.size() * abreast);
+            for (std::vector<double>& one : row) one.resize(windows_.size() * window_batch);
         }
     }
 
-    std::size_t width() const { return recipients_.size() * abreast; }
+    std::size_t width() const { return recipients_.size() * window_batch; }
 
     // Costs of the geometries of `rows`: those of row h begin at `out` + h * `width`.
     void weigh(const std::vector<int>& rows, double* out) {
         Offer<F> offer;
-        for (std::size_t first = 0; first < rows.size(); first += together) {
-            double* some[together];
-            for (int g = 0; g < together; ++g) {
+        for (std::size_t first = 0; first < rows.size(); first += geometry_batch) {
+            double* some[geometry_batch];
+            for (int g = 0; g < geometry_batch; ++g) {
                 const int h = rows[std::min(first + g, rows.size() - 1)];
                 offer.put(g, bank_[h].own + kind_.where.x);
                 some[g] = out + h * width();
@@ -66,17 +66,17 @@ private:
 template <class F>
 double own_cost(const Kind& kind, const Hypothesis& one) {
     Prior<F, double> prior{};
-    double x[F::S], moments[F::C * F::C], of_rows[F::K][F::C], carried[F::C], held[F::S], turn[9];
+    double x[F::S], moments[F::C * F::C], of_rows[F::K][F::C], row_moments[F::C], weighted_x[F::S], turn[9];
     read_prior<F>(kind, one, prior);
     std::copy_n(one.own + kind.where.x, F::S, x);
     read_symmetric<F::C>(one.since, kind.since.second_moment, moments);
     rows<F>(x, of_rows);
-    prior.times(x, held);
-    double cost = 0.5 * dot<F::S>(x, held) - dot<F::S>(x, prior.information) + prior.constant;
+    prior.times(x, weighted_x);
+    double cost = 0.5 * dot<F::S>(x, weighted_x) - dot<F::S>(x, prior.information) + prior.constant;
     for (int k = 0; k < F::K; ++k) {
-        multiply<F::C, F::C>(of_rows[k], moments, carried);
+        multiply<F::C, F::C>(of_rows[k], moments, row_moments);
         const double scale = k == F::last ? scale_sq<F>(of_rows[k], moments, turn) : 1.0;
-        cost += 0.5 * one.own[kind.where.row_weight + k] * dot<F::C>(of_rows[k], carried) / scale;
+        cost += 0.5 * one.own[kind.where.row_weight + k] * dot<F::C>(of_rows[k], row_moments) / scale;
     }
     return without_nan(cost, std::numeric_limits<double>::infinity());
 }

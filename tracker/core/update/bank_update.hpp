@@ -65,7 +65,7 @@ struct KeptHypotheses {
 
 // Prune: move the rows kept to the front of the tables, with weights relative to `best`.
 inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t now, double best,
-                                double margin, GrowingBank& held) {
+                                double margin, GrowingBank& growing) {
     for (int b = 1; b < bank.count(); ++b)
         require(bank.window_of(b - 1) <= bank.window_of(b), "hypotheses are not in order of onset");
     const std::vector<std::int64_t> rows = rows_to_keep(kind, bank, now, best, margin);
@@ -87,8 +87,8 @@ inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t
         leader = i;
     }
     for (int i = 0; i < count; ++i) sum += std::exp(log_weight_of(kind.where, bank.own.row(i)) - top);
-    held.keep(count, begun);
-    const Bank kept(kind, held.own(), held.onsets());
+    growing.keep(count, begun);
+    const Bank kept(kind, growing.own(), growing.onsets());
     return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, kept), leader};
 }
 
@@ -108,16 +108,16 @@ struct ContactTask {
     const Model& model;
     int old;    // hypotheses before the tick
     Bank bank;  // with the births of the tick
-    Ticks ticks, gone;
+    Ticks ticks, expired;
     double log_stay;
     std::optional<Directions> directions;
 };
 
 // Reference: `tick_update.LiveHypotheses`; free motion, with the onset `now`, is last.
-inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::vector<GrowingBank>& held,
+inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::vector<GrowingBank>& growing,
                                  std::int64_t now) {
     py::ssize_t count = 1, b = 0;
-    for (const GrowingBank& one : held) count += one.count();
+    for (const GrowingBank& one : growing) count += one.count();
     Ints state(count), onset(count);
     Floats log_likelihood(count);
     std::int64_t *states = state.mutable_data(), *onsets = onset.mutable_data();
@@ -127,13 +127,13 @@ inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::v
         onsets[b] = since;
         values[b++] = likelihood;
     };
-    for (std::size_t i = 0; i < held.size(); ++i) {
+    for (std::size_t i = 0; i < growing.size(); ++i) {
         const BankLayout& where = models[i]->kind.where;
-        const Table table = held[i].own();
+        const Table table = growing[i].own();
         for (int h = 0; h < table.count; ++h)
             put(i, whole(table.row(h), where.onset), table.row(h)[where.log_likelihood]);
     }
-    put(held.size(), now, 0.0);
+    put(growing.size(), now, 0.0);
     return py::make_tuple(state, onset, log_likelihood);
 }
 
@@ -144,29 +144,29 @@ struct BankUpdate {
     Ints leaders;
 };
 
-// The input of a contact's update by a tick; adds the births to the bank `held`.
+// The input of a contact's update by a tick; adds the births to the bank `growing`.
 inline ContactTask task_for(const Model& model, std::size_t i, const TickInput& input, std::int64_t number,
-                            double entry, const Two& beyond, GrowingBank& held) {
+                            double entry, const Two& beyond, GrowingBank& growing) {
     const auto& [born, given] = input.assumed[i];
     const Table fresh = table_of(born, model.words);
-    const int size = visit(model, [](auto family) { return decltype(family)::S; }), old = held.count();
+    const int size = visit(model, [](auto family) { return decltype(family)::S; }), old = growing.count();
     require_shape(given, {fresh.count, size}, "what is given is not of these births");
     const Birth birth{fresh, given.data(), input.turn.data(), input.onset, input.onset_ns, number, entry};
     const Ticks ticks = input.window->ticks(model, beyond);
-    Ticks gone = (input.before ? *input.before : *input.window).ticks(model, beyond);
-    gone.count = input.before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
-    const Table rows = held.own(fresh.count), onsets = held.onsets(fresh.count > 0);
+    Ticks expired = (input.before ? *input.before : *input.window).ticks(model, beyond);
+    expired.count = input.before ? std::max(expired.count + 1 - ticks.count, 0) : 0;
+    const Table rows = growing.own(fresh.count), onsets = growing.onsets(fresh.count > 0);
     visit(model, [&](auto family) {
-        add_births<decltype(family)>(model.kind, old, held.since(), birth, rows, onsets);
+        add_births<decltype(family)>(model.kind, old, growing.since(), birth, rows, onsets);
     });
     std::optional<Directions> directions;
     if (input.directions[i]) directions = directions_of(model, *input.directions[i], input.turn);
-    return {model, old, Bank(model.kind, rows, onsets), ticks, gone, input.log_stay.at(i), directions};
+    return {model, old, Bank(model.kind, rows, onsets), ticks, expired, input.log_stay.at(i), directions};
 }
 
 // Update all contacts by a tick. Births are numbered from `number` on, which is advanced. Pruning is
 // relative to the best hypothesis of all contacts and of free motion, whose `entry` is the last.
-inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vector<GrowingBank>& held,
+inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vector<GrowingBank>& growing,
                                const TickInput& input, std::int64_t& number, const Floats& entry,
                                const std::vector<Two>& beyond, const EvidenceParameters& weights,
                                double margin) {
@@ -176,14 +176,14 @@ inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vec
     require_shape(input.log_stay, {states}, "states do not have one chance to stay each");
     std::vector<ContactTask> all;
     for (std::size_t i = 0; i < contacts; ++i) {
-        all.push_back(task_for(*models[i], i, input, number, entry.at(i), beyond[i], held[i]));
+        all.push_back(task_for(*models[i], i, input, number, entry.at(i), beyond[i], growing[i]));
         number += input.assumed[i].first.shape(0);
     }
     double best = entry.at(contacts);
     for (ContactTask& one : all) {
         visit(one.model, [&](auto family) {
             py::gil_scoped_release release;
-            advance<decltype(family)>(one.model.kind, one.bank, one.old, one.ticks, one.gone, weights,
+            advance<decltype(family)>(one.model.kind, one.bank, one.old, one.ticks, one.expired, weights,
                                       one.log_stay, one.directions ? &*one.directions : nullptr);
         });
         for (int b = 0; b < one.bank.count(); ++b)
@@ -193,7 +193,7 @@ inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vec
     for (std::size_t i = 0; i < contacts; ++i) {
         ContactTask& one = all[i];  // without a search, a poor hypothesis may only have lost its minimum
         const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
-        updated.left.push_back(keep_best(one.model.kind, one.bank, input.onset, best, least, held[i]));
+        updated.left.push_back(keep_best(one.model.kind, one.bank, input.onset, best, least, growing[i]));
         updated.log_left.mutable_at(i) = updated.left[i].log_weight;
         updated.residual.mutable_at(i) = updated.left[i].residual;
         updated.leaders.mutable_at(i) = updated.left[i].leader;

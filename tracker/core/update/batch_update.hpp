@@ -39,7 +39,7 @@ inline Floats birth_log_weights(const Floats& log_left, const Floats& change) {
 
 // Whether the stop condition holds after a tick: a contact is this probable, and its onset is due.
 inline bool must_stop(const StopCondition& until, const std::vector<const Model*>& models,
-                      std::vector<GrowingBank>& held, const BankUpdate& updated, std::int64_t stamp_ns) {
+                      std::vector<GrowingBank>& growing, const BankUpdate& updated, std::int64_t stamp_ns) {
     const double* log_left = updated.log_left.data();
     const std::size_t contacts = models.size(),
                       best = std::max_element(log_left, log_left + contacts + 1) - log_left;
@@ -51,7 +51,7 @@ inline bool must_stop(const StopCondition& until, const std::vector<const Model*
     if (1.0 / sum < nearly * until.probability) return false;
     const KeptHypotheses& left = updated.left[best];
     if (left.leader < 0) return true;  // the weights are NaN
-    const Bank bank(models[best]->kind, held[best].own(), held[best].onsets());
+    const Bank bank(models[best]->kind, growing[best].own(), growing[best].onsets());
     const std::int64_t onset_ns =
         whole(bank.since(static_cast<int>(left.leader)), models[best]->kind.since.onset_ns);
     for (const auto& [of, due_ns] : until.due) {
@@ -66,7 +66,7 @@ using Tables = std::vector<std::pair<Floats, Floats>>;
 // Copies of the tables, with room for all births of the `inputs`.
 inline std::vector<GrowingBank> growing_banks(const std::vector<const Model*>& models, const Tables& words,
                                               const std::vector<const TickInput*>& inputs) {
-    std::vector<GrowingBank> held;
+    std::vector<GrowingBank> growing;
     for (const TickInput* input : inputs) {
         for (std::size_t size : {input->assumed.size(), input->directions.size()})
             require(size == models.size(), "an entry per contact is missing");
@@ -78,9 +78,9 @@ inline std::vector<GrowingBank> growing_banks(const std::vector<const Model*>& m
             more += many;
             onsets += many > 0;
         }
-        held.emplace_back(*models[i], words[i].first, words[i].second, more, onsets);
+        growing.emplace_back(*models[i], words[i].first, words[i].second, more, onsets);
     }
-    return held;
+    return growing;
 }
 
 // Update by at least one of the `inputs`, up to the first after which the stop condition holds. `entry` are
@@ -96,19 +96,19 @@ inline py::tuple update_in_batch(const std::vector<const Model*>& models, const 
     require(!inputs.empty() && !std::count(inputs.begin(), inputs.end(), nullptr),
             "there are no tick inputs");
     require_shape(entry, {static_cast<py::ssize_t>(models.size()) + 1}, "states do not have one entry each");
-    std::vector<GrowingBank> held = growing_banks(models, words, inputs);
+    std::vector<GrowingBank> growing = growing_banks(models, words, inputs);
     BankUpdate updated;
     py::list weighed, kept, rows;
     for (const TickInput* input : inputs) {
         if (input != inputs.front()) entry = birth_log_weights(updated.log_left, input->change);
-        updated = update_banks(models, held, *input, number, entry, beyond, weights, margin);
+        updated = update_banks(models, growing, *input, number, entry, beyond, weights, margin);
         weighed.append(py::make_tuple(updated.entry, updated.log_left, updated.residual, updated.leaders,
-                                      live_hypotheses(models, held, input->onset)));
-        if (until && must_stop(*until, models, held, updated, input->stamp_ns)) break;
+                                      live_hypotheses(models, growing, input->onset)));
+        if (until && must_stop(*until, models, growing, updated, input->stamp_ns)) break;
     }
     for (std::size_t i = 0; i < models.size(); ++i) {
         const std::vector<std::int64_t>& left = updated.left[i].rows;
-        kept.append(held[i].left());
+        kept.append(growing[i].left());
         rows.append(Ints(left.size(), left.data()));
     }
     return py::make_tuple(kept, rows, weighed);

@@ -105,23 +105,23 @@ inline std::vector<int> select_for_search(const Kind& kind, const Bank& bank) {
             rival = b;
             continue;
         }
-        const double held = log_weight_of(kind.where, bank[rival].own);
-        if (log_weight_of(kind.where, bank[b].own) > held || std::isnan(held)) rival = b;
+        const double rival_weight = log_weight_of(kind.where, bank[rival].own);
+        if (log_weight_of(kind.where, bank[b].own) > rival_weight || std::isnan(rival_weight)) rival = b;
     }
     best.erase(std::remove(best.begin(), best.end(), -1), best.end());
     return best;
 }
 
-// Update a `bank` of `old` hypotheses followed by the births of the tick. `gone` are the ticks that have left
-// the window; with `directions` it also searches.
+// Update a `bank` of `old` hypotheses followed by the births of the tick. `expired` are the ticks that have
+// left the window; with `directions` it also searches.
 template <class F>
-void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, const Ticks& gone,
+void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, const Ticks& expired,
              const EvidenceParameters& weights, double log_stay, const Directions* directions) {
     Work<F> work;
     RefitQueue queue;
     const double motion_ratio = ticks.motion_ratio();
     std::vector<double> was(bank.count());
-    marginalise_expired_ticks<F>(kind, bank, old, gone, weights.lengths);
+    marginalise_expired_ticks<F>(kind, bank, old, expired, weights.lengths);
     accumulate<F>(kind, bank, ticks, weights.lengths, motion_ratio, log_stay);
     for (int b = 0; b < bank.count(); ++b) {
         const double* row = bank[b].own;
