@@ -16,6 +16,7 @@ from contact_tracker import exit_codes
 from contact_tracker.batch import rows, segmenting
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find, recordings_among
+from contact_tracker.batch.rows import Tally
 from contact_tracker.batch.run import Batch
 from contact_tracker.batch.segmenting import segment_recording
 from contact_tracker.batch.settings import WrenchSettings
@@ -23,7 +24,8 @@ from contact_tracker.errors import StateError, UnreadableRecording, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
 from contact_tracker.processes import KILLED
 from contact_tracker.recording import WRENCH_TYPE, write_recording
-from contact_tracker.states import STATES
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Segment
 from mcap_logs import Topic, header, poses_topic, smooth_poses, vector, write_log
 from short_recordings import FACE_TO_EDGE, recorded
 
@@ -257,7 +259,7 @@ def test_a_dataset_is_written_by_one_and_replaces_nothing_else(
     with pytest.raises(UsageError, match="there is no folder"):
         run(recordings, tmp_path / "no" / "dataset")
     (tmp_path / "dataset" / "dataset.json").write_text(
-        '{"format": "contact-tracker batch", "format_version": 2}'
+        '{"format": "contact-tracker batch", "format_version": 3}'
     )
     with pytest.raises(UsageError, match="of another version"):
         run(recordings, tmp_path / "dataset")
@@ -373,3 +375,14 @@ def test_wrenches_decide_as_they_do_for_one_recording(tmp_path: Path, frame: str
     assert written.drop("recording").equals(result.to_polars("segments"), null_equal=True)
     assert run(names, tmp_path / "dataset", wrench=WrenchSettings("/wrench", 1.0)).unchanged == 2
     assert run(names, tmp_path / "dataset").done == 2
+
+
+def test_what_the_motion_leaves_open_counts_for_no_contact() -> None:
+    """At rest the label is that of a near tie, which noise decides."""
+    tally, others = Tally(), tuple(state for state in STATES if state is not Contact.FREE)
+    tally.add([Segment(0, 3 * 10**9, Contact.FREE, 0.29, None, others)], 30)
+    tally.add([Segment(3 * 10**9, 5 * 10**9, Contact.FREE, 0.9, None, others[:1])], 20)
+    cells = tally.cells()
+    assert (cells["time_free_s"], cells["segments_free"]) == (2.0, 1)
+    assert (cells["time_open_s"], cells["segments_open"]) == (3.0, 1)
+    assert cells["segments"] == 2

@@ -39,7 +39,7 @@ from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segm
 from contact_tracker.tracking.segmentation import Segmentation
 from kept_tables import Table
 from table_rows import median_of_known, shares_row
-from worker_pool import folders_option, submit_folders, worker_pool
+from worker_pool import folder_of_recordings, folders_option, submit_folders, worker_pool
 
 ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")
@@ -242,7 +242,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--online", type=int, default=1000, metavar="N", help="the first N also online (default: all)"
     )
     parser.add_argument("--only", nargs="+", default=names, choices=names, metavar="NAME")
-    parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
+    parser.add_argument("--single", nargs="+", type=folder_of_recordings, default=[], metavar="FOLDER")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)

@@ -43,7 +43,7 @@ from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from kept_tables import Table
 from table_rows import median_of_known, shares_row
-from worker_pool import folders_option, submit_folders, worker_pool
+from worker_pool import folder_of_recordings, folders_option, submit_folders, worker_pool
 
 COLUMNS: Final = (
     *("joint", "seconds", "recordings", "true kind", "other kind"),
@@ -173,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--seeds", type=int, default=3, help="number of each (default: %(default)s)")
     parser.add_argument("--seconds", type=float, nargs="+", default=[2.5, 5.0, 24.0], metavar="S")
-    parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
+    parser.add_argument("--single", nargs="+", type=folder_of_recordings, default=[], metavar="FOLDER")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)

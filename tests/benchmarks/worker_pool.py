@@ -1,5 +1,6 @@
 """Worker processes of a benchmark."""
 
+import argparse
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -28,6 +29,13 @@ def submit_folders(
         folder.name: [pool.submit(measure, str(path)) for path in sorted(folder.glob("*.mcap"))]
         for folder in folders
     }
+
+
+def folder_of_recordings(text: str) -> Path:
+    """The type of an argument: a folder with recordings."""
+    if not any(Path(text).glob("*.mcap")):
+        raise argparse.ArgumentTypeError(f"{text!r} is no folder with .mcap files")
+    return Path(text)
 
 
 def folders_option(option: str, folders: Sequence[Path]) -> str:

@@ -179,7 +179,7 @@ def test_version() -> None:
         (["segment", "x.mcap", "--plane", "-1,0,0,2"], ["--plane", "--option=-1,0,0"]),
         (["segment", "x.mcap", "--ovrwrite=1"], ["did you mean --overwrite?"]),
         (["segment", "x.mcap", "--lag", "1"], ["--lag 1; --lag is an option of live (see"]),
-        (["info", "x.mcap", "--wrench=/w"], ["--wrench is an option of segment and batch and evaluate"]),
+        (["info", "x.mcap", "--wrench=/w"], ["--wrench is an option of segment, batch and evaluate"]),
         (["segment", "x.mcap", "-q", "-v"], ["-v", "-q"]),
         (["--print-completion", "fish"], ["bash, zsh, tcsh"]),
         (["live"], ["LOG"]),
@@ -197,7 +197,7 @@ def test_version() -> None:
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
         (
             ["segment", "x.mcap", "--json"],
-            ["--json is an option of live and info and evaluate", "segment --help"],
+            ["--json is an option of live, info and evaluate", "segment --help"],
         ),
         (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
         (["simulate", "--seed", "-3"], ["--seed"]),

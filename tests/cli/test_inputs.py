@@ -155,3 +155,27 @@ def test_info_reports_why_no_pose_is_usable(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert done.stderr == run("segment", path).stderr
     assert "/a" in done.stdout
+
+
+def test_what_is_no_recording_names_the_kinds_that_are_read(tmp_path: Path) -> None:
+    pytest.importorskip("polars")
+    (tmp_path / "README.md").write_text("# Logs\n\nOf a cup, a table\nof, a, b, c\n")
+    done = run("segment", "README.md", cwd=tmp_path)
+    assert_one_line_error(done, 1, "neither a recording nor a table of poses", "MCAP files, ROS bags")
+
+
+def test_a_pattern_that_the_shell_has_not_replaced(tmp_path: Path) -> None:
+    write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
+    write_log(tmp_path / "b.mcap", [poses_topic(POSES)])
+    for command in ("segment", "evaluate"):
+        assert_one_line_error(run(command, "*.mcap", cwd=tmp_path), 1, "leave out the quotes")
+    done = run("batch", "*.mcap", "-o", "dataset", "--processes", "1", cwd=tmp_path)
+    assert "recordings: 2, of which 2 new" in done.stderr
+    assert_one_line_error(run("batch", "*.bag", "-o", "other", cwd=tmp_path), 1, "*.bag: no such file")
+
+
+def test_a_truth_without_contacts_is_nothing_to_compare_with(tmp_path: Path) -> None:
+    done = run("simulate", "slider", "-o", "slider.mcap", cwd=tmp_path)
+    assert "1 interval of truth in" in done.stderr
+    done = run("evaluate", "slider.mcap", cwd=tmp_path)
+    assert_one_line_error(done, 1, "its truth names no contact")

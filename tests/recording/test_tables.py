@@ -231,6 +231,21 @@ def motive(kinds: list[str], names: list[str], values: list[str], axes: str, spa
     return "\n".join([about, "", *map(",".join, rows), line, line.replace("0.0", "0.1", 1)]) + "\n"
 
 
+@pytest.mark.parametrize("frame", ["cup", None])
+def test_bodies_of_an_export_are_relative_to_each_other(tmp_path: Path, frame: str | None) -> None:
+    """Their poses are in one frame, which has no name."""
+    path = str(write_motive(tmp_path / "take.csv", POSES, OTHER))
+    found = Poses.collect(open_log(path, frame=frame, relative_to="table"))
+    back = OTHER.rotation.swapaxes(1, 2)
+    expected = np.einsum("nij,nj->ni", back, POSES.position_m - OTHER.position_m)
+    np.testing.assert_allclose(found.position_m, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.rotation, back @ POSES.rotation, rtol=0, atol=1e-9)
+    with pytest.raises(AmbiguousSource, match="cup is the body itself"):
+        open_log(path, frame="cup", relative_to="cup")
+    with pytest.raises(ChoiceError, match=r"leads to lid; there is .*->cup .*->table"):
+        open_log(path, frame="cup", relative_to="lid")
+
+
 def test_motive_bodies_of_one_name_are_distinguished(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
     path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, VALUES * 2, "XYZWXYZ" * 2))

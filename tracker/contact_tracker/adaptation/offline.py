@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation import online, repeatability
+from contact_tracker.adaptation import online, repeatability, untouched
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.config.parameters import Model
@@ -43,6 +43,7 @@ class OfflineTracker:
         self._executor = executor
         self._state = online.start(model, knowledge=knowledge)
         self._repeatability = repeatability.Repeatability()
+        self._untouched = untouched.Untouched()
 
     @property
     def report(self) -> Report | None:
@@ -50,7 +51,10 @@ class OfflineTracker:
         found = report(self._state)
         if found is None:
             return None
-        return found._replace(findings=(*found.findings, *repeatability.findings(self._repeatability)))
+        findings = *found.findings, *repeatability.findings(self._repeatability)
+        if all(one.kind != "knowledge" for one in findings):  # which would be why
+            findings = *findings, *untouched.findings(self._untouched, self._knowledge)
+        return found._replace(findings=findings)
 
     def pieces(
         self,
@@ -80,6 +84,7 @@ class OfflineTracker:
             reported, early = early[:count], early[count:]
             piece = replace(piece, filtered=piece.filtered[count:])
             self._repeatability = repeatability.advance(self._repeatability, piece.segments)
+            self._untouched = untouched.advance(self._untouched, self._knowledge, piece.segments)
             if self._state.is_in_doubt:
                 piece = _in_doubt(piece)
             yield replace(piece, filtered=Beliefs.join([reported, piece.filtered]))

@@ -190,7 +190,8 @@ def read(
     path : a recording of any kind (docs/formats.md), or a folder of its parts.
     topic : the topic of the poses, if there are several.
     parent, child : poses of the frame ``child`` in ``parent``; transforms between them are composed.
-    relative_to : a frame, or the topic of another body, which may move, in which poses are given.
+    relative_to : a frame, or another body (its topic, or its name in a table), which may move, in
+        which poses are given.
     unit : of the times of a table; by default by the column's name, else guessed from the values.
 
     Raises

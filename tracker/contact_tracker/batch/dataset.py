@@ -21,7 +21,7 @@ from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import Kind
 from contact_tracker.exports.parquet import read_rows, write_merged
 
-FORMAT: Final = {"format": "contact-tracker batch", "format_version": 1}
+FORMAT: Final = {"format": "contact-tracker batch", "format_version": 2}
 _MARK: Final = "dataset.json"
 _SUMMARY: Final = "summary.parquet"
 _SIGNATURES: Final = "signatures.parquet"

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from glob import glob
 from typing import Final, NamedTuple
 
 from contact_tracker.batch import remote
@@ -29,6 +30,14 @@ class Found(NamedTuple):
 def missing_among(names: Iterable[str]) -> list[str]:
     """The local names at which there is neither a file nor a folder; of URLs the store is asked later."""
     return [name for name in names if not remote.is_remote(name) and not os.path.exists(name)]
+
+
+def matching(name: str) -> list[str]:
+    """The local files and folders that match a pattern (``*``, ``?``, ``[...]``, ``**``), by name;
+    ``name`` itself if it is none, or nothing matches."""
+    if remote.is_remote(name) or os.path.lexists(name):
+        return [name]
+    return sorted(glob(name, recursive=True)) or [name]
 
 
 def find(names: Iterable[str]) -> Iterator[Found]:

@@ -11,6 +11,7 @@ from contact_tracker.batch.settings import Settings
 from contact_tracker.errors import printable
 from contact_tracker.exports.columns import PROBABILITIES, Kind
 from contact_tracker.outputs.adaptation import report_json
+from contact_tracker.outputs.text import is_open
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 
@@ -18,6 +19,9 @@ Row = dict[str, Any]
 """Values by the names of ``SUMMARY_COLUMNS``."""
 
 _STATES: Final = tuple(name.removeprefix("p_") for name in PROBABILITIES)
+_OPEN: Final = "open"
+"""For segments whose motion leaves the contact open among all states: their label means nothing."""
+_KINDS: Final = (*_STATES, _OPEN)
 SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
     "recording": "text",
     "exit_code": "integer",
@@ -31,8 +35,8 @@ SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
     "duration_s": "number",
     "ticks": "integer",
     "segments": "integer",
-    **{f"segments_{state}": "integer" for state in _STATES},
-    **{f"time_{state}_s": "number" for state in _STATES},
+    **{f"segments_{state}": "integer" for state in _KINDS},
+    **{f"time_{state}_s": "number" for state in _KINDS},
     "tick_s": "number",
     "sigma_position_m": "number",
     "sigma_rotation_rad": "number",
@@ -71,13 +75,13 @@ class Tally:
     """Counts of the segments of one recording while they are written."""
 
     ticks: int = 0
-    segments: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_STATES, 0))
-    time_ns: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_STATES, 0))
+    segments: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_KINDS, 0))
+    time_ns: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_KINDS, 0))
 
     def add(self, segments: Iterable[Segment], ticks: int) -> None:
         self.ticks += ticks
         for one in segments:
-            state = _STATES[STATES.index(one.contact)]
+            state = _OPEN if is_open(one) else _STATES[STATES.index(one.contact)]
             self.segments[state] += 1
             self.time_ns[state] += one.end_ns - one.start_ns
 

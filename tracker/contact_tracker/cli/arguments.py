@@ -56,7 +56,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--relative-to",
         metavar="TOPIC|FRAME",
-        help="poses in this frame, or relative to the body of this topic, which may move",
+        help="poses in this frame, or relative to the body of this topic or name, which may move",
     )
     add_time_unit(parser)
 

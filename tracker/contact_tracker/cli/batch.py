@@ -38,8 +38,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "logs",
         nargs="+",
         metavar="LOG",
-        help="recordings, folders to search for MCAP files and ROS bags, URLs (s3://, https://, ...), or - "
-        "for names on stdin, one a line",
+        help="recordings, folders to search for MCAP files and ROS bags, patterns in quotes, URLs (s3://, "
+        "https://, ...), or - for names on stdin, one a line",
     )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DATASET", help="the folder of the dataset"
@@ -134,8 +134,9 @@ def _names(logs: list[str]) -> list[str]:
     UsageError
         There are no names on standard input.
     """
-    from contact_tracker.batch.finding import missing_among
+    from contact_tracker.batch.finding import matching, missing_among
 
+    logs = [name for log in logs for name in matching(log)]
     missing = missing_among(log for log in logs if log != "-")
     if missing:
         more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""

@@ -48,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
 
     made = simulate(args.scenario, args.seed)
     write_recording(str(args.output), made.poses, made.truth, made.metadata, check, made.wrenches)
-    say(f"{len(made.poses)} poses, {len(made.truth.intervals)} intervals in {args.output}")
+    many = len(made.truth.intervals)
+    intervals = "interval" if many == 1 else "intervals"
+    say(f"{len(made.poses)} poses, {many} {intervals} of truth in {args.output}")
     return DONE
 
 

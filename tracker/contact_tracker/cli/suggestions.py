@@ -25,7 +25,9 @@ def option_suggestion(
             option = word.partition("=")[0]
             others = [name for name, other in commands.items() if option in _options(other)]
             if others:
-                return f"; {option} is an option of {' and '.join(others)}"
+                *most, last = others
+                named = f"{', '.join(most)} and {last}" if most else last
+                return f"; {option} is an option of {named}"
             return suggestion(option, _options(parser))
     return ""
 

@@ -9,6 +9,8 @@ from contact_tracker.adaptation import Report
 
 def noise_text(report: Report) -> str:
     """The noise of a pose and of a tick, and their origin."""
+    if report.model.noise.estimated and not report.is_decided:
+        return _assumed_text(report)
     given = "" if report.model.noise.estimated else " (as given)"
     lasting = f", errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
     return (
@@ -52,12 +54,19 @@ def report_json(report: Report) -> dict[str, Any]:
     }
 
 
+def _assumed_text(report: Report) -> str:
+    """The noise where the motion does not show what averaging leaves of it, so that a tick's is a prior."""
+    lasting = f" and errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
+    return (
+        f"noise {_deviations(report.noise)} a pose; too little motion to tell what averaging leaves of it: "
+        f"{_deviations(report.tick)} a tick{lasting} are assumed (--noise sets it)"
+    )
+
+
 def _chosen(report: Report) -> str:
     """The origin of a tick's noise, where it is not that of averaged white noise."""
     if not report.model.noise.estimated:
         return ""
-    if not report.is_decided:
-        return " (not decided yet: too little motion)"
     if report.chosen.noise.estimate_share < report.model.noise.estimate_share:
         return " (chosen by the evidence; poses differ by motion, too)"
     if any(report.lasting):

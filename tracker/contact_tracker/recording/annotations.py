@@ -46,7 +46,7 @@ def need_truth(path: str, topic: str | None = None, frame: str | None = None) ->
     Raises
     ------
     NoTruth
-        There is no truth.
+        There is no truth, or none of contacts.
     UnreadableRecording
         Poses cannot be read either; this error is raised instead.
     """
@@ -54,6 +54,8 @@ def need_truth(path: str, topic: str | None = None, frame: str | None = None) ->
     if truth is None:
         next(iter(open_log(path, topic, frame)), None)
         raise NoTruth(f"{path}: no truth in it, neither {TRUTH_ATTACHMENT} nor {TRUTH_TOPIC}")
+    if all(interval.contact is None for interval in truth.intervals):
+        raise NoTruth(f"{path}: its truth names no contact, as that of a joint: there is nothing to compare")
     return truth
 
 

@@ -69,9 +69,11 @@ def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain
 def chain_relative(
     path: str, known: Iterable[PoseSource], source: PoseSource, relative_to: str
 ) -> Chain | None:
-    """The transforms from a frame, or from the body of another topic, to the body of ``source``."""
+    """The transforms from a frame, or from another body (by its topic, or its name beside it in a table), to
+    the body of ``source``."""
     sources = set(known)
     references = [s for s in sources if s.topic == relative_to and s != source]
+    references = references or [s for s in sources if s != source and is_beside(s, source, relative_to)]
     tree = {s for s in sources if is_transform(s) and s != source}
     # Bodies in the same frame are found without a tree; a body has no children.
     body = replace(source, child_frame_id=_BODY)
@@ -86,6 +88,14 @@ def chain_relative(
     if found is None:
         return None
     return Chain(Step(steps[step.source].source, step.inverted) for step in found)
+
+
+def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
+    """Whether ``other`` has the poses of the body ``name`` in the frame in which those of ``source`` are."""
+    is_same_frame = frame_name(other.frame_id) == frame_name(source.frame_id)
+    is_known_to_be = bool(source.frame_id) or other.topic == source.topic  # of one file of motion capture
+    is_named = bool(name) and frame_name(other.child_frame_id) == frame_name(name)
+    return is_named and is_same_frame and is_known_to_be and not is_transform(other)
 
 
 def composition_hint(sources: Iterable[PoseSource]) -> str:

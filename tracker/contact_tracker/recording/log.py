@@ -23,6 +23,7 @@ from contact_tracker.recording.frames import (
     chain_relative,
     composed_source,
     composition_hint,
+    is_beside,
     moving_parent_note,
 )
 from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
@@ -280,9 +281,9 @@ def open_log(
     follow : continue reading while the file grows, until it is finished or ``follow.stop()`` is called.
     count_late : whether, with ``follow``, poses of a matching source that appears later are counted; else
         iteration ends with AmbiguousSource.
-    relative_to : a frame, or the topic of another body, in which poses are given instead of the header's
-    frame. time_unit : ``s``, ``ms``, ``us`` or ``ns``, of the times of a table; by default by the column's
-    name,
+    relative_to : a frame, or another body (its topic, or its name in a file of several), in which poses are
+        given instead of the header's frame.
+    time_unit : ``s``, ``ms``, ``us`` or ``ns``, of the times of a table; by default by the column's name,
         else guessed from the values.
 
     Raises
@@ -350,6 +351,8 @@ def _chain(
         parent, _, child = (frame or "").partition(ARROW)
     else:
         bodies = [s for s in fitting if s.topic != relative_to or s.is_named(frame or "")]
+        if frame is None:
+            bodies = [s for s in bodies if not is_beside(s, s, relative_to)]
         if not bodies:
             return None
         body = only_one(path, bodies)

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
+from glob import has_magic
 from itertools import pairwise
 from typing import Final
 
@@ -55,7 +56,8 @@ def parts_of(path: str) -> list[str]:
     path = recording_of(path)
     if path == STDIN or not os.path.isdir(path):
         if path != STDIN and not os.path.exists(path):
-            raise UnreadableRecording(f"{path}: no such file")
+            hint = "; it looks like a pattern: leave out the quotes" if has_magic(path) else ""
+            raise UnreadableRecording(f"{path}: no such file{hint}")
         return [path]
     try:
         names = sorted((n for n in os.listdir(path) if n.lower().endswith(_ENDINGS)), key=_natural)

@@ -36,6 +36,8 @@ _MOST_NS: Final = 2.0**62
 OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 _ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
 """First bytes of files that polars would decompress."""
+_ENDINGS: Final = (".csv", ".tsv", ".txt", ".tum", ".dat", ".parquet", ".pq")
+"""Usual ends of the names of tables; other text may be one as well."""
 _PRINTABLE: Final = bytes(range(32, 127)) + b"\t\r\n\xef\xbb\xbf"
 
 
@@ -56,6 +58,13 @@ def is_text(begin: bytes) -> bool:
 def _is_utf8(begin: bytes) -> bool:
     text = begin.decode("utf-8", errors="ignore")
     return len(text.encode()) > len(begin) - 4 and all(c.isprintable() or c in "\t\r\n\ufeff" for c in text)
+
+
+def _no_table(why: UnreadableRecording) -> str:
+    return (
+        f"it is neither a recording nor a table of poses ({why}). What is read: MCAP files, ROS bags (.db3, "
+        ".bag), tables (CSV, TUM, Parquet), and exports of Motive and Vicon"
+    )
 
 
 def read_table(
@@ -87,7 +96,9 @@ def read_table(
     try:
         with without_panics():
             layout, frame, groups = _opened(polars, path, budget)
-    except (UnreadableRecording, MissingExtra):
+    except UnreadableRecording as error:
+        raise error if path.lower().endswith(_ENDINGS) else UnreadableRecording(_no_table(error)) from error
+    except MissingExtra:
         raise
     except (Exception, polars.exceptions.PanicException) as error:  # what polars raises has no common base
         raise UnreadableRecording(f"it cannot be read as a table: {_line(error)}") from error

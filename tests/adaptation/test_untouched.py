@@ -1,0 +1,75 @@
+"""A finding says that no contact confirms any of the known elements of a side."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_tracker.adaptation.untouched import Untouched, advance, findings
+from contact_tracker.api import segment
+from contact_tracker.api.given import knowledge_of
+from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Segment
+
+TABLE = {"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.5}]}}
+CORNER = {"object": {"point": [{"point_m": [0.1, 0.0, 0.0], "name": "tip"}]}}
+
+
+def on(offset_m, name=None, normal=(0.0, 0.0, 1.0), probability=1.0, inseparable=(), tip=None):
+    pair = ContactGeometry(
+        Point(np.array([0.1, 0.0, 0.0]), np.eye(3) * 1e-6, name=tip),
+        Plane(np.array(normal), offset_m, np.eye(4) * 1e-6, name=name),
+    )
+    return Segment(0, 10**9, Contact.VF, probability, pair, inseparable)
+
+
+def found(given, *segments):
+    knowledge = knowledge_of(given, lambda _: None)
+    return findings(advance(Untouched(), knowledge, segments), knowledge)
+
+
+def test_a_face_that_no_contact_is_on_is_named_with_its_distance():
+    (one,) = found(TABLE, on(0.34))
+    assert "surroundings (plane 1)" in one.text
+    assert "parallel to plane 1, 160 mm from it" in one.text
+    assert "\n" not in one.text
+    assert not one.doubts_labels
+    (other,) = found(TABLE, on(0.34, normal=(1.0, 0.0, 0.0)))
+    assert "parallel" not in other.text
+    (vertex,) = found(CORNER, on(0.5))
+    assert "object (tip)" in vertex.text
+
+
+@pytest.mark.parametrize(
+    "segments",
+    [
+        [],
+        [on(0.34), on(0.5, "plane 1")],
+        [on(0.34, probability=0.3)],
+        [on(0.34, inseparable=tuple(state for state in STATES if state is not Contact.VF))],
+        [Segment(0, 10**9, Contact.FREE, 1.0, None)],
+    ],
+)
+def test_it_is_not_found_where_one_is_touched_or_nothing_is_sure(segments):
+    assert not found(TABLE, *segments)
+    assert not found({"up": {"direction": [0, 0, 1]}}, *segments)
+
+
+def test_a_face_on_a_face_does_not_show_the_place():
+    """Of unknown offset, the object's face is on any parallel one."""
+    covariance = np.eye(4) * 1e-6
+    up = np.array([0.0, 0.0, 1.0])
+    flat = ContactGeometry(Plane(up, 0.0, covariance), Plane(up, 0.5, covariance, name="plane 1"))
+    resting = Segment(0, 10**9, Contact.FF, 1.0, flat)
+    assert not found(TABLE, resting)
+    (one,) = found(TABLE, resting, on(0.34))
+    assert "160 mm" in one.text
+
+
+def test_it_is_a_warning_of_a_recording():
+    robot = Path(__file__).resolve().parents[2] / "recordings" / "robot_1khz.mcap"
+    (line,) = segment(
+        robot, known={"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 9.0}]}}
+    ).warnings
+    assert "no contact confirms what is given of the surroundings (plane 1)" in line
