@@ -202,10 +202,6 @@ def with_free_joined(path):
     return joined
 
 
-def test_before_the_first_tick_there_are_none():
-    assert len(hmm.OpenTicks()) == len(hmm.Survivors()) == 0
-
-
 @many
 @given(seed=seeds, every=st.integers(3, 40), share=st.sampled_from([0.1, 0.5, 0.95]))
 def test_skipped_ticks_are_ticks_without_change(seed, every, share):

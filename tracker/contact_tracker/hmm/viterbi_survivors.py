@@ -23,9 +23,6 @@ class Survivors:
         self._ticks: list[int] = []
         self._best: list[NDArray[np.int32]] = []
 
-    def __len__(self) -> int:
-        return self._end - self.first
-
     def append(self, step: ForwardMessage) -> None:
         self._ticks.append(step.tick)
         self._best.append(step.best)
