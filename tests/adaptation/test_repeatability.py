@@ -10,14 +10,16 @@ from benchmarks.distortions import bent
 from contact_tracker.adaptation import OfflineTracker, repeatability
 from contact_tracker.adaptation.repeatability import Repeatability, advance, difference, findings
 from contact_tracker.api.given import model_from
+from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.states import Contact
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 
-ROBOT = Path(__file__).resolve().parents[2] / "recordings" / "robot_1khz.mcap"
+PAPER = Path(__file__).resolve().parents[2] / "recordings" / "paper_experiment.mcap"
+NONE = SystematicErrors()
 TURN, SHIFT = 1e-3, 1e-3
 """Standard deviations (rad, m) of the elements below."""
 
@@ -36,7 +38,7 @@ def point(x_m=0.0):
 def segments(*pairs):
     return [
         Segment(10**9 * i, 10**9 * (i + 1) - 1, Contact.VF, 1.0, ContactGeometry(*pair))
-        for i, pair in enumerate(pairs, 1)
+        for i, pair in enumerate(pairs)
     ]
 
 
@@ -48,7 +50,7 @@ def accuracy_finding(poses, accuracy=None):
 
 
 def test_it_is_found_in_a_bent_volume_and_not_without_errors_or_where_they_are_given():
-    poses = Poses.collect(open_log(str(ROBOT)))
+    poses = Poses.collect(open_log(str(PAPER)))[::2]
     distorted = bent(poses, np.random.default_rng(6))
     (found,) = accuracy_finding(distorted)
     assert "--accuracy" in found.text
@@ -61,7 +63,7 @@ def test_it_is_found_in_a_bent_volume_and_not_without_errors_or_where_they_are_g
 def test_estimates_that_agree_are_no_finding():
     found = advance(Repeatability(), segments((point(), plane()), (point(1e-3), plane(offset_m=0.502))))
     assert (found.near, found.apart) == (2, 0)
-    assert findings(found) == ()
+    assert findings(found, NONE) == ()
 
 
 def test_the_text_has_the_pair_that_differs_most():
@@ -70,7 +72,7 @@ def test_the_text_has_the_pair_that_differs_most():
     )
     found = advance(Repeatability(), made)
     assert (found.near, found.apart) == (6, 3)
-    (said,) = findings(found)
+    (said,) = findings(found, NONE)
     assert "3 of 6 pairs; the face of the surroundings from 0.00 s and from 2.00 s by 1.1 deg, " in said.text
 
 
@@ -123,6 +125,35 @@ def test_lines_are_compared_across_and_without_regard_to_their_sense():
     assert by.sigmas == pytest.approx(4.0 / np.sqrt(2.0), rel=0.02)
 
 
+def test_segments_whose_contact_is_open_or_improbable_do_not_count():
+    made = segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0))))
+    others = tuple(state for state in STATES if state is not Contact.VF)
+    for doubtful in ({"probability": 0.2}, {"inseparable": others}):
+        assert advance(Repeatability(), [made[0], replace(made[1], **doubtful)]).near == 0
+
+
+def test_faces_of_unknown_offset_are_compared_until_the_contact_ends():
+    """A table and a shelf may be nearly parallel; a face on which an object tilts is one."""
+
+    def face(tilt):
+        one = plane((tilt, 0.0, 1.0), 0.0)
+        open_ = one.covariance.copy()
+        open_[3, 3] = 0.09
+        return replace(one, covariance=open_)
+
+    made = segments((face(0.0), face(0.0)), (point(), plane((0.01, 0.0, 1.0), 0.1)))
+    found = advance(Repeatability(), made)
+    assert (found.near, found.apart) == (1, 1)
+    free = replace(made[0], contact=Contact.FREE, geometry=None)
+    assert advance(Repeatability(), [made[0], free, made[1]]).near == 0
+
+
+def test_larger_errors_are_asked_for_where_some_are_given():
+    found = advance(Repeatability(), segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0)))))
+    (said,) = findings(found, SystematicErrors(1e-5, 1e-5))
+    assert "errors larger than these" in said.text
+
+
 def test_only_the_latest_elements_are_kept():
     found = advance(Repeatability(), segments(*[(point(), plane())] * 100))
-    assert len(found.latest) == 2 * repeatability.MOST_ELEMENTS
+    assert len(found.latest) == repeatability.MOST_ELEMENTS

@@ -132,13 +132,13 @@ def _with_wander(poses: Poses, noise: ModelNoise, seed: int) -> Poses:
 
 def with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) -> Poses:
     """The poses with errors drawn from the Gaussian process of the model."""
-    if not errors.are_known:
+    if not errors.are_given:
         return poses
     rng, rotation = np.random.default_rng([seed, 2]), poses.rotation.reshape(-1, 9)
     away_m = np.linalg.norm(poses.position_m[:, None] - poses.position_m, axis=2)
-    angle = np.arccos(np.clip(0.5 * (rotation @ rotation.T - 1.0), -1.0, 1.0))
+    apart = np.linalg.norm(rotation[:, None] - rotation, axis=2) / np.sqrt(2.0)
     shift = errors.position_m * _drawn(rng, away_m / errors.length_m)
-    turn = errors.rotation_rad * _drawn(rng, angle / errors.angle_rad)
+    turn = errors.rotation_rad * _drawn(rng, apart / errors.angle_rad)
     return replace(poses, position_m=poses.position_m + shift, quat_xyzw=turned(poses, turn))
 
 

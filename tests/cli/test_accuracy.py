@@ -33,6 +33,7 @@ def test_it_increases_the_deviations_of_elements(tmp_path, capsys):
 
 def test_python_takes_it_as_it_takes_the_noise():
     assert model_from("default", accuracy="0.5mm,1mrad").systematic.position_m == 0.5e-3
+    assert model_from("default", accuracy="0.5mm,0deg").systematic.rotation_rad == 0.0
     assert model_from("default", accuracy=(1e-3, 2e-3)).systematic.rotation_rad == 2e-3
     with pytest.raises(UsageError, match="accuracy"):
         contact_tracker.Tracker(accuracy="0.5mm")

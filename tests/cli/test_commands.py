@@ -626,7 +626,8 @@ def test_info_of_many_bodies_takes_little_longer_than_of_one(
     monkeypatch.setattr("contact_tracker.adaptation.advance", counted)
     monkeypatch.setattr(info, "MOST_UPDATES", 300)
     assert main.run(["info", path]) == 0
-    assert capsys.readouterr().out.count("tracking  noise") == 3
+    out = capsys.readouterr().out
+    assert out.count("tracking  noise") == out.count("the part that was looked at does not tell") == 3
     assert 20 < sum(updates) < 300 // 3
 
 

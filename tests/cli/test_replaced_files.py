@@ -5,6 +5,8 @@ import os
 import sys
 from pathlib import Path
 
+import numpy as np
+import polars
 import pytest
 import zstandard
 
@@ -274,3 +276,17 @@ def test_suffixes_may_be_in_capitals(
         os.rename(name, "capitals/" + name)
         assert run(["evaluate", "capitals", "--json"]) == 0
         assert run(["info", "capitals"]) == 0
+
+
+@pytest.mark.parametrize("name", ["take.csv", "take.parquet"])
+def test_a_table_of_poses_is_a_recording_and_a_table_of_results_is_none(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    poses = smooth_poses()
+    rows = np.column_stack([poses.stamp_ns * 1e-9, poses.position_m, poses.quat_xyzw])
+    columns = ["time [s]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw"]
+    table = polars.DataFrame(rows, schema=columns, orient="row")
+    (table.write_csv if name.endswith("csv") else table.write_parquet)(name)
+    assert "it is a recording; --overwrite replaces it" in refusal(capsys, "segment", "log.mcap", "-o", name)
+    assert run(["segment", "log.mcap", "-o", name, "--overwrite"]) == 0
+    assert run(["segment", "log.mcap", "-o", name]) == 0

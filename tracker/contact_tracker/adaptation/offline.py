@@ -51,7 +51,7 @@ class OfflineTracker:
         found = report(self._state)
         if found is None:
             return None
-        findings = *found.findings, *repeatability.findings(self._repeatability)
+        findings = *found.findings, *repeatability.findings(self._repeatability, found.model.systematic)
         if all(one.kind != "knowledge" for one in findings):  # which would be why
             findings = *findings, *untouched.findings(self._untouched, self._knowledge)
         return found._replace(findings=findings)

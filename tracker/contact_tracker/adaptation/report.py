@@ -15,7 +15,8 @@ from contact_tracker.motion.tick_averaging import white_variances
 class Report(NamedTuple):
     """The requested ``model`` and the one ``chosen``, whether the choice ``is_decided``; standard deviations
     (m, rad) of the ``noise`` of a pose, as estimated or given, of a ``tick``, with usually
-    ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``."""
+    ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``. ``is_cut_short``:
+    more of the stream could decide what is not decided."""
 
     model: Model
     chosen: Model
@@ -25,6 +26,7 @@ class Report(NamedTuple):
     lasting: tuple[float, float]
     poses_per_tick: float
     findings: tuple[Finding, ...]
+    is_cut_short: bool = False
 
 
 def report(state: AdaptiveState) -> Report | None:

@@ -6,12 +6,13 @@ from typing import Final, NamedTuple
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.landmarks.association import distance_of_planes_m
 from contact_tracker.landmarks.prior_map import NamedElement, PriorMap
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 
 LEAST: Final = 0.5
-"""Probability of a contact from which on its elements count."""
+"""Probability of a contact from which on its unknown elements count; a known one confirms with any."""
 PARALLEL: Final = 1.0 - 0.5 * radians(5.0) ** 2
 """Cosine of the angle of normals below which a face that is touched may be meant by a known one."""
 NEAREST_M: Final = 0.005
@@ -79,7 +80,7 @@ def _with_distance(found: Untouched, knowledge: PriorMap, geometry: ContactGeome
     for listed in knowledge.environment:
         if not isinstance(listed.element, Plane) or abs(face.normal @ listed.element.normal) < PARALLEL:
             continue
-        gap_m = abs(float(face.offset_m * (face.normal @ listed.element.normal)) - listed.element.offset_m)
+        gap_m = distance_of_planes_m(face, listed.element)
         if gap_m < found.gap_m:
             found = found._replace(nearest=listed.name, gap_m=gap_m)
     return found

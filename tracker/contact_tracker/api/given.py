@@ -31,17 +31,19 @@ def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations 
     if noise is not None:
         found = found.with_noise(*_deviations_from(noise, "noise"))
     if accuracy is not None:
-        found = found.with_systematic_errors(*_deviations_from(accuracy, "accuracy"))
+        found = found.with_systematic_errors(*_deviations_from(accuracy, "accuracy", may_be_zero=True))
     return found
 
 
-def _deviations_from(value: str | tuple[float, float], name: str) -> tuple[float, float]:
+def _deviations_from(
+    value: str | tuple[float, float], name: str, may_be_zero: bool = False
+) -> tuple[float, float]:
     """A length and an angle in metres and radians; raises UsageError, which ``name`` begins."""
     try:
         if isinstance(value, str):
-            return deviations(value)
+            return deviations(value, may_be_zero)
         position_m, rotation_rad = map(float, value)
-        return plausible((position_m, rotation_rad), value)
+        return plausible((position_m, rotation_rad), value, may_be_zero)
     except (TypeError, ValueError) as error:
         raise UsageError(f"{name} is '0.3mm,0.15deg' or (metres, radians): {error}") from error
 

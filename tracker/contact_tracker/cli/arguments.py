@@ -88,7 +88,7 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--accuracy",
-        type=_deviations,
+        type=_accuracy,
         metavar="MM,DEG",
         help="standard deviations of systematic errors of the poses, as of calibration: 0.5mm,0.1deg. They "
         "do not show in the stream, and increase the deviations of elements (default: those of the model)",
@@ -114,6 +114,16 @@ def _deviations(text: str) -> tuple[float, float]:
 
     try:
         return deviations(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _accuracy(text: str) -> tuple[float, float]:
+    """As ``_deviations``; one of the two or both may be zero."""
+    from contact_tracker.config.quantities import deviations
+
+    try:
+        return deviations(text, may_be_zero=True)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 

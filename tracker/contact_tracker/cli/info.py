@@ -23,8 +23,8 @@ EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
 TRACKED_SOURCES: Final = 4
 """Most sources for which the adaptation is shown, which takes seconds each."""
 MOST_UPDATES: Final = 1500
-"""Most updates (ticks times trackers) of all sources together, some 2 s of CPU time. The first 30 s of one
-source usually need fewer."""
+"""About the most updates (ticks times trackers) of all sources together, some 2 s of CPU time. The first 30 s
+of one source usually need fewer."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -98,6 +98,7 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
     for number, source in enumerate(sources):
         share = left // (len(sources) - number)
         state, used = adaptation.start(load_model()), 0
+        first = 0
         for first in range(0, len(source.beginning), BATCH_POSES):
             some = source.beginning[first : first + BATCH_POSES]
             state, beliefs = adaptation.advance(state, some, Detail.WEIGHTS)
@@ -105,5 +106,6 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
             if used >= share:
                 break
         left -= used
-        reports[source.source] = adaptation.report(state)
+        found, is_cut_short = adaptation.report(state), first + BATCH_POSES < len(source.beginning)
+        reports[source.source] = None if found is None else found._replace(is_cut_short=is_cut_short)
     return reports

@@ -54,7 +54,8 @@ class Noise:
 class SystematicErrors:
     """Errors of poses that depend on the pose, as those of calibration; standard deviations per axis.
 
-    They hardly show in the noise or in residuals. They only add to the covariance of elements.
+    They hardly show in the noise or in residuals. They add to the covariance of elements, by which landmarks
+    are recognised; the evidence of contacts does not use them.
     """
 
     position_m: float = 0.0
@@ -65,8 +66,8 @@ class SystematicErrors:
     """Turn over which the error of the orientation changes."""
 
     @property
-    def are_known(self) -> bool:
-        """Whether the poses have any."""
+    def are_given(self) -> bool:
+        """Whether any are given."""
         return self.position_m > 0.0 or self.rotation_rad > 0.0
 
 

@@ -13,7 +13,7 @@ _QUANTITY: Final = re.compile(r"([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-z]+)")
 _PLAUSIBLE: Final = (1e-9, 1.0)
 
 
-def deviations(text: str) -> tuple[float, float]:
+def deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
     """A length and an angle such as ``0.3mm,0.15deg``, in metres and radians.
 
     Raises
@@ -26,13 +26,13 @@ def deviations(text: str) -> tuple[float, float]:
     if len(parts) != 2 or len(units) != 2 or units[0] not in LENGTHS or units[1] not in ANGLES:
         raise ValueError(f"{text!r} is not a length and an angle with units: 0.3mm,0.15deg")
     values = [_number(part[1]) * _UNITS[part[2]] for part in parts if part]
-    return plausible((values[0], values[1]), text)
+    return plausible((values[0], values[1]), text, may_be_zero)
 
 
-def plausible(values: tuple[float, float], shown: object) -> tuple[float, float]:
+def plausible(values: tuple[float, float], shown: object, may_be_zero: bool = False) -> tuple[float, float]:
     """The deviations (m, rad); raises ValueError, which quotes ``shown``, if they are not plausible."""
     low, high = _PLAUSIBLE
-    if not all(low < value < high for value in values):
+    if not all(low < value < high or (may_be_zero and value == 0.0) for value in values):
         raise ValueError(f"{shown!r} is no error of a pose: 1e-9 to 1 m and 1e-9 to 1 rad")
     return values
 

@@ -31,7 +31,7 @@ def contact_geometry(
     the origin of the bank's coordinates in the world; ``information`` as in ``observed_geometry``.
     """
     one, systematic = bank.single(row), np.zeros(())
-    if errors.are_known:
+    if errors.are_given:
         systematic = systematic_covariance(
             one, model, window, scales.reach_m, errors, is_refined=information is not None
         )

@@ -11,7 +11,7 @@ from contact_tracker.formations.complexity import elements_complexity
 from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.formations.further import SURE_NATS, KnownContact
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.systematic_errors import propagated, representative
+from contact_tracker.hypotheses.systematic_errors import added_covariance, representatives
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
 from contact_tracker.motion.lifted_pose import NOISE_OF_PERTURBATION
 from contact_tracker.motion.used_directions import used_directions
@@ -113,19 +113,19 @@ def with_systematic_errors(
     fitted: FittedJoint, window: Window, scales: EvidenceParameters, errors: SystematicErrors
 ) -> FittedJoint:
     """The joint with the systematic errors of the poses in its covariance (T45)."""
-    if not errors.are_known:
+    if not errors.are_given:
         return fitted
-    ticks = representative(window)
+    ticks, count = representatives(window)
     residual = fitted.model.residual(fitted.frames, ticks.zeta)
     scale, lower = _factors(residual, _noise_sd(ticks))
     both = np.concatenate([residual.by_x, residual.by_pose], axis=2) / scale[..., None]
     white = np.linalg.solve(fitted.play, np.linalg.solve(lower, both))
     slope, change = np.split(white, [len(fitted.covariance)], axis=2)
-    share = len(window) / len(ticks)
-    precision = np.diag(_deviations(scales)[fitted.model.free] ** -2.0)
-    hessian = precision + share * np.einsum("wkp,wkq->pq", slope, slope)
-    by_error = np.linalg.solve(hessian, share * np.einsum("wkp,wkd->dpw", slope, change))
-    return fitted._replace(covariance=fitted.covariance + propagated(by_error, ticks.zeta, errors))
+    prior = np.diag(_deviations(scales)[fitted.model.free] ** -2.0)
+    information = np.einsum("w,wkp,wkq->pq", count, slope, slope)
+    by_error = np.einsum("w,wkp,wkd->dpw", count, slope, change)
+    added = added_covariance(information, prior, by_error, ticks.zeta, errors)
+    return fitted._replace(covariance=fitted.covariance + added)
 
 
 def _minimise(

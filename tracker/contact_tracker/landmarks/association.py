@@ -43,6 +43,18 @@ def mahalanobis(first: Element, second: Element) -> float:
     return sqrt(max(float(off @ information @ off), 0.0))
 
 
+def distance_of_planes_m(first: Plane, second: Plane) -> float:
+    """Distance of two planes, without regard to the senses of their normals, where they are known best."""
+    assert first.covariance is not None
+    assert second.covariance is not None
+    sense = np.sign(first.normal @ second.normal) or 1.0
+    flip = np.array([1.0, 1.0, 1.0, 1.0]) * sense
+    covariance = first.covariance + flip[:, None] * second.covariance * flip
+    place = np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3]
+    off = (first.normal - sense * second.normal) @ place - (first.offset_m - sense * second.offset_m)
+    return abs(float(off))
+
+
 def fuse(later: Element, earlier: Element) -> Element:
     """Fuse two estimates of one element whose correlation is unknown.
 

@@ -57,8 +57,9 @@ def report_json(report: Report) -> dict[str, Any]:
 def _assumed_text(report: Report) -> str:
     """The noise where the motion does not show what averaging leaves of it, so that a tick's is a prior."""
     lasting = f" and errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
+    why = "the part that was looked at does not tell" if report.is_cut_short else "too little motion to tell"
     return (
-        f"noise {_deviations(report.noise)} a pose; too little motion to tell what averaging leaves of it: "
+        f"noise {_deviations(report.noise)} a pose; {why} what averaging leaves of it: "
         f"{_deviations(report.tick)} a tick{lasting} are assumed (--noise sets it)"
     )
 

@@ -93,7 +93,7 @@ def chain_relative(
 def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
     """Whether ``other`` has the poses of the body ``name`` in the frame in which those of ``source`` are."""
     is_same_frame = frame_name(other.frame_id) == frame_name(source.frame_id)
-    is_known_to_be = bool(source.frame_id) or other.topic == source.topic  # of one file of motion capture
+    is_known_to_be = other.topic == source.topic and not source.frame_id  # of one file of motion capture
     is_named = bool(name) and frame_name(other.child_frame_id) == frame_name(name)
     return is_named and is_same_frame and is_known_to_be and not is_transform(other)
 

@@ -352,7 +352,7 @@ def _chain(
     else:
         bodies = [s for s in fitting if s.topic != relative_to or s.is_named(frame or "")]
         if frame is None:
-            bodies = [s for s in bodies if not is_beside(s, s, relative_to)]
+            bodies = [s for s in bodies if not is_beside(s, s, relative_to)] or bodies
         if not bodies:
             return None
         body = only_one(path, bodies)

@@ -19,7 +19,7 @@ from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item
 from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
 from contact_tracker.recording.log_order import in_log_order
-from contact_tracker.recording.tables import OWN_UNIT, is_table, read_table
+from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table
 
 STDIN: Final = "-"
 _COMPRESSED: Final = (".zstd", ".zst")
@@ -88,7 +88,7 @@ def _packed_in(folder: str) -> str:
 
 
 def may_be_recording(path: str) -> bool:
-    """Whether a file begins like MCAP or a ROS bag, or is compressed with unknown content.
+    """Whether a file begins like MCAP or a ROS bag, has unknown compressed content, or is a table of poses.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def may_be_recording(path: str) -> bool:
         with open_stream(path) as stream:
             begin = stream.read(len(MAGIC))
         return begin == MAGIC or len(begin) < len(MAGIC)
-    return begin == MAGIC
+    return begin == MAGIC or has_poses(path)
 
 
 def summary_of(part: str) -> Summary | None:

@@ -93,13 +93,14 @@ class ChannelFilter:
         asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
         if any(map(self, asked)):
             return NoPoses(f"{path}: {_undecoded([asked[0].topic])}")
-        if asked:
-            return ChoiceError(f"{path}: {_reasons(asked)}")
         poses = [c for c in seen if may_have_poses(c)]
+        if asked:
+            return (ChoiceError if poses else NoPoses)(f"{path}: {_reasons(asked)}")
         alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
         if self._topic is not None:
             topics = _listing(dict.fromkeys(c.topic for c in (poses or seen)))
-            return ChoiceError(f"{path}: no topic {self._topic}; there is {topics or 'none'}")
+            fault = ChoiceError if poses else NoPoses
+            return fault(f"{path}: no topic {self._topic}; there is {topics or 'none'}")
         if any(c.topic == FRAMES_TOPIC for c in poses):
             return NoPoses(f"{path}: it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it")
         if poses and all(c.topic.endswith(_STATIC) for c in poses):

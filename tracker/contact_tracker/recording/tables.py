@@ -36,6 +36,7 @@ _MOST_NS: Final = 2.0**62
 OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 _ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
 """First bytes of files that polars would decompress."""
+_HEAD_BYTES: Final = 4096
 _ENDINGS: Final = (".csv", ".tsv", ".txt", ".tum", ".dat", ".parquet", ".pq")
 """Usual ends of the names of tables; other text may be one as well."""
 _PRINTABLE: Final = bytes(range(32, 127)) + b"\t\r\n\xef\xbb\xbf"
@@ -48,6 +49,32 @@ def is_table(path: str, begin: bytes) -> bool:
     if begin[:2] in _ZLIB:
         return False
     return is_text(begin) and not path.lower().endswith((".mcap", ".mcap.zst", ".mcap.zstd"))
+
+
+def has_poses(path: str) -> bool:
+    """Whether a file is a table with the columns of poses; of Parquet only where polars can read it."""
+    with open(path, "rb") as file:
+        begin = file.read(_HEAD_BYTES)
+    try:
+        if begin.startswith(PARQUET_MAGIC):
+            layout_of_names(_names_in(path), PARQUET, None, 0)
+            return True
+        if not is_text(begin):
+            return False
+        layout_of_text(_head(path))
+    except (UnreadableRecording, ChoiceError, MissingExtra):
+        return False
+    return True
+
+
+def _names_in(path: str) -> list[str]:
+    """Names of the columns of a Parquet file."""
+    polars = need("polars", "a table")
+    try:
+        with without_panics():
+            return list(polars.scan_parquet(path, glob=False).collect_schema().names())
+    except (Exception, polars.exceptions.PanicException) as error:
+        raise UnreadableRecording(f"it cannot be read as a table: {_line(error)}") from error
 
 
 def is_text(begin: bytes) -> bool:
