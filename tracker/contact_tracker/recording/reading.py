@@ -5,8 +5,9 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from glob import has_magic
 from itertools import pairwise
-from typing import Final
+from typing import BinaryIO, Final
 
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import ChunkIndex
 from mcap.summary import Summary
@@ -16,7 +17,7 @@ from contact_tracker.recording.bags import is_bag, read_bag
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
 from contact_tracker.recording.container import MAGIC, RecordLoop
 from contact_tracker.recording.damage import DamageReport
-from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item
+from contact_tracker.recording.items import PARSE_ERRORS, RECORD_HEAD, Channel, Item
 from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
 from contact_tracker.recording.log_order import in_log_order
 from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table
@@ -37,6 +38,7 @@ _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
 """Largest overlap of, and largest gap between, parts of one recording."""
 _NAMED: Final = 4
+_FOOTER_AND_MAGIC: Final = RECORD_HEAD.size + 20 + len(MAGIC)
 _BEGIN: Final = 64
 """Number of first bytes that identify a format."""
 
@@ -113,6 +115,8 @@ def summary_of(part: str) -> Summary | None:
         return None
     try:
         with open(part, "rb") as file:
+            if _has_chunks_in_summary(file):
+                return None
             summary = SeekingReader(file, record_size_limit=RECORD_LIMIT).get_summary()
     except (*PARSE_ERRORS, OSError):
         return None
@@ -120,6 +124,19 @@ def summary_of(part: str) -> Summary | None:
         return None
     complete = summary.channels.keys() >= summary.statistics.channel_message_counts.keys()
     return summary if complete else None
+
+
+def _has_chunks_in_summary(file: BinaryIO) -> bool:
+    """Whether chunks are among the records of the summary, where they must not be: they would be unpacked."""
+    end = file.seek(-_FOOTER_AND_MAGIC, os.SEEK_END)
+    at = int.from_bytes(file.read(_FOOTER_AND_MAGIC)[RECORD_HEAD.size :][:8], "little")
+    while 0 < at < end:
+        file.seek(at)
+        opcode, size = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
+        if opcode == Opcode.CHUNK:
+            return True
+        at += RECORD_HEAD.size + size
+    return False
 
 
 def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
