@@ -7,7 +7,8 @@ import pytest
 from benchmarks.simulated_fits import NOISES, fit_simulated, fitted_geometry
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.hypotheses.systematic_errors import MOST_TICKS, representatives
+from contact_tracker.hypotheses.systematic_errors import MOST_TICKS, added_covariance, representatives
+from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
@@ -82,6 +83,19 @@ def test_errors_do_not_widen_the_prior(contact):
     for covariance in covariances(simulated(contact), contact, with_errors(1.0, 1.0)):
         assert np.isfinite(covariance).all()
         assert np.sqrt(covariance.diagonal().max()) < 10.0 * SHIPPED.geometry.reach_m
+
+
+def test_directions_without_information_and_huge_errors_are_no_fault():
+    """Not even where errors are so large that rounding makes a sum singular."""
+    errors = with_errors(1.0, 1.0).systematic
+    zeta = np.tile(lift(np.eye(3), np.zeros(3)), (5, 1))
+    by_error = np.zeros((6, 3, 5))
+    by_error[:, 0] = 1e12
+    information = np.diag([1e10, 1e-9, 0.0])
+    added = added_covariance(information, np.diag([1.0, 1.0, 1e-4]), by_error, zeta, errors)
+    assert np.isfinite(added).all()
+    assert 0.5 < added[0, 0] < 1.1
+    assert abs(added[2, 2]) < 1.0
 
 
 def test_ticks_that_represent_a_window_count_as_many_as_it_has():

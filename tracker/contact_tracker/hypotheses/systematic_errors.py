@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import ContactModel
+from contact_tracker.geometry import linalg
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.observability import perturbed_rows, prior_along
@@ -25,7 +26,8 @@ MOST_TICKS: Final = 300
 """Number of ticks that represent a longer window."""
 SHARE_OF_REST: Final = 0.05
 """Weight of a tick at rest, relative to one in motion, when these are chosen."""
-JITTER: Final = 1e-12
+LEAST_SHARE: Final = 1e-14
+"""Eigenvalues below this share of the largest are rounding errors."""
 
 
 class Representatives(NamedTuple):
@@ -87,8 +89,14 @@ def added_covariance(
     units = np.outer(scale, scale)
     information, prior, spread = information * units, prior * units, spread * units
     # the errors lower the information of the ticks, not that of the prior
-    left = information @ np.linalg.solve(information + spread + JITTER * np.eye(len(scale)), information)
-    return np.asarray((np.linalg.inv(left + prior) - np.linalg.inv(information + prior)) * units)
+    left = information @ _inverse(information + spread) @ information
+    return np.asarray((_inverse(left + prior) - _inverse(information + prior)) * units)
+
+
+def _inverse(symmetric: Array) -> Array:
+    """Inverse of a positive semidefinite matrix (P, P), with its eigenvalues above rounding errors."""
+    values, vectors = linalg.eigenvectors(symmetric)
+    return np.asarray((vectors / np.maximum(values, LEAST_SHARE * values[-1])) @ vectors.T)
 
 
 def representatives(window: Window) -> Representatives:
