@@ -35,6 +35,7 @@ from contact_tracker.recording import (
 )
 from contact_tracker.recording.container import MAGIC
 from contact_tracker.recording.limits import TooMuchWork, WorkBudget
+from contact_tracker.recording.reading import summary_of
 from contact_tracker.states import Contact
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
 
@@ -553,6 +554,7 @@ def test_chunks_in_the_summary_are_not_unpacked(tmp_path: Path, monkeypatch: pyt
     """They must not be there; their records may be millions."""
     poses = smooth_poses(60)
     path = write_log(tmp_path / "log.mcap", [poses_topic(poses)])
+    assert summary_of(str(path)) is not None
     data = path.read_bytes()
     summary = int.from_bytes(data[-28:-20], "little")
     records = zstandard.compress(bytes(9 * 1_000_000))

@@ -117,6 +117,7 @@ def summary_of(part: str) -> Summary | None:
         with open(part, "rb") as file:
             if _has_chunks_in_summary(file):
                 return None
+            file.seek(0)  # where the reader expects the magic
             summary = SeekingReader(file, record_size_limit=RECORD_LIMIT).get_summary()
     except (*PARSE_ERRORS, OSError):
         return None
