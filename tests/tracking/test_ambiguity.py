@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
+from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
 from contact_tracker.hypotheses import observability, refit
@@ -79,7 +80,8 @@ def turning(axis, angle):
 def found(contact, window):
     """Geometry of one contact fitted to all ticks."""
     model = CONTACT_MODELS[contact.column]
-    return contact_geometry(fit_window(model, window, SCALES), 0, model, SCALES, window, np.zeros(3))
+    bank = fit_window(model, window, SCALES)
+    return contact_geometry(bank, 0, model, SCALES, window, np.zeros(3), SystematicErrors())
 
 
 def ways(element, how):
