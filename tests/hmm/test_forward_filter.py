@@ -76,6 +76,21 @@ def test_pieces_of_any_trellis_equal_the_whole(seed, every):
     np.testing.assert_allclose(posterior, expected[1], atol=TOLERANCE)
 
 
+def test_a_hypothesis_that_fell_back_beyond_all_floats_may_still_win():
+    """Without noise, log-likelihoods differ by thousands, and later by as much the other way."""
+    state, onset = np.array([0, 0, 1, 1, 1, 1]), np.array([0, 2, 0, 1, 2, 3])
+    alive = [np.array(rows) for rows in ([0, 2], [0, 3], [0, 1, 4], [0, 1, 5])]
+    log_likelihood = [np.array(values) for values in ([0.0, 0.0], [0.0, 0.0], [-2e3, 0.0, 0.0])]
+    trellis = hmm.Trellis(state, onset, alive, [*log_likelihood, np.array([0.0, -4e3, -4e3])])
+    even = np.full(2, np.log(0.5)), np.full((4, 2, 2), np.log(0.5))
+    expected_path, expected = whole(trellis, *even)
+    assert expected_path == [(0, 0, 4)]
+    path, posterior, released = run(trellis, *even, every=3)
+    assert path == expected_path
+    assert released[0] == (0, 0)
+    np.testing.assert_allclose(posterior, expected, atol=TOLERANCE)
+
+
 @pytest.mark.parametrize("blur", [0.5, 2.0])
 def test_pieces_of_a_recording_equal_the_whole_and_are_released_early(blur):
     rng = np.random.default_rng(7)

@@ -64,8 +64,8 @@ class _Ended(NamedTuple):
     """(O,)"""
     origin: Array
     """(O, N) state before the onset on the best path."""
-    weight: Array
-    """(O, N) relative to the largest of the state."""
+    log_weight: Array
+    """(O, N) summed over all paths."""
     best: Array
     """(O, N) log weight of the best path."""
 
@@ -84,14 +84,14 @@ class ForwardFilter:
 
     @property
     def frontier(self) -> FilterFrontier:
-        """The active beginnings after the last tick."""
-        onset, origin, weight, best = self._ended
-        since, state = weight.nonzero()
-        log_share = np.log(weight[since, state]) - np.log(weight.sum(axis=0)[state])
+        """The active beginnings after the last tick, however small their weights: without noise, later data
+        can make up for thousands of log units."""
+        onset, origin, log_weight, best = self._ended
+        since, state = np.isfinite(best).nonzero()
         return FilterFrontier(
             onset[since],
             state,
-            log_share + self._left[0, state],
+            log_weight[since, state],
             best[since, state],
             origin[since, state].astype(np.int64),
         )
@@ -134,6 +134,7 @@ class ForwardFilter:
         before = np.where(np.isfinite(best), [self._onset[winner], self._entry[2, winner, self._every]], -1)
         with np.errstate(divide="ignore"):
             self._left = np.array([safe + np.log(of_state), best])
+            log_weight = score[0] + np.log(many)
         since, column = (weight > NEGLIGIBLE * of_state).nonzero()
         step = ForwardMessage(
             tick,
@@ -143,7 +144,7 @@ class ForwardFilter:
             weight[since, column] / of_state[column],
             before.astype(np.int32),
         )
-        self._ended = _Ended(self._onset, self._entry[2], weight, score[1])
+        self._ended = _Ended(self._onset, self._entry[2], log_weight, score[1])
         alive = many.any(axis=1)
         self._onset, self._entry = self._onset[alive], self._entry[:, alive]
         self._entry[:2] -= norm
