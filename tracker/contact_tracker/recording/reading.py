@@ -7,17 +7,16 @@ from glob import has_magic
 from itertools import pairwise
 from typing import Final
 
-from mcap.reader import SeekingReader
-from mcap.records import ChunkIndex
 from mcap.summary import Summary
 
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.recording.bags import is_bag, read_bag
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
-from contact_tracker.recording.container import MAGIC, RecordLoop
+from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.damage import DamageReport
-from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item
-from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
+from contact_tracker.recording.file_index import place_of, summary_of
+from contact_tracker.recording.items import MAGIC, Channel, Item
+from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.log_order import in_log_order
 from contact_tracker.recording.tables import OWN_UNIT, is_table, read_table
 
@@ -105,21 +104,6 @@ def may_be_recording(path: str) -> bool:
             begin = stream.read(len(MAGIC))
         return begin == MAGIC or len(begin) < len(MAGIC)
     return begin == MAGIC
-
-
-def summary_of(part: str) -> Summary | None:
-    """The index at the end of a file; None unless it describes all channels."""
-    if not is_regular(part):
-        return None
-    try:
-        with open(part, "rb") as file:
-            summary = SeekingReader(file, record_size_limit=RECORD_LIMIT).get_summary()
-    except (*PARSE_ERRORS, OSError):
-        return None
-    if summary is None or summary.statistics is None:
-        return None
-    complete = summary.channels.keys() >= summary.statistics.channel_message_counts.keys()
-    return summary if complete else None
 
 
 def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
@@ -270,16 +254,19 @@ class Reading:
     def _sorted(self, stream: ByteStream, summary: Summary, prefix: str) -> Iterator[Item]:
         """The items of a file whose chunks overlap in log time: attachments and metadata, then messages by
         log time. Chunks are buffered as long as others may have earlier messages."""
-        places = [a.offset for a in summary.attachment_indexes] + [m.offset for m in summary.metadata_indexes]
-        yield from self._read(RecordLoop(stream, self._wanted, summary, places=places), prefix)
+        loop = RecordLoop(stream, self._wanted, summary)
         chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
-        yield from in_log_order(
-            (c.message_start_time, self._chunk(stream, summary, c, prefix)) for c in chunks
-        )
-
-    def _chunk(self, stream: ByteStream, summary: Summary, chunk: ChunkIndex, prefix: str) -> Iterator[Item]:
-        loop = RecordLoop(stream, self._wanted, summary, places=[chunk.chunk_start_offset])
-        return self._read(loop, prefix)
+        try:
+            for attachment in summary.attachment_indexes:
+                yield from loop.items_at(place_of(attachment))
+            for metadata in summary.metadata_indexes:
+                yield from loop.items_at(place_of(metadata))
+            yield from in_log_order(
+                (chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks
+            )
+        finally:
+            loop.report_orphans()
+            self._damage.add_all(loop.damage, prefix)
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether each is the only one; when following, new ones, too."""
