@@ -11,6 +11,7 @@ from mcap.opcode import Opcode
 
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import list_sources, open_log, read_metadata, summarise
+from contact_tracker.recording.bytestream import ByteStream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.file_index import Place, summary_of
 from contact_tracker.recording.items import MAGIC, inflate
@@ -207,3 +208,24 @@ def test_large_messages_are_not_collected(tmp_path: Path, poses: bytes) -> None:
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert peak < 130e6
+
+
+def test_records_that_are_cut_off_are_not_read_to_the_end(
+    tmp_path: Path, poses: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After lost framing, reading continues at the next chunk of the index, here over and over."""
+    many, cut = 500, struct.pack("<BQ", Opcode.CHUNK, 2**27)
+    begin = len(MAGIC) + len(poses)
+    places = [Place(begin + i * len(cut), len(cut)) for i in range(many)]
+    index = channels() + b"".join(chunk_index(place, []) for place in places)
+    path = write(tmp_path / "a.mcap", poses + many * cut, index + statistics({1: POSES}, 0))
+    read, original = list[int](), ByteStream.read
+
+    def counting(stream: ByteStream, count: int) -> bytes:
+        data = original(stream, count)
+        read.append(len(data))
+        return data
+
+    monkeypatch.setattr(ByteStream, "read", counting)
+    assert summarise(str(path)).sources[0].poses == POSES
+    assert sum(read) < 2 * path.stat().st_size

@@ -5,6 +5,7 @@ record at a time. A damaged chunk is left out; where the framing of records is l
 the next chunk of the index, if there is one.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from itertools import chain, pairwise, repeat
@@ -158,11 +159,16 @@ class RecordLoop:
                 self._finish(End.DAMAGED, str(error))
                 return
             look = opcode in _READ and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
+            payload = b""
             if opcode == 0 or (look and length > RECORD_LIMIT):
                 complete, end, text = False, End.DAMAGED, f"no MCAP record at byte {start}"
             else:
-                payload = self._stream.read(length) if look else b""
-                complete = opcode > 0 and (len(payload) == length if look else self._stream.skip(length))
+                complete = opcode > 0 and self._stream.may_have(length)
+                if complete and look:
+                    payload = self._stream.read(length)
+                    complete = len(payload) == length
+                elif complete:
+                    complete = self._stream.skip(length)
                 end, text = End.TRUNCATED, f"it is cut off inside a record at byte {start}"
             if complete and look:
                 yield opcode, payload, start
@@ -175,8 +181,8 @@ class RecordLoop:
 
     def _resume(self, start: int, text: str) -> bool:
         """Go to the next chunk after an invalid record; returns whether there is one."""
-        following = next((offset for offset in self._chunk_starts if offset > start), None)
-        if following is None or not self._stream.seek(following):
+        following = bisect_right(self._chunk_starts, start)
+        if following == len(self._chunk_starts) or not self._stream.seek(self._chunk_starts[following]):
             return False
         self.damage.add(text)
         return True
