@@ -74,7 +74,7 @@ class Metadata(NamedTuple):
 
 
 Item = RawMessage | Attachment | Metadata
-BUFFER_BYTES: Final = 2**25
+BUFFER_BYTES: Final = 2**23
 """Size from which messages are no longer collected, but handled."""
 
 

@@ -64,10 +64,11 @@ class WorkBudget:
         return self._read
 
     def count_records(self, many: int) -> None:
-        """Count records, or poses in them; raises TooMuchWork."""
-        self._records += many
-        if self._records > _RECORDS + self._read // _BYTES_PER_RECORD:
+        """Count records, or poses in them; raises TooMuchWork, then nothing is counted: only what takes too
+        long is left out."""
+        if self._records + many > _RECORDS + self._read // _BYTES_PER_RECORD:
             raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
+        self._records += many
 
     def count_framed(self) -> None:
         """Count a record outside of chunks, as the whole file may be compressed; raises TooMuchWork."""

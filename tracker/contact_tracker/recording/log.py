@@ -330,7 +330,7 @@ def open_log(
         if is_chain:
             head += more
             head_bytes += sum(len(message.data) for message in more)
-            if len(head) > _MOST_HEAD or head_bytes > 2 * BUFFER_BYTES:
+            if len(head) > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
                 raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         else:
             head = more

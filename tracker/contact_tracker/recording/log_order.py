@@ -7,7 +7,7 @@ from typing import Final
 
 from contact_tracker.recording.items import BUFFER_BYTES, Item, RawMessage
 
-_PENDING_BYTES: Final = 2 * BUFFER_BYTES
+_PENDING_BYTES: Final = 8 * BUFFER_BYTES
 
 
 def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMessage]:

@@ -155,7 +155,7 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
         loop = RecordLoop(stream, prefixes.__contains__, summary)
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
             there = missing.keys() & chunk.message_index_offsets.keys()
-            if kept >= BUFFER_BYTES or all(prefixes[missing[channel_id]].is_full for channel_id in there):
+            if kept >= 4 * BUFFER_BYTES or all(prefixes[missing[channel_id]].is_full for channel_id in there):
                 continue
             for item in loop.items_at(place_of(chunk)):
                 if isinstance(item, RawMessage) and not (prefix := prefixes[item.channel]).is_full:
