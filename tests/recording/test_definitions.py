@@ -17,7 +17,10 @@ from test_message_formats import IDL, NAME, POSES, RULE, assert_read, cdr_pose, 
 from contact_tracker.errors import NoPoses
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
+from contact_tracker.recording.decoding import MessageDecoder
 from contact_tracker.recording.definition_work import work_of
+from contact_tracker.recording.items import Channel, RawMessage
+from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.parsed_definitions import fields_of_idl, fields_of_ros1, ros2msg_of
 from mcap_logs import SCHEMAS
 
@@ -357,3 +360,12 @@ def test_types_of_one_name_in_two_packages_are_told_apart() -> None:
     assert work_of(text).steps == work_of(SCHEMAS[NAME]).steps + 2 + 13
     with pytest.raises(ValueError, match="part of itself"):
         work_of(nested("p/Pose other", {"Pose": "Pose pose"}))
+
+
+def test_definitions_are_used_although_all_other_work_is_done() -> None:
+    """Messages are read before they are decoded."""
+    budget = WorkBudget()
+    budget.count_records(40_000)
+    decoder = MessageDecoder(budget)
+    channel = Channel("/p", "cdr", NAME, "ros2msg", SOUND["ros2msg"].encode())
+    assert decoder.observe(RawMessage(channel, 0, cdr_pose(next(iter(POSES)))))

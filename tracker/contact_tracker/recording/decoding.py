@@ -32,10 +32,6 @@ POSES_PER_RECORD: Final = 4
 """Number of poses of a known layout that count as the work of one record."""
 _INFLATED_PER_RECORD: Final = 2**17
 """Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
-_DEFINITION_BYTES_PER_RECORD: Final = 8
-"""Bytes of a definition that count as the work of one record."""
-_SQUARED_LINES_PER_RECORD: Final = 1024
-"""The same for its lines: the parser looks for each among all others."""
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 
 
@@ -168,10 +164,8 @@ class MessageDecoder:
 
     def _new_definition(self, channel: Channel) -> _Defined:
         if self._budget is not None:
-            lines = channel.schema.count(b"\n")
-            work = len(channel.schema) // _DEFINITION_BYTES_PER_RECORD + lines**2 // _SQUARED_LINES_PER_RECORD
             try:
-                self._budget.count_records(work)
+                self._budget.count_definition(len(channel.schema), channel.schema.count(b"\n"))
             except TooMuchWork:
                 return _Defined(None, None)
         decoder, assumption = _decoder_of(channel), None

@@ -19,6 +19,10 @@ _BYTES_PER_RECORD: Final = 12
 """Records in chunks that are always allowed, and bytes read for each further one."""
 BYTES_PER_RECORD: Final = 128
 """Bytes of a message or header that count as the work of one record."""
+_DEFINITION_BYTES_PER_RECORD: Final = 8
+"""Bytes of a definition that count as the work of one record."""
+_SQUARED_LINES_PER_RECORD: Final = 1024
+"""The same for its lines: the parser looks for each among all others."""
 _BYTES_PER_FRAME: Final = 4
 """The same for records outside of chunks: uncompressed, each takes over twice as many bytes."""
 _ROWS: Final = 100_000
@@ -40,6 +44,7 @@ class WorkBudget:
         self._records = 0
         self._rows = 0
         self._framed = 0
+        self._defined = 0
 
     def count_read(self, count: int) -> None:
         """Count bytes read from the disk."""
@@ -69,6 +74,14 @@ class WorkBudget:
         if self._records + many > _RECORDS + self._read // _BYTES_PER_RECORD:
             raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
         self._records += many
+
+    def count_definition(self, size: int, lines: int) -> None:
+        """Count a message definition of ``size`` bytes, apart from messages, which may be read before; raises
+        TooMuchWork, then nothing is counted."""
+        work = size // _DEFINITION_BYTES_PER_RECORD + lines**2 // _SQUARED_LINES_PER_RECORD
+        if self._defined + work > _RECORDS + self._read // _BYTES_PER_RECORD:
+            raise TooMuchWork(f"longer definitions than {self._read} bytes explain; {_ADVICE}")
+        self._defined += work
 
     def count_framed(self) -> None:
         """Count a record outside of chunks, as the whole file may be compressed; raises TooMuchWork."""
