@@ -18,10 +18,11 @@ from test_message_formats import NAME, POSES, assert_read, cdr_pose, humble
 from contact_tracker.errors import ChoiceError, NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
+from contact_tracker.recording.bags import read_bag
 from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.rosbag1 import read_rosbag1
-from mcap_logs import poses_topic, smooth_poses, write_log
+from mcap_logs import START_NS, poses_topic, smooth_poses, write_log
 
 rosbags = pytest.importorskip("rosbags")
 
@@ -404,3 +405,53 @@ def test_many_poses_are_read_in_columns(tmp_path: Path) -> None:
     many = smooth_poses(20_000)
     found = Poses.join(list(open_log(str(write_sqlite(tmp_path, many))).batches()))
     np.testing.assert_array_equal(found.stamp_ns, many.stamp_ns)
+
+
+def varint(number: int) -> bytes:
+    """A number as SQLite writes it."""
+    digits = [number & 127]
+    while number := number >> 7:
+        digits.append(number & 127 | 128)
+    return bytes(digits[::-1])
+
+
+def with_overlapping_messages(path: Path, count: int) -> Path:
+    """A database of messages of 400 kB that share one page: it is followed by itself."""
+    page, size = 4096, 400_000
+    size += (489 - 16 - size) % (page - 4)  # so that only 489 bytes of each are in the table itself
+    with closing(sqlite3.connect(path)) as file:
+        file.execute(f"pragma page_size = {page}")
+        file.execute("create table topics (id integer primary key, name, type, serialization_format)")
+        file.execute("create table messages (id integer primary key, topic_id, timestamp, data blob)")
+        file.execute("create table other (data blob)")
+        file.execute("insert into topics values (1, '/p', 'geometry_msgs/msg/PoseStamped', 'cdr')")
+        file.execute("insert into other values (?)", [bytes(size + page)])
+        file.commit()
+        (root,) = file.execute("select rootpage from sqlite_master where name = 'messages'").fetchone()
+    data = bytearray(path.read_bytes())
+    last, least = len(data) // page + 1, (page - 12) * 32 // 255 - 23
+    leaf, begin, places = bytearray(page), page, list[int]()
+    for row in range(1, count + 1):
+        types = varint(0) + varint(1) + varint(6) + varint(12 + 2 * size)
+        head = varint(len(types) + 1) + types + struct.pack(">bq", 1, START_NS + row)
+        local = least + (len(head) + size - least) % (page - 4)
+        assert local == least
+        cell = varint(len(head) + size) + varint(row) + head.ljust(local, b"\0") + struct.pack(">I", last)
+        begin -= len(cell)
+        leaf[begin : begin + len(cell)] = cell
+        places.append(begin)
+    struct.pack_into(f">BHHHB{count}H", leaf, 0, 13, 0, count, begin, 0, *places)
+    data[(root - 1) * page : root * page] = leaf
+    struct.pack_into(">I", data, 28, last)
+    path.write_bytes(data + struct.pack(">I", last).ljust(page, b"\0"))
+    return path
+
+
+def test_messages_that_share_pages_are_no_longer_than_the_file(tmp_path: Path) -> None:
+    path = with_overlapping_messages(tmp_path / "a.db3", 6)
+    with closing(sqlite3.connect(path)) as file:
+        assert file.execute("select sum(length(data)) from messages").fetchone()[0] > 6 * 400_000
+    reports, budget = list[str](), WorkBudget()
+    found = list(read_bag(str(path), lambda channel: True, reports.append, budget))
+    assert len(found) == 1
+    assert reports == ["it is damaged: its messages are longer than the file"]

@@ -33,9 +33,8 @@ from contact_tracker.recording import (
     summarise,
     write_recording,
 )
-from contact_tracker.recording.container import MAGIC
+from contact_tracker.recording.items import MAGIC
 from contact_tracker.recording.limits import TooMuchWork, WorkBudget
-from contact_tracker.recording.reading import summary_of
 from contact_tracker.states import Contact
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
 
@@ -548,22 +547,3 @@ def test_a_record_beyond_all_memory_is_not_read(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 50 * 2**20
     finally:
         tracemalloc.stop()
-
-
-def test_chunks_in_the_summary_are_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They must not be there; their records may be millions."""
-    poses = smooth_poses(60)
-    path = write_log(tmp_path / "log.mcap", [poses_topic(poses)])
-    assert summary_of(str(path)) is not None
-    data = path.read_bytes()
-    summary = int.from_bytes(data[-28:-20], "little")
-    records = zstandard.compress(bytes(9 * 1_000_000))
-    head = struct.pack("<QQQII4sQ", 0, 0, 9 * 1_000_000, 0, 4, b"zstd", len(records))
-    chunk = b"\x06" + (len(head) + len(records)).to_bytes(8, "little") + head + records
-    path.write_bytes(data[:summary] + chunk + data[summary:])
-
-    def refuse(*_: object, **__: object) -> None:
-        raise AssertionError("unpacked")
-
-    monkeypatch.setattr("mcap.stream_reader.breakup_chunk", refuse)
-    assert len(Poses.collect(open_log(str(path)))) == len(poses)

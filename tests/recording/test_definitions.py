@@ -4,16 +4,23 @@ import builtins
 import struct
 import sys
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
+from mcap.writer import Writer
 from test_message_formats import IDL, NAME, POSES, RULE, assert_read, cdr_pose, write_raw
 
 from contact_tracker.errors import NoPoses
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
+from contact_tracker.recording.decoding import MessageDecoder
+from contact_tracker.recording.definition_work import work_of
+from contact_tracker.recording.items import Channel, RawMessage, inflate_zstd
+from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.parsed_definitions import fields_of_idl, fields_of_ros1, ros2msg_of
 from mcap_logs import SCHEMAS
 
@@ -263,3 +270,163 @@ def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
     path = write_raw(tmp_path / "a.mcap", kind, "ros1", "ros1msg", (whole + rule + parts).encode(), rows)
     assert_read(path)
     assert_read(path, frame="world->cup")
+
+
+def nested(extra: str, types: Mapping[str, str]) -> str:
+    """The definition of poses with further fields at the end, and their types."""
+    own, _, rest = SCHEMAS[NAME].partition("=" * 80)
+    parts = "".join(f"{'=' * 80}\nMSG: p/{name}\n{body}\n" for name, body in types.items())
+    return f"{own.rstrip()}\n{extra}\n{'=' * 80}{rest.rstrip()}\n{parts}"
+
+
+TINY = {"E": "uint8 a"}
+LEVELS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(40)}, "A40": "uint8 a"}
+ENDLESS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(5000)}, "A5000": "uint8 a"}
+CONSTANTS = "\n".join(f"uint8 C{i}={i % 256}" for i in range(6000))
+
+
+def write_many(path: Path, definition: str, after: bytes, count: int, channels: int = 1) -> Path:
+    """A small file of many messages of poses, with further bytes."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(NAME, "ros2msg", definition.encode())
+        topics = [writer.register_channel(f"/p{i}", "cdr", schema) for i in range(channels)]
+        for i in range(count):
+            pose = POSES[i % len(POSES) : i % len(POSES) + 1]
+            writer.add_message(topics[i % channels], i, cdr_pose(next(iter(pose))) + after, i)
+        writer.finish()
+    return path
+
+
+def write_zeros(path: Path) -> Path:
+    """Messages of zeros, each compressed by itself."""
+    packed = zstandard.ZstdCompressor().compress(bytes(2**22))
+    rows = [(i, packed) for i in range(20_000)]
+    return write_raw(path, NAME, "cdr", "ros2msg", SCHEMAS[NAME].encode(), rows)
+
+
+SLOW: Mapping[str, tuple[Callable[[Path], Path], int, int]] = {
+    "elements of one byte": (
+        lambda path: write_many(
+            path, nested("p/E[] a", TINY), struct.pack("<I", 400_000) + bytes(400_000), 40
+        ),
+        40,
+        3,
+    ),
+    "many levels": (
+        lambda path: write_many(path, nested("p/A0 a", LEVELS), bytes(1), 48_000),
+        48_000,
+        32_000,
+    ),
+    "compressed": (write_zeros, 20_000, 2000),
+}
+"""How small files are written, the number of their messages, and the most that may be decoded."""
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_no_more_messages_are_decoded_than_the_bytes_explain(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, count, most = SLOW[name]
+    path = write(tmp_path / "a.mcap")
+    assert path.stat().st_size < 1e6
+    inflated = list[int]()
+    monkeypatch.setattr(
+        "contact_tracker.recording.decoding.inflate_zstd",
+        lambda data, limit: inflated.append(limit) or inflate_zstd(data, limit),
+    )
+    summary = summarise(str(path))
+    decoded = count - summary.undecodable
+    assert decoded == sum(one.observed for one in summary.sources)
+    assert decoded <= most
+    assert len(inflated) <= most
+
+
+def test_too_many_levels_are_not_used(tmp_path: Path) -> None:
+    """The known definition is, which has no further fields."""
+    path = write_many(tmp_path / "a.mcap", nested("p/A0 a", ENDLESS), bytes(1), 2000)
+    summary = summarise(str(path))
+    assert [one.observed for one in summary.sources] == [2000]
+    assert len(summary.assumptions) == 1
+    assert "its definition in the file is too long" in summary.assumptions[0]
+
+
+@pytest.mark.parametrize("definition", ["? {}", "# {}", "float64 a{}"])
+def test_many_definitions_take_no_longer_than_their_bytes_explain(
+    tmp_path: Path, definition: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    many = 3000
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for i in range(many):
+            schema = writer.register_schema(NAME, "ros2msg", definition.format(i).encode())
+            channel = writer.register_channel(f"/p{i}", "cdr", schema)
+            writer.add_message(channel, i, cdr_pose(next(iter(POSES))), i)
+        writer.finish()
+    parsed = list[str]()
+    monkeypatch.setattr(
+        "contact_tracker.recording.ros.work_of", lambda text: parsed.append(text) or work_of(text)
+    )
+    summarise(str(tmp_path / "a.mcap"))
+    assert 500 < len(parsed) < 1500
+
+
+def test_a_definition_of_many_channels_is_parsed_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_many(tmp_path / "a.mcap", nested(CONSTANTS, {}), b"", 2000, channels=2000)
+    parsed = list[str]()
+    monkeypatch.setattr(
+        "contact_tracker.recording.ros.work_of", lambda text: parsed.append(text) or work_of(text)
+    )
+    summary = summarise(str(path))
+    assert sum(summary.topics.values()) == 2000
+    assert summary.undecodable == 0
+    assert len(parsed) == 1
+
+
+def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) -> None:
+    definition = nested("p/E[] a", TINY)
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel(
+            "/p", "cdr", writer.register_schema(NAME, "ros2msg", definition.encode())
+        )
+        for i, pose in enumerate(POSES):
+            many = 1_000_000 if i % 2 else 3
+            writer.add_message(channel, i, cdr_pose(pose) + struct.pack("<I", many) + bytes(many), i)
+        writer.finish()
+    log = open_log(str(tmp_path / "a.mcap"))
+    assert len(Poses.collect(log)) == (len(POSES) + 1) // 2
+    assert log.counts == {"undecodable": len(POSES) // 2}
+
+
+@pytest.mark.parametrize("type_name", SCHEMAS)
+def test_usual_definitions_take_the_work_of_one_record(type_name: str) -> None:
+    assert work_of(SCHEMAS[type_name]).records(300) <= 2
+
+
+def test_the_work_of_nested_types() -> None:
+    work = work_of(nested("p/E[] a\np/A[3] b\np/B c\n", {"E": "uint8 x\nuint8 y", "A": "E e", "B": "E[] e"}))
+    plain = work_of(SCHEMAS[NAME])
+    assert work.steps == plain.steps + 1 + 3 * (2 + 4) + (2 + 1)
+    assert work.steps_per_byte == 4 / 2
+
+
+def test_types_of_one_name_in_two_packages_are_told_apart() -> None:
+    text = nested("p/Pose other", {"Pose": "geometry_msgs/Pose pose"})
+    assert work_of(text).steps == work_of(SCHEMAS[NAME]).steps + 2 + 13
+    with pytest.raises(ValueError, match="part of itself"):
+        work_of(nested("p/Pose other", {"Pose": "Pose pose"}))
+
+
+def test_definitions_are_used_although_all_other_work_is_done() -> None:
+    """Messages are read before they are decoded."""
+    budget = WorkBudget()
+    budget.count_records(40_000)
+    decoder = MessageDecoder(budget)
+    channel = Channel("/p", "cdr", NAME, "ros2msg", SOUND["ros2msg"].encode())
+    assert decoder.observe(RawMessage(channel, 0, cdr_pose(next(iter(POSES)))))

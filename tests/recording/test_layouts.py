@@ -52,7 +52,7 @@ def channel(kind, schema=None):
 
 
 def by_library(message):
-    return shown(POSE_TYPES[message.channel.type](MessageDecoder().decode(message)))
+    return shown(POSE_TYPES[message.channel.type](MessageDecoder(None).decode(message)))
 
 
 def shown(observations):
@@ -76,7 +76,7 @@ def shown(observations):
     bodies=st.lists(bodies, min_size=2, max_size=4),
 )
 def test_layouts_read_the_same_as_the_library(kind, order, frames, bodies):
-    decoder, on = MessageDecoder(), channel(kind)
+    decoder, on = MessageDecoder(None), channel(kind)
     for count, body in enumerate(bodies):
         message = RawMessage(on, 0, cdr(kind, order, frames, body, tail_value=float(count)))
         if count:
@@ -113,7 +113,7 @@ def transforms(order, parts):
     data=st.data(),
 )
 def test_several_transforms_are_read_as_the_library_decodes_them(order, frames, seed, data):
-    decoder, on = MessageDecoder(), channel("tf2_msgs/msg/TFMessage")
+    decoder, on = MessageDecoder(None), channel("tf2_msgs/msg/TFMessage")
     for count in range(3):
         message = RawMessage(on, 0, transforms(order, [(pair, data.draw(bodies)) for pair in frames]))
         if count:
@@ -127,7 +127,7 @@ def test_several_transforms_are_read_as_the_library_decodes_them(order, frames, 
 
 @each_type
 def test_layouts_are_learned_and_changed_names_are_distinguished(kind):
-    decoder, on, body = MessageDecoder(), channel(kind), ((5, 6), [0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5])
+    decoder, on, body = MessageDecoder(None), channel(kind), ((5, 6), [0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5])
     pairs = [("world", "cube"), ("would", "ball"), ("a", "longer name")]
     pairs += [("world", "ball"), ("would", "cube")] if kind in TWO_NAMES else []
     for repeated in range(3):
@@ -155,7 +155,7 @@ def test_layouts_are_learned_and_changed_names_are_distinguished(kind):
 @settings(max_examples=10, deadline=None)
 @given(bodies=st.lists(bodies, min_size=3, max_size=3))
 def test_the_schema_of_the_file_takes_precedence(kind, change, bodies):
-    decoder, on = MessageDecoder(), channel(kind, SCHEMAS[kind].replace(*change))
+    decoder, on = MessageDecoder(None), channel(kind, SCHEMAS[kind].replace(*change))
     for body in bodies:
         message = RawMessage(on, 0, cdr(kind, "<", ("world", "cube"), body))
         same_outcome(decoder, message)
@@ -165,7 +165,7 @@ def test_the_schema_of_the_file_takes_precedence(kind, change, bodies):
 @settings(max_examples=40, deadline=None)
 @given(seed=st.randoms(use_true_random=False), body=bodies)
 def test_damaged_messages_are_read_like_by_the_library(kind, seed, body):
-    decoder, on = MessageDecoder(), channel(kind)
+    decoder, on = MessageDecoder(None), channel(kind)
     whole = cdr(kind, "<", ("world", "cube"), body)
     decoder.observe(RawMessage(on, 0, whole))
     for _ in range(10):
@@ -188,7 +188,7 @@ def same_outcome(decoder, message):
 
 def test_the_number_of_layouts_is_bounded():
     layouts, tried = Layouts("geometry_msgs/msg/PoseStamped"), []
-    decoder, on = MessageDecoder(), channel("geometry_msgs/msg/PoseStamped")
+    decoder, on = MessageDecoder(None), channel("geometry_msgs/msg/PoseStamped")
     for count in range(300):
         data = cdr(on.type, "<", (f"frame {count}",), ((1, 2), [0.0] * 7))
         layouts.learn(data, lambda test: tried.append(test) or decoder.observe(RawMessage(on, 0, test)))
@@ -200,7 +200,7 @@ def test_the_number_of_layouts_is_bounded():
 def test_on_real_recordings(shared_recordings, name):
     path = str(shared_recordings / "physics" / f"{name}.mcap")
     (source,) = list_sources(path)
-    decoder, library = MessageDecoder(), MessageDecoder()
+    decoder, library = MessageDecoder(None), MessageDecoder(None)
     items = [m for m in Reading(path, ChannelFilter(source.topic)) if isinstance(m, RawMessage)]
     for message in items[::7]:
         assert decoder.observe(message) == POSE_TYPES[source.type](library.decode(message))

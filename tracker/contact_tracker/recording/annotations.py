@@ -3,16 +3,15 @@
 from collections.abc import Iterable
 from typing import Final
 
-from mcap.summary import Summary
-
 from contact_tracker.errors import NoTruth
 from contact_tracker.ground_truth import Truth
 from contact_tracker.recording.bytestream import is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.decoding import MessageDecoder, Undecodable
+from contact_tracker.recording.file_index import place_of, summary_of
 from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
-from contact_tracker.recording.reading import Reading, parts_of, summary_of
+from contact_tracker.recording.reading import Reading, parts_of
 
 TRUTH_ATTACHMENT: Final = "truth.json"
 TRUTH_TOPIC: Final = "/contact/truth"
@@ -95,25 +94,23 @@ def _indexed(part: str) -> list[Item] | None:
     counted = (summary.statistics.attachment_count, summary.statistics.metadata_count)
     if counted != (len(summary.attachment_indexes), len(summary.metadata_indexes)):
         return None
-    places = [(a.offset, a.name) for a in summary.attachment_indexes if a.name == TRUTH_ATTACHMENT]
-    places += [(m.offset, m.name) for m in summary.metadata_indexes]
-    items = [_item_at(part, summary, offset) for offset, _ in places]
-    found = [item.name for item in items if isinstance(item, Attachment | Metadata)]
-    return [i for i in items if i is not None] if found == [name for _, name in places] else None
-
-
-def _item_at(part: str, summary: Summary, offset: int) -> Item | None:
+    places = [(a.name, place_of(a)) for a in summary.attachment_indexes if a.name == TRUTH_ATTACHMENT]
+    places += [(m.name, place_of(m)) for m in summary.metadata_indexes]
     with open_stream(part) as stream:
-        return next(iter(RecordLoop(stream, lambda channel: False, summary, offset)), None)
+        loop = RecordLoop(stream, lambda channel: False, summary)
+        items = [item for _, place in places for item in loop.items_at(place)]
+    found = [item.name for item in items if isinstance(item, Attachment | Metadata)]
+    return items if found == [name for name, _ in places] else None
 
 
 def _from_messages(path: str) -> Truth | None:
     if not any(map(_may_have_changes, parts_of(path))):
         return None
     changes: list[tuple[int, str]] = []
-    decoder = MessageDecoder()
+    reading = Reading(path, lambda channel: True)
+    decoder = MessageDecoder(reading.budget)
     end_ns = 0
-    for item in Reading(path, lambda channel: True):
+    for item in reading:
         if isinstance(item, RawMessage):
             end_ns = max(end_ns, item.log_time_ns)
             if _is_truth(item.channel):

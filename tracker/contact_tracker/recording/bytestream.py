@@ -66,6 +66,7 @@ class ByteStream:
         self._follow = follow
         self._path = path
         self._inflated: IO[bytes] | None = None
+        self._size = None if compressed or follow is not None else _size_of(file)
         if compressed:
             counted = cast(IO[bytes], _Counted(file, self.budget))
             self._inflated = zstandard.ZstdDecompressor().stream_reader(counted, read_across_frames=True)
@@ -77,6 +78,10 @@ class ByteStream:
     @property
     def stopped(self) -> bool:
         return self._follow is not None and self._follow.stopped
+
+    def may_have(self, count: int) -> bool:
+        """Whether ``count`` bytes may follow; of a file that does not grow this is known without reading."""
+        return self._size is None or self.position + count <= self._size
 
     def read(self, count: int) -> bytes:
         """The next ``count`` bytes; fewer only where the input ends."""
@@ -135,6 +140,15 @@ class ByteStream:
         elif stat.S_ISREG(now.st_mode) and now.st_size < self._plain.tell():
             self.error = "it became shorter while it was followed"
         return self.error is not None
+
+
+def _size_of(file: IO[bytes]) -> int | None:
+    """Size of a regular file (bytes); None for others."""
+    try:
+        status = os.fstat(file.fileno())
+    except OSError:
+        return None
+    return status.st_size if stat.S_ISREG(status.st_mode) else None
 
 
 class _Counted(RawIOBase):

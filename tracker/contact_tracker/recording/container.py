@@ -5,7 +5,8 @@ record at a time. A damaged chunk is left out; where the framing of records is l
 the next chunk of the index, if there is one.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from itertools import chain, pairwise, repeat
 from typing import Final
@@ -17,7 +18,9 @@ from mcap.summary import Summary
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.bytestream import ByteStream
 from contact_tracker.recording.damage import DamageReport
+from contact_tracker.recording.file_index import Place
 from contact_tracker.recording.items import (
+    MAGIC,
     MESSAGE_HEAD,
     PARSE_ERRORS,
     RECORD_HEAD,
@@ -35,7 +38,6 @@ from contact_tracker.recording.items import (
 from contact_tracker.recording.limits import RECORD_LIMIT, TooMuchWork
 from contact_tracker.recording.tables import is_text
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 _READ: Final = frozenset(
     {
         Opcode.HEADER,
@@ -68,8 +70,6 @@ class RecordLoop:
     stream : positioned at the start of the file.
     wanted : messages of other channels are skipped unread.
     summary : of the same file, where known: replaces damaged channel records and gives chunk offsets.
-    start : offset of the record to begin at; needs ``summary`` for the channels.
-    places : offsets of the only records to read, in this order; needs ``summary``.
 
     Raises
     ------
@@ -82,15 +82,11 @@ class RecordLoop:
         stream: ByteStream,
         wanted: Callable[[Channel], bool],
         summary: Summary | None = None,
-        start: int = 0,
-        places: Sequence[int] | None = None,
     ) -> None:
         self.end: End | None = None
         self.damage = DamageReport()
         self._stream = stream
         self._wanted = wanted
-        self._start = start
-        self._places = places
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, Channel | None] = {}
         self._chunk_starts: list[int] = []
@@ -106,40 +102,47 @@ class RecordLoop:
 
     def groups(self) -> Iterator[list[Item]]:
         """The items of one record after the other; the messages of a chunk in the order of log time."""
-        if self._start:
-            if not self._stream.seek(self._start):
-                self._finish(End.DAMAGED, f"nothing is at byte {self._start}")
-                return
-        elif self._places is None and (magic := self._stream.read(len(MAGIC))) != MAGIC:
+        if (magic := self._stream.read(len(MAGIC))) != MAGIC:
             hint = "; if it is a table, name it .csv" if is_text(magic) else ""
             reason = self._stream.error or (f"it is not an MCAP file{hint}" if magic else "it is empty")
             raise UnreadableRecording(reason)
-        for opcode, payload, start in self._frames() if self._places is None else self._chosen(self._places):
-            group = list[Item]()
-            try:
-                if opcode == Opcode.CHUNK:
-                    budget = self._stream.budget
-                    data = inflate(records.Chunk.read(payload_stream(payload)), budget)
-                    for run in runs(data, budget):
-                        group += self._items(data, run)
-                else:
-                    group += self._items(payload, Run(opcode, 0, len(payload), 1))
-            except PARSE_ERRORS as error:
-                self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
-            if group:
-                yield _in_log_order(group)
+        for opcode, payload, start in self._frames():
+            if group := self._group(opcode, payload, start):
+                yield group
+        self.report_orphans()
+
+    def items_at(self, place: Place) -> list[Item]:
+        """The items of one record, as in ``groups``; channels are those of ``summary``."""
+        head = self._stream.read(RECORD_HEAD.size) if self._stream.seek(place.offset) else b""
+        opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
+        is_there = opcode in _READ and len(head) + length == place.size
+        if is_there and opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:
+            return []
+        payload = self._stream.read(length) if is_there and length <= RECORD_LIMIT else b""
+        if not is_there or len(payload) != length:
+            self.damage.add(f"no MCAP record at byte {place.offset}")
+            return []
+        return self._group(opcode, payload, place.offset)
+
+    def report_orphans(self) -> None:
+        """Add messages without channel to the damage, once nothing more is read."""
         if self._orphans:
             self.damage.add(f"{self._orphans} messages of channels whose description is missing")
 
-    def _chosen(self, places: Sequence[int]) -> Iterator[tuple[int, bytes, int]]:
-        """The records at given offsets, as from ``_frames``."""
-        for place in places:
-            record = next(self._frames(), None) if self._stream.seek(place) else None
-            if record is None or record[2] != place:
-                self.damage.add(f"no MCAP record at byte {place}")
+    def _group(self, opcode: int, payload: bytes, start: int) -> list[Item]:
+        """The items of one record, up to any damage, by log time."""
+        group = list[Item]()
+        try:
+            if opcode == Opcode.CHUNK:
+                budget = self._stream.budget
+                data = inflate(records.Chunk.read(payload_stream(payload)), budget)
+                for run in runs(data, budget):
+                    group += self._items(data, run)
             else:
-                yield record
-        self._finish(End.EOF, None)
+                group += self._items(payload, Run(opcode, 0, len(payload), 1))
+        except PARSE_ERRORS as error:
+            self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
+        return _in_log_order(group)
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
         """Opcode, payload and offset of every relevant record, until the input ends."""
@@ -156,11 +159,16 @@ class RecordLoop:
                 self._finish(End.DAMAGED, str(error))
                 return
             look = opcode in _READ and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
+            payload = b""
             if opcode == 0 or (look and length > RECORD_LIMIT):
                 complete, end, text = False, End.DAMAGED, f"no MCAP record at byte {start}"
             else:
-                payload = self._stream.read(length) if look else b""
-                complete = opcode > 0 and (len(payload) == length if look else self._stream.skip(length))
+                complete = opcode > 0 and self._stream.may_have(length)
+                if complete and look:
+                    payload = self._stream.read(length)
+                    complete = len(payload) == length
+                elif complete:
+                    complete = self._stream.skip(length)
                 end, text = End.TRUNCATED, f"it is cut off inside a record at byte {start}"
             if complete and look:
                 yield opcode, payload, start
@@ -173,8 +181,8 @@ class RecordLoop:
 
     def _resume(self, start: int, text: str) -> bool:
         """Go to the next chunk after an invalid record; returns whether there is one."""
-        following = next((offset for offset in self._chunk_starts if offset > start), None)
-        if following is None or not self._stream.seek(following):
+        following = bisect_right(self._chunk_starts, start)
+        if following == len(self._chunk_starts) or not self._stream.seek(self._chunk_starts[following]):
             return False
         self.damage.add(text)
         return True

@@ -9,12 +9,19 @@ import numpy as np
 
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
+from contact_tracker.recording.definition_work import DecodingWork
 from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.foxglove import decode_json, protobuf_reading
 from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 from contact_tracker.recording.limits import BYTES_PER_RECORD, TooMuchWork, WorkBudget
-from contact_tracker.recording.message_types import canonical, is_pose_type, observations, typed
+from contact_tracker.recording.message_types import (
+    canonical,
+    is_pose_type,
+    number_of_poses,
+    observations,
+    typed,
+)
 from contact_tracker.recording.ros import cdr_reading, known_reading, lacks_parts
 from contact_tracker.recording.ros1 import ros1_reading
 
@@ -23,8 +30,8 @@ _ROW: Final = struct.Struct("<q7d")
 _ROW_COLUMNS: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 POSES_PER_RECORD: Final = 4
 """Number of poses of a known layout that count as the work of one record."""
-_DEFINITION_BYTES_PER_RECORD: Final = 16
-"""Bytes of a definition that count as the work of one record."""
+_INFLATED_PER_RECORD: Final = 2**17
+"""Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 
 
@@ -32,18 +39,29 @@ class Undecodable(Exception):
     """A message does not match its schema."""
 
 
-class _Reading(NamedTuple):
-    """How the messages of a channel are read.
+_Decoder = tuple[Callable[[bytes], Any], DecodingWork]
+_Definition = tuple[str, str, str, bytes]
+"""Encoding, type, encoding of the schema, and schema."""
+
+
+class _Defined(NamedTuple):
+    """What follows from a definition, which many channels can have in common.
 
     Parameters
     ----------
-    decode : the library's decoder; None where the definition in the file cannot be used.
+    decoder : that of the library, and its work; None where the definition in the file cannot be used.
     assumption : why the known definition of the type is used, in words; None where it is not.
     """
 
-    decode: Callable[[bytes], Any] | None
-    layouts: Layouts
+    decoder: _Decoder | None
     assumption: str | None
+
+
+class _Reading(NamedTuple):
+    """How the messages of a channel are read."""
+
+    defined: _Defined
+    layouts: Layouts
 
 
 class MessageDecoder:
@@ -51,12 +69,13 @@ class MessageDecoder:
 
     Parameters
     ----------
-    budget : of the recording; messages that exceed it are not decoded.
+    budget : of the recording; messages that exceed it are not decoded. None for messages that are made here.
     """
 
-    def __init__(self, budget: WorkBudget | None = None) -> None:
+    def __init__(self, budget: WorkBudget | None) -> None:
         self._budget = budget
         self._readings: dict[Channel, _Reading] = {}
+        self._defined: dict[_Definition, _Defined] = {}
         self._current: tuple[Channel, _Reading] | None = None
 
     def decode(self, message: RawMessage) -> Any:
@@ -64,12 +83,15 @@ class MessageDecoder:
         library."""
         channel, _, data = message
         try:
-            decode = self._reading(channel).decode
-            if decode is None:
+            decoder = self._reading(channel).defined.decoder
+            if decoder is None:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
+            decode, work = decoder
             if data.startswith(ZSTD_MAGIC):
+                self._count_work(message, 1)  # before and after: its size is not known
                 data = inflate_zstd(data, MESSAGE_LIMIT)
-            self._count_work(message, len(data) // BYTES_PER_RECORD)
+                self._count_work(message, len(data) // _INFLATED_PER_RECORD)
+            self._count_work(message, max(len(data) // BYTES_PER_RECORD, work.records(len(data))))
             return decode(data)
         except (Undecodable, MissingExtra):
             raise
@@ -82,7 +104,7 @@ class MessageDecoder:
 
     def assumption(self, channel: Channel) -> str | None:
         """Why a channel is read by the known definition of its type; None if it is not."""
-        return self._reading(channel).assumption if channel.encoding == "cdr" else None
+        return self._reading(channel).defined.assumption if channel.encoding == "cdr" else None
 
     def layouts(self, channel: Channel) -> Layouts:
         """The known byte layouts of a channel's messages."""
@@ -114,6 +136,7 @@ class MessageDecoder:
     def _observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message, by the library's decoder."""
         decoded = self.decode(message)
+        self._count_work(message, number_of_poses(decoded) // POSES_PER_RECORD)
         try:
             found = observations(message.channel.type, decoded)
             return typed(found) if message.channel.encoding == "json" else found
@@ -133,20 +156,33 @@ class MessageDecoder:
 
     def _new_reading(self, channel: Channel) -> _Reading:
         layouts = Layouts(canonical(channel.type) if channel.encoding == "cdr" else "")
-        if self._budget is not None:
-            try:
-                self._budget.count_records(len(channel.schema) // _DEFINITION_BYTES_PER_RECORD)
-            except TooMuchWork:
-                return _Reading(None, layouts, None)
-        decode, assumption = _decoder_of(channel), None
-        if decode is None and channel.encoding == "cdr":
-            decode = known_reading(channel)
+        key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
+        defined = self._defined.get(key)
+        if defined is None:
+            defined = self._defined[key] = self._new_definition(channel)
+        return _Reading(defined, layouts)
+
+    def _new_definition(self, channel: Channel) -> _Defined:
+        decoder, why = None, "its definition in the file is too long, or one of too many"
+        if self._is_explained(channel.schema):
+            decoder, why = _decoder_of(channel), "its definition in the file cannot be used"
+        assumption = None
+        if decoder is None and channel.encoding == "cdr":
+            decoder = known_reading(channel)
             is_defined = bool(channel.schema.strip())
-            why = "its definition in the file cannot be used" if is_defined else "the file does not define it"
-            assumption = why if decode is not None else None
+            assumption = None if decoder is None else why if is_defined else "the file does not define it"
         elif channel.encoding == "cdr" and lacks_parts(channel):
             assumption = "its definition in the file lacks parts"
-        return _Reading(decode, layouts, assumption)
+        return _Defined(decoder, assumption)
+
+    def _is_explained(self, schema: bytes) -> bool:
+        """Whether the bytes of the file explain the work of reading a definition, which is counted then."""
+        try:
+            if self._budget is not None:
+                self._budget.count_definition(len(schema), schema.count(b"\n"))
+        except TooMuchWork:
+            return False
+        return True
 
     def _count_work(self, message: RawMessage, records: int) -> None:
         """Count the work beyond that of one record; raises Undecodable where it exceeds the budget."""
@@ -210,7 +246,7 @@ def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
     return ObservedColumns(*_row_frames(messages[0].channel), poses)
 
 
-def _decoder_of(channel: Channel) -> Callable[[bytes], Any] | None:
+def _decoder_of(channel: Channel) -> _Decoder | None:
     """The decoder of a channel by its schema; None if that is unusable."""
     match channel.encoding:
         case "cdr":
@@ -218,15 +254,18 @@ def _decoder_of(channel: Channel) -> Callable[[bytes], Any] | None:
         case "ros1":
             return _tried(ros1_reading, channel)
         case "protobuf":
-            return _tried(protobuf_reading, channel)
+            return _tried(_protobuf, channel)
         case "json":
-            return decode_json
+            return decode_json, DecodingWork()
     return None
 
 
-def _tried(
-    read: Callable[[Channel], Callable[[bytes], Any] | None], channel: Channel
-) -> Callable[[bytes], Any] | None:
+def _protobuf(channel: Channel) -> _Decoder | None:
+    decode = protobuf_reading(channel)
+    return None if decode is None else (decode, DecodingWork())
+
+
+def _tried(read: Callable[[Channel], _Decoder | None], channel: Channel) -> _Decoder | None:
     try:
         return read(channel)
     except MissingExtra:

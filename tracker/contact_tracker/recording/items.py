@@ -21,6 +21,8 @@ FIRST_UNKNOWN: Final = max(Opcode) + 1
 """Opcodes from here on are of later versions of the format, or private, and skipped."""
 _MOST: Final = 128
 """Messages handled at a time."""
+MAGIC: Final = b"\x89MCAP0\r\n"
+"""First and last bytes of a file."""
 RECORD_HEAD: Final = struct.Struct("<BQ")
 MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 _ALIKE: Final = RECORD_HEAD.size + 2
@@ -72,6 +74,20 @@ class Metadata(NamedTuple):
 
 
 Item = RawMessage | Attachment | Metadata
+BUFFER_BYTES: Final = 2**23
+"""Size from which messages are no longer collected, but handled."""
+
+
+def some_messages(items: Iterator[Item], most: int) -> list[RawMessage]:
+    """The next messages, up to ``most``, or up to ``BUFFER_BYTES`` of them."""
+    messages, size = list[RawMessage](), 0
+    for item in items:
+        if isinstance(item, RawMessage):
+            messages.append(item)
+            size += len(item.data)
+            if len(messages) >= most or size >= BUFFER_BYTES:
+                break
+    return messages
 
 
 def channel_of(record: records.Channel, schemas: Mapping[int, records.Schema]) -> Channel:

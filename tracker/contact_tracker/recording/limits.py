@@ -19,6 +19,12 @@ _BYTES_PER_RECORD: Final = 12
 """Records in chunks that are always allowed, and bytes read for each further one."""
 BYTES_PER_RECORD: Final = 128
 """Bytes of a message or header that count as the work of one record."""
+_RECORDS_PER_DEFINITION: Final = 64
+"""Records whose work a definition takes, whatever its length."""
+_DEFINITION_BYTES_PER_RECORD: Final = 8
+"""Bytes of a definition that count as the work of one record more."""
+_SQUARED_LINES_PER_RECORD: Final = 1024
+"""The same for its lines: the parser looks for each among all others."""
 _BYTES_PER_FRAME: Final = 4
 """The same for records outside of chunks: uncompressed, each takes over twice as many bytes."""
 _ROWS: Final = 100_000
@@ -40,6 +46,7 @@ class WorkBudget:
         self._records = 0
         self._rows = 0
         self._framed = 0
+        self._defined = 0
 
     def count_read(self, count: int) -> None:
         """Count bytes read from the disk."""
@@ -64,10 +71,20 @@ class WorkBudget:
         return self._read
 
     def count_records(self, many: int) -> None:
-        """Count records, or poses in them; raises TooMuchWork."""
-        self._records += many
-        if self._records > _RECORDS + self._read // _BYTES_PER_RECORD:
+        """Count records, or poses in them; raises TooMuchWork, then nothing is counted: only what takes too
+        long is left out."""
+        if self._records + many > _RECORDS + self._read // _BYTES_PER_RECORD:
             raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
+        self._records += many
+
+    def count_definition(self, size: int, lines: int) -> None:
+        """Count a message definition of ``size`` bytes, apart from messages, which may be read before; raises
+        TooMuchWork, then nothing is counted."""
+        work = _RECORDS_PER_DEFINITION + size // _DEFINITION_BYTES_PER_RECORD
+        work += lines**2 // _SQUARED_LINES_PER_RECORD
+        if self._defined + work > _RECORDS + self._read // _BYTES_PER_RECORD:
+            raise TooMuchWork(f"longer definitions than {self._read} bytes explain; {_ADVICE}")
+        self._defined += work
 
     def count_framed(self) -> None:
         """Count a record outside of chunks, as the whole file may be compressed; raises TooMuchWork."""

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain
 from types import MappingProxyType
 from typing import Final
 
@@ -15,6 +15,7 @@ from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer, stamped
 from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text
 from contact_tracker.recording.extras import MissingExtra
+from contact_tracker.recording.file_index import summary_of
 from contact_tracker.recording.frames import (
     ARROW,
     Chain,
@@ -26,8 +27,8 @@ from contact_tracker.recording.frames import (
     is_beside,
     moving_parent_note,
 )
-from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
-from contact_tracker.recording.reading import STDIN, Reading, parts_of, summary_of
+from contact_tracker.recording.items import BUFFER_BYTES, Channel, Item, RawMessage, channel_of, some_messages
+from contact_tracker.recording.reading import STDIN, Reading, parts_of, size_budget
 from contact_tracker.recording.sources import (
     ChannelFilter,
     PoseSource,
@@ -161,9 +162,8 @@ class PoseLog:
 
     def batches(self) -> Iterator[Poses]:
         """The poses in columns, of many messages at once; with more delay than iteration."""
-        items = (item for item in self._items if isinstance(item, RawMessage))
         many = min(_FEW, BATCH)
-        while messages := list(islice(items, many)):
+        while messages := some_messages(self._items, many):
             many = BATCH
             poses = self._columns(messages)
             if poses is None:
@@ -251,8 +251,7 @@ class PoseLog:
     def _further(self) -> set[PoseSource]:
         """The sources of the following messages."""
         found = set[PoseSource]()
-        messages = (item for item in self._items if isinstance(item, RawMessage))
-        while len(found) < _LATE and (some := list(islice(messages, BATCH))):
+        while len(found) < _LATE and (some := some_messages(self._items, BATCH)):
             found.update(
                 source
                 for source in poses_by_source(some, self._decoder)
@@ -306,6 +305,7 @@ def open_log(
     count_late = count_late or follow is not None
     all_known = dict(known)
     head: list[RawMessage] = []
+    head_bytes = 0
     while True:
         fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
         if fitting and relative_to is None:
@@ -329,7 +329,8 @@ def open_log(
             raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         if is_chain:
             head += more
-            if len(head) > _MOST_HEAD:
+            head_bytes += sum(len(message.data) for message in more)
+            if len(head) > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
                 raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         else:
             head = more
@@ -370,7 +371,8 @@ def _note(
     sources = set(known)
     if follow is None:
         with suppress(NoPoses, MissingExtra):
-            sources |= poses_by_source(peek(path, FrameFilter(None, None)), MessageDecoder()).keys()
+            messages = peek(path, FrameFilter(None, None))
+            sources |= poses_by_source(messages, MessageDecoder(size_budget(path))).keys()
     return moving_parent_note(sources, source)
 
 
@@ -388,7 +390,7 @@ def list_sources(path: str) -> list[PoseSource]:
     except NoPoses:
         return []
     counts = _messages_by_topic(path)
-    sources = sorted(poses_by_source(messages, MessageDecoder()))
+    sources = sorted(poses_by_source(messages, MessageDecoder(size_budget(path))))
     return [replace(source, messages=counts.get(source.topic)) for source in sources]
 
 

@@ -5,16 +5,16 @@ from heapq import heappop, heappush
 from itertools import count
 from typing import Final
 
-from contact_tracker.recording.items import Item, RawMessage
+from contact_tracker.recording.items import BUFFER_BYTES, Item, RawMessage
 
-_PENDING_BYTES: Final = 256 * 2**20
+_PENDING_BYTES: Final = 8 * BUFFER_BYTES
 
 
 def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMessage]:
     """The messages of all chunks by log time.
 
     Each chunk comes with a lower bound of its log times (ns), in the order of these bounds. Messages are
-    buffered as long as later chunks may have earlier ones, up to 256 MB.
+    buffered as long as later chunks may have earlier ones, up to 64 MB.
     """
     pending, pending_bytes, number = list[tuple[int, int, RawMessage]](), 0, count()
     for begin_ns, items in chunks:

@@ -4,7 +4,7 @@ In messages with several poses without frames of their own, the child frame is t
 ``0`` is the first pose of a PoseArray. The stamp of a type without one is zero, like an unset stamp.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sized
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -16,6 +16,8 @@ _SECOND: Final = 1_000_000_000
 _MOST_NS: Final = 2**63 - 1
 """Stands for later stamps; the pose gate rejects it."""
 _FRACTIONS: Final = ("nanosec", "nsec", "nanos", "nsecs")
+_REPEATED: Final = ("transforms", "poses", "markers", "rigidbodies")
+"""Fields with several poses."""
 _ADDED: Final = 0
 """The action of a marker that is shown; the others delete it."""
 
@@ -159,6 +161,12 @@ def is_pose_type(type_name: str) -> bool:
 def observations(type_name: str, decoded: Any) -> list[Observation]:
     """The poses in a decoded message of a pose type; unexpected attributes can raise any error."""
     return POSE_TYPES[canonical(type_name)](decoded)
+
+
+def number_of_poses(decoded: Any) -> int:
+    """The number of poses in a decoded message of several, whose elements can be as small as two bytes."""
+    values = (getattr(decoded, name, None) for name in _REPEATED)
+    return sum(len(value) for value in values if isinstance(value, Sized))
 
 
 def typed(found: list[Observation]) -> list[Observation]:

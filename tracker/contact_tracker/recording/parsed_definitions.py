@@ -8,11 +8,10 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from contact_tracker.recording.definition_work import LONGEST_DEFINITION
 from contact_tracker.recording.extras import need
 from contact_tracker.recording.message_types import canonical
 
-_LONGEST: Final = 2**17
-"""Longest definition that is parsed."""
 _RULE: Final = re.compile(r"^={80}\n", re.MULTILINE)
 _NAME: Final = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _TYPE: Final = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)*", re.ASCII)
@@ -61,7 +60,7 @@ def ros2msg_of(fields: Fields, type_name: str) -> str:
 
 
 def _checked(text: str) -> str:
-    if len(text) > _LONGEST:
+    if len(text) > LONGEST_DEFINITION:
         raise ValueError("the definition is too long")
     return text
 

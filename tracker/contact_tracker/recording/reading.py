@@ -5,20 +5,18 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from glob import has_magic
 from itertools import pairwise
-from typing import BinaryIO, Final
+from typing import Final
 
-from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import ChunkIndex
 from mcap.summary import Summary
 
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.recording.bags import is_bag, read_bag
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
-from contact_tracker.recording.container import MAGIC, RecordLoop
+from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.damage import DamageReport
-from contact_tracker.recording.items import PARSE_ERRORS, RECORD_HEAD, Channel, Item
-from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
+from contact_tracker.recording.file_index import place_of, summary_of
+from contact_tracker.recording.items import MAGIC, Channel, Item
+from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.log_order import in_log_order
 from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table
 
@@ -38,7 +36,6 @@ _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
 """Largest overlap of, and largest gap between, parts of one recording."""
 _NAMED: Final = 4
-_FOOTER_AND_MAGIC: Final = RECORD_HEAD.size + 20 + len(MAGIC)
 _BEGIN: Final = 64
 """Number of first bytes that identify a format."""
 
@@ -109,35 +106,11 @@ def may_be_recording(path: str) -> bool:
     return begin == MAGIC or has_poses(path)
 
 
-def summary_of(part: str) -> Summary | None:
-    """The index at the end of a file; None unless it describes all channels."""
-    if not is_regular(part):
-        return None
-    try:
-        with open(part, "rb") as file:
-            if _has_chunks_in_summary(file):
-                return None
-            file.seek(0)  # where the reader expects the magic
-            summary = SeekingReader(file, record_size_limit=RECORD_LIMIT).get_summary()
-    except (*PARSE_ERRORS, OSError):
-        return None
-    if summary is None or summary.statistics is None:
-        return None
-    complete = summary.channels.keys() >= summary.statistics.channel_message_counts.keys()
-    return summary if complete else None
-
-
-def _has_chunks_in_summary(file: BinaryIO) -> bool:
-    """Whether chunks are among the records of the summary, where they must not be: they would be unpacked."""
-    end = file.seek(-_FOOTER_AND_MAGIC, os.SEEK_END)
-    at = int.from_bytes(file.read(_FOOTER_AND_MAGIC)[RECORD_HEAD.size :][:8], "little")
-    while 0 < at < end:
-        file.seek(at)
-        opcode, size = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
-        if opcode == Opcode.CHUNK:
-            return True
-        at += RECORD_HEAD.size + size
-    return False
+def size_budget(path: str) -> WorkBudget:
+    """The work that the bytes of all parts explain, for messages of which only the first are read."""
+    budget = WorkBudget()
+    budget.count_read(sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part)))
+    return budget
 
 
 def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
@@ -288,16 +261,19 @@ class Reading:
     def _sorted(self, stream: ByteStream, summary: Summary, prefix: str) -> Iterator[Item]:
         """The items of a file whose chunks overlap in log time: attachments and metadata, then messages by
         log time. Chunks are buffered as long as others may have earlier messages."""
-        places = [a.offset for a in summary.attachment_indexes] + [m.offset for m in summary.metadata_indexes]
-        yield from self._read(RecordLoop(stream, self._wanted, summary, places=places), prefix)
+        loop = RecordLoop(stream, self._wanted, summary)
         chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
-        yield from in_log_order(
-            (c.message_start_time, self._chunk(stream, summary, c, prefix)) for c in chunks
-        )
-
-    def _chunk(self, stream: ByteStream, summary: Summary, chunk: ChunkIndex, prefix: str) -> Iterator[Item]:
-        loop = RecordLoop(stream, self._wanted, summary, places=[chunk.chunk_start_offset])
-        return self._read(loop, prefix)
+        try:
+            for attachment in summary.attachment_indexes:
+                yield from loop.items_at(place_of(attachment))
+            for metadata in summary.metadata_indexes:
+                yield from loop.items_at(place_of(metadata))
+            yield from in_log_order(
+                (chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks
+            )
+        finally:
+            loop.report_orphans()
+            self._damage.add_all(loop.damage, prefix)
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether each is the only one; when following, new ones, too."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from types import SimpleNamespace
 from typing import Any, Final
 
+from contact_tracker.recording.definition_work import DecodingWork, work_of
 from contact_tracker.recording.items import Channel
 from contact_tracker.recording.message_types import canonical
 from contact_tracker.recording.parsed_definitions import Field, Fields, fields_of_ros1
@@ -27,9 +28,12 @@ _Step = Callable[[bytes, int], tuple[Any, int]]
 """Takes a message and an offset; returns the value there and the offset after it."""
 
 
-def ros1_reading(channel: Channel) -> Callable[[bytes], Any]:
-    """The decoder of a channel of ROS 1; an invalid definition can raise any error."""
-    types = _Types({**fields_of_ros1(channel.schema.decode(), channel.type), **_TIMES})
+def ros1_reading(channel: Channel) -> tuple[Callable[[bytes], Any], DecodingWork]:
+    """The decoder of a channel of ROS 1, and how much work its messages take; an invalid definition can raise
+    any error."""
+    text = channel.schema.decode()
+    work = work_of(text)
+    types = _Types({**fields_of_ros1(text, channel.type), **_TIMES})
     step = types.message(canonical(channel.type))
 
     def decode(data: bytes) -> Any:
@@ -38,7 +42,7 @@ def ros1_reading(channel: Channel) -> Callable[[bytes], Any]:
             raise ValueError(f"{len(data) - end} bytes more than its definition has")
         return message
 
-    return decode
+    return decode, work
 
 
 class _Types:

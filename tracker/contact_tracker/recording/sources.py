@@ -12,7 +12,6 @@ requested.
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Final
 
 from mcap.summary import Summary
@@ -21,10 +20,11 @@ from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses
 from contact_tracker.recording.bytestream import open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.decoding import READ, MessageDecoder, Undecodable, is_readable, may_have_poses
-from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
+from contact_tracker.recording.file_index import place_of, summary_of
+from contact_tracker.recording.items import BUFFER_BYTES, Channel, Item, RawMessage, channel_of
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.message_types import USUAL, canonical
-from contact_tracker.recording.reading import parts_of, summary_of
+from contact_tracker.recording.reading import parts_of
 from contact_tracker.recording.result_topics import FRAMES_TOPIC, RESULT_TOPICS
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged
 
@@ -147,37 +147,22 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
-    """The prefixes of some channels; those in the same first chunk are read together."""
-    beginning = dict[int, set[Channel]]()
-    starts = {chunk.chunk_start_offset: chunk.message_index_offsets.keys() for chunk in summary.chunk_indexes}
-    unplaced = dict(missing)
-    for start in sorted(starts):
-        for channel_id in unplaced.keys() & starts[start]:
-            beginning.setdefault(start, set()).add(unplaced.pop(channel_id))
-    messages, budget = list[RawMessage](), WorkBudget()
+    """The prefixes of some channels, from the chunks that have their messages; each chunk is read once."""
+    prefixes = {channel: Prefix() for channel in missing.values()}
+    budget = WorkBudget()
     budget.count_read(sum(chunk.chunk_length for chunk in summary.chunk_indexes))
-    for start, channels in beginning.items():
-        with open_stream(part, budget=budget) as stream:
-            loop = RecordLoop(stream, channels.__contains__, summary, start)
-            messages += _take_prefixes(iter(loop), channels)
-    return messages
-
-
-def _take_prefixes(items: Iterator[Item], channels: set[Channel]) -> list[RawMessage]:
-    """``take_prefix`` of each channel in one pass, until all are complete or the limit of messages is
-    reached."""
-    taken, open_channels = dict[Channel, list[RawMessage]](), set(channels)
-    messages = (item for item in items if isinstance(item, RawMessage))
-    for message in islice(messages, PREFIX_MESSAGES * max(len(channels), 1)):
-        prefix = taken.setdefault(message.channel, [])
-        if message.channel not in open_channels:
-            continue
-        prefix.append(message)
-        if _is_full(prefix):
-            open_channels.discard(message.channel)
-            if not open_channels:
-                break
-    return [message for prefix in taken.values() for message in prefix]
+    kept = 0
+    with open_stream(part, budget=budget) as stream:
+        loop = RecordLoop(stream, prefixes.__contains__, summary)
+        for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
+            there = missing.keys() & chunk.message_index_offsets.keys()
+            if kept >= 4 * BUFFER_BYTES or all(prefixes[missing[channel_id]].is_full for channel_id in there):
+                continue
+            for item in loop.items_at(place_of(chunk)):
+                if isinstance(item, RawMessage) and not (prefix := prefixes[item.channel]).is_full:
+                    prefix.add(item)
+                    kept += len(item.data)
+    return [message for prefix in prefixes.values() for message in prefix.messages]
 
 
 def message_counts(summary: Summary | None) -> list[tuple[int, int]]:
@@ -188,19 +173,36 @@ def message_counts(summary: Summary | None) -> list[tuple[int, int]]:
     return [(channel_id, counts.get(channel_id, 0)) for channel_id in sorted(summary.channels)]
 
 
+class Prefix:
+    """The first messages, up to one second of log time."""
+
+    def __init__(self) -> None:
+        self.messages: list[RawMessage] = []
+        self._bytes = 0
+
+    def add(self, message: RawMessage) -> None:
+        self.messages.append(message)
+        self._bytes += len(message.data)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether these are enough."""
+        return bool(self.messages) and (
+            len(self.messages) >= PREFIX_MESSAGES
+            or self._bytes >= BUFFER_BYTES
+            or self.messages[-1].log_time_ns - self.messages[0].log_time_ns >= PREFIX_NS
+        )
+
+
 def take_prefix(items: Iterator[Item]) -> list[RawMessage]:
     """The next messages, up to one second of log time; empty at the end of the input."""
-    messages: list[RawMessage] = []
+    prefix = Prefix()
     for item in items:
         if isinstance(item, RawMessage):
-            messages.append(item)
-            if _is_full(messages):
+            prefix.add(item)
+            if prefix.is_full:
                 break
-    return messages
-
-
-def _is_full(prefix: list[RawMessage]) -> bool:
-    return len(prefix) >= PREFIX_MESSAGES or prefix[-1].log_time_ns - prefix[0].log_time_ns >= PREFIX_NS
+    return prefix.messages
 
 
 def poses_by_source(

@@ -48,7 +48,7 @@ def read_sqlite(
             topics = _channels(file, report)
             chosen = {number: channel for number, channel in topics.items() if wanted(channel)}
             try:
-                yield from _messages(file, chosen, budget)
+                yield from _messages(file, chosen, budget, size)
             except (*_ERRORS, TooMuchWork) as error:
                 report(f"it is damaged: {_words(error)}")
     except _ERRORS as error:
@@ -117,15 +117,27 @@ def _channels(file: sqlite3.Connection, report: Callable[[str], None]) -> Mappin
 
 
 def _messages(
-    file: sqlite3.Connection, channels: Mapping[int, Channel], budget: WorkBudget
+    file: sqlite3.Connection, channels: Mapping[int, Channel], budget: WorkBudget, size: int
 ) -> Iterator[RawMessage]:
+    """The messages by log time, while they are together no longer than the file of ``size`` bytes: pages that
+    refer to themselves, or to one another, make any number of long ones.
+
+    They are fetched one by one after sorting, which would keep them all.
+    """
     which = f"where topic_id in ({', '.join('?' * len(channels))})" if len(channels) <= _MOST_NAMED else ""
     rows = file.execute(
-        f"select topic_id, timestamp, data from messages {which} order by timestamp",
+        f"select topic_id, timestamp, rowid from messages {which} order by timestamp",
         [*channels] if which else [],
     )
-    for number, log_time_ns, data in rows:
+    fetch = file.cursor()
+    for number, log_time_ns, row in rows:
         budget.count_records(1)
         channel = channels.get(number)
-        if channel is not None and isinstance(data, bytes) and isinstance(log_time_ns, int):
-            yield RawMessage(channel, max(log_time_ns, 0), data)
+        if channel is None or not isinstance(log_time_ns, int):
+            continue
+        found = fetch.execute("select data from messages where rowid = ?", [row]).fetchone()
+        if found is not None and isinstance(found[0], bytes):
+            size -= len(found[0])
+            if size < 0:
+                raise TooMuchWork("its messages are longer than the file")
+            yield RawMessage(channel, max(log_time_ns, 0), found[0])

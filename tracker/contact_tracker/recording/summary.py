@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
 from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text, may_have_poses
-from contact_tracker.recording.items import Attachment, Channel, Metadata, RawMessage
+from contact_tracker.recording.items import BUFFER_BYTES, Attachment, Channel, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged, Stamping
@@ -145,6 +145,7 @@ class _Tallies:
         self._current: Channel | None = None
         self._has_poses = False
         self._waiting: dict[Channel, list[RawMessage]] = {}
+        self._waiting_bytes = 0
         self._tallies: dict[PoseSource, _Tally] = {}
         self._kept = 0
         self._assumed: dict[PoseSource, str] = {}
@@ -157,12 +158,20 @@ class _Tallies:
             return
         waiting = self._waiting.setdefault(channel, [])
         waiting.append(message)
-        if len(waiting) == BATCH:
+        self._waiting_bytes += len(message.data)
+        if self._waiting_bytes >= BUFFER_BYTES:
+            self._tally_all()
+        elif len(waiting) == BATCH:
+            self._waiting_bytes -= sum(len(one.data) for one in waiting)
             self._tally(self._waiting.pop(channel))
 
+    def _tally_all(self) -> None:
+        while self._waiting:
+            self._tally(self._waiting.pop(next(iter(self._waiting))))
+        self._waiting_bytes = 0
+
     def finish(self) -> tuple[SourceSummary, ...]:
-        for waiting in self._waiting.values():
-            self._tally(waiting)
+        self._tally_all()
         return tuple(self._tallies[source].summary(source) for source in sorted(self._tallies))
 
     @property

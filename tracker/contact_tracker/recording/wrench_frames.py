@@ -149,7 +149,7 @@ def frame_poses(
 
 def _columns(items: Iterator[Item]) -> Iterator[Poses]:
     """Composed poses, in columns."""
-    decoder = MessageDecoder()
+    decoder = MessageDecoder(None)
     messages = (item for item in items if isinstance(item, RawMessage))
     for first in messages:
         observed = decoder.observe_all(list(chain([first], islice(messages, BATCH - 1))))

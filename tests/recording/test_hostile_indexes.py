@@ -1,0 +1,231 @@
+"""The index of an MCAP file may say anything: it causes no more work than the bytes of the file explain."""
+
+import struct
+import tracemalloc
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pytest
+import zstandard
+from mcap.opcode import Opcode
+
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import list_sources, open_log, read_metadata, summarise
+from contact_tracker.recording.bytestream import ByteStream
+from contact_tracker.recording.container import RecordLoop
+from contact_tracker.recording.file_index import Place, summary_of
+from contact_tracker.recording.items import MAGIC, inflate
+from mcap_logs import SCHEMAS, poses_topic, smooth_poses, write_log
+
+TYPE = "geometry_msgs/msg/PoseStamped"
+POSES = 40
+UNKNOWN = 9
+"""A channel of another type."""
+
+
+def text(value: str) -> bytes:
+    return struct.pack("<I", len(value)) + value.encode()
+
+
+def record(opcode: int, payload: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(payload)) + payload
+
+
+def message(channel: int, data: bytes = b"") -> bytes:
+    return record(Opcode.MESSAGE, struct.pack("<HIQQ", channel, 0, 0, 0) + data)
+
+
+def chunk(data: bytes, compression: str = "") -> bytes:
+    packed = zstandard.ZstdCompressor().compress(data) if compression else data
+    head = struct.pack("<QQQI", 0, 2**60, len(data), 0) + text(compression) + struct.pack("<Q", len(packed))
+    return record(Opcode.CHUNK, head + packed)
+
+
+def channels(*others: int) -> bytes:
+    """The schema of poses, the channel 1 of poses, an unknown one, and further ones of poses."""
+    schema = record(Opcode.SCHEMA, struct.pack("<H", 1) + text(TYPE) + text("ros2msg") + text(SCHEMAS[TYPE]))
+    topics = [(1, 1, "/p"), (UNKNOWN, 0, "/o"), *((number, 1, f"/p{number}") for number in others)]
+    return schema + b"".join(
+        record(
+            Opcode.CHANNEL,
+            struct.pack("<HH", number, kind) + text(topic) + text("cdr") + struct.pack("<I", 0),
+        )
+        for number, kind, topic in topics
+    )
+
+
+def chunk_index(place: Place, holds: Sequence[int]) -> bytes:
+    offsets = b"".join(struct.pack("<HQ", channel, 0) for channel in holds)
+    times = struct.pack("<QQQQ", 0, 2**60, *place)
+    return record(
+        Opcode.CHUNK_INDEX,
+        times + struct.pack("<I", len(offsets)) + offsets + struct.pack("<Q", 0) + text("") + bytes(16),
+    )
+
+
+def statistics(counts: Mapping[int, int], chunks: int, metadata: int = 0) -> bytes:
+    numbers = b"".join(struct.pack("<HQ", channel, count) for channel, count in counts.items())
+    fixed = struct.pack("<QHIIIIQQ", 0, 1, 1, 0, metadata, chunks, 0, 2**60)
+    return record(Opcode.STATISTICS, fixed + struct.pack("<I", len(numbers)) + numbers)
+
+
+def write(path: Path, data: bytes, index: bytes) -> Path:
+    """A file of ``data``, of which the first records are poses, and of this index."""
+    body = MAGIC + data
+    footer = record(Opcode.FOOTER, struct.pack("<QQI", len(body), 0, 0))
+    path.write_bytes(body + index + footer + MAGIC)
+    return path
+
+
+@pytest.fixture(scope="module")
+def poses(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The records of a sound file, from its header to its last chunk."""
+    path = tmp_path_factory.mktemp("sound") / "a.mcap"
+    whole = write_log(path, [poses_topic(smooth_poses(POSES), "/p")], use_chunking=False).read_bytes()
+    at, parts = len(MAGIC), list[bytes]()
+    while whole[at] != Opcode.DATA_END:
+        (length,) = struct.unpack_from("<Q", whole, at + 1)
+        parts.append(whole[at : at + 9 + length])
+        at += 9 + length
+    return b"".join(parts)
+
+
+def test_chunks_in_the_index_are_not_decompressed(tmp_path: Path, poses: bytes) -> None:
+    bomb = chunk(message(UNKNOWN) * 3_000_000, "zstd")
+    path = write(tmp_path / "a.mcap", poses, bomb + channels() + statistics({1: POSES}, 0))
+    tracemalloc.start()
+    log = open_log(str(path))
+    found = Poses.collect(log)
+    read_metadata(str(path))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert summary_of(str(path)) is None
+    assert len(found) == POSES
+    assert log.damage is not None
+    assert "decompress the file first" in log.damage
+    assert peak < 30e6
+
+
+def test_an_index_that_begins_in_the_data_is_none(tmp_path: Path, poses: bytes) -> None:
+    path = write(tmp_path / "a.mcap", poses, channels() + statistics({1: POSES}, 0))
+    whole = bytearray(path.read_bytes())
+    assert summary_of(str(path)) is not None
+    struct.pack_into("<Q", whole, len(whole) - len(MAGIC) - 20, len(MAGIC))
+    path.write_bytes(whole)
+    assert summary_of(str(path)) is None
+    assert len(Poses.collect(open_log(str(path)))) == POSES
+
+
+def counted_chunks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Sizes of the chunks that will be read."""
+    sizes = list[int]()
+
+    def counting(one: object, budget: object) -> bytes:
+        data = inflate(one, budget)  # type: ignore[arg-type]
+        sizes.append(len(data))
+        return data
+
+    monkeypatch.setattr("contact_tracker.recording.container.inflate", counting)
+    return sizes
+
+
+def test_channels_that_are_never_found_have_each_chunk_read_once(
+    tmp_path: Path, poses: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each chunk is said to be the first of another channel, and has no message of it."""
+    many, one = 200, chunk(message(UNKNOWN) * 10)
+    missing = range(100, 100 + many)
+    begin = len(MAGIC) + len(poses)
+    index = channels(*missing) + b"".join(
+        chunk_index(Place(begin + i * len(one), len(one)), [number]) for i, number in enumerate(missing)
+    )
+    counts = {1: POSES, UNKNOWN: 10 * many, **dict.fromkeys(missing, 1)}
+    path = write(tmp_path / "a.mcap", poses + many * one, index + statistics(counts, 0))
+    read = counted_chunks(monkeypatch)
+    list_sources(str(path))
+    assert len(read) <= 2 * many, "once by the index, and once to the end where that finds nothing"
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == POSES
+    assert len(read) <= 5 * many
+
+
+def test_overlapping_chunks_are_not_read_by_the_index(
+    tmp_path: Path, poses: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each chunk lies in a message of the one before, and reaches to its end."""
+    deep, tail = 100, message(UNKNOWN) * 100
+    for _ in range(deep):
+        whole = chunk(tail)
+        tail = message(UNKNOWN, whole[: len(whole) - len(tail)]) + tail
+    outer, head = chunk(tail), len(message(UNKNOWN))
+    begin = len(MAGIC) + len(poses)
+    end, at = begin + len(outer), begin + len(outer) - len(tail) + head
+    places = [Place(begin, len(outer))]
+    for _ in range(deep):
+        places.append(Place(at, end - at))
+        at += len(chunk(b"")) + head
+    index = channels() + b"".join(chunk_index(place, [1]) for place in places)
+    path = write(tmp_path / "a.mcap", poses + outer, index + statistics({1: POSES, 9: 1}, len(places)))
+    read = counted_chunks(monkeypatch)
+    assert len(Poses.collect(open_log(str(path)))) == POSES
+    assert summarise(str(path)).sources[0].poses == POSES
+    assert sum(read) < 3 * len(outer)
+
+
+def test_many_chunks_and_channels_of_an_index_do_not_multiply(
+    tmp_path: Path, poses: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chunks that overlap in log time are sorted by the index; each is one more pass over nothing."""
+    many, one = 300, chunk(b"")
+    begin = len(MAGIC) + len(poses)
+    places = [Place(begin + i * len(one), len(one)) for i in range(many)]
+    index = channels(*range(100, 400)) + b"".join(chunk_index(place, []) for place in places)
+    path = write(tmp_path / "a.mcap", poses + many * one, index + statistics({1: POSES}, many))
+    added = list[int]()
+    monkeypatch.setattr(RecordLoop, "_add_channel", lambda loop, channel: added.append(channel.id))
+    summarise(str(path))
+    assert len(added) < 1000
+
+
+def test_metadata_named_over_and_over_is_read_once(tmp_path: Path, poses: bytes) -> None:
+    values = b"".join(text(str(i)) + text("") for i in range(2000))
+    metadata = record(Opcode.METADATA, text("m") + struct.pack("<I", len(values)) + values)
+    place = Place(len(MAGIC) + len(poses), len(metadata))
+    entry = record(Opcode.METADATA_INDEX, struct.pack("<QQ", *place) + text("m"))
+    index = channels() + entry * 3000 + statistics({1: POSES}, 0, metadata=3000)
+    path = write(tmp_path / "a.mcap", poses + metadata, index)
+    assert summary_of(str(path)) is None
+    assert len(read_metadata(str(path))["m"]) == 2000
+
+
+def test_large_messages_are_not_collected(tmp_path: Path, poses: bytes) -> None:
+    """Poses followed by zeros, which compress well: hundreds of megabytes in a small file."""
+    large = chunk(message(1, bytes(20 * 2**20)), "zstd")
+    path = write(tmp_path / "a.mcap", poses + 12 * large, b"")
+    for read in (lambda: Poses.collect(open_log(str(path))), lambda: summarise(str(path))):
+        tracemalloc.start()
+        read()
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak < 130e6
+
+
+def test_records_that_are_cut_off_are_not_read_to_the_end(
+    tmp_path: Path, poses: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After lost framing, reading continues at the next chunk of the index, here over and over."""
+    many, cut = 500, struct.pack("<BQ", Opcode.CHUNK, 2**27)
+    begin = len(MAGIC) + len(poses)
+    places = [Place(begin + i * len(cut), len(cut)) for i in range(many)]
+    index = channels() + b"".join(chunk_index(place, []) for place in places)
+    path = write(tmp_path / "a.mcap", poses + many * cut, index + statistics({1: POSES}, 0))
+    read, original = list[int](), ByteStream.read
+
+    def counting(stream: ByteStream, count: int) -> bytes:
+        data = original(stream, count)
+        read.append(len(data))
+        return data
+
+    monkeypatch.setattr(ByteStream, "read", counting)
+    assert summarise(str(path)).sources[0].poses == POSES
+    assert sum(read) < 2 * path.stat().st_size
