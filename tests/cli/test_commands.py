@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.adaptation import online
@@ -509,6 +510,18 @@ def test_info_describes_the_poses(log: Path) -> None:
     assert source["duration_s"] == pytest.approx(LENGTH_S - 1 / RATE_HZ)
     assert source["noise"]["sigma_position_m"] == pytest.approx(SIGMA_M, rel=0.5)
     assert "/object/pose" in run("info", log).stdout
+
+
+def test_info_shows_the_first_keys_of_long_metadata(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("calibration", {f"marker_{i:03}": "1.0" for i in range(100)})
+        writer.finish()
+    done = run("info", tmp_path / "a.mcap")
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("metadata"))
+    assert line.startswith("metadata calibration: marker_000, marker_001, ")
+    assert line.endswith("marker_023, and 76 more")
 
 
 def test_simulate_makes_the_same_recording_twice(tmp_path: Path) -> None:

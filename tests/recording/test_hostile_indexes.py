@@ -229,3 +229,21 @@ def test_records_that_are_cut_off_are_not_read_to_the_end(
     monkeypatch.setattr(ByteStream, "read", counting)
     assert summarise(str(path)).sources[0].poses == POSES
     assert sum(read) < 2 * path.stat().st_size
+
+
+def test_metadata_that_expands_is_left_out(tmp_path: Path, poses: bytes) -> None:
+    """A compressed file whose metadata has a million keys; a hundred thousand letters are no such case."""
+    values = b"".join(text(str(i)) + text("") for i in range(1_000_000))
+    pairs = {"many": values, "long": text("urdf") + text("<robot/>" * 12_500)}
+    records = b"".join(
+        record(Opcode.METADATA, text(name) + struct.pack("<I", len(values)) + values)
+        for name, values in pairs.items()
+    )
+    path = write(tmp_path / "a.mcap", poses + records, b"")
+    path = path.rename(tmp_path / "a.mcap.zst")
+    path.write_bytes(zstandard.ZstdCompressor().compress(path.read_bytes()))
+    summary = summarise(str(path))
+    assert summary.sources[0].poses == POSES
+    assert summary.metadata == {"long": {"urdf": "<robot/>" * 12_500}}
+    assert summary.damage is not None
+    assert "unreadable metadata" in summary.damage

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from itertools import islice
+from typing import Any, Final
 
 from contact_tracker.adaptation import Report
 from contact_tracker.errors import printable
@@ -11,6 +12,8 @@ from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary,
 
 Reports = Mapping[PoseSource, Report | None]
 """A tracker's adaptation report for each source, if known."""
+_KEYS_SHOWN: Final = 24
+"""Most keys of a metadata record that text shows; JSON has all."""
 
 
 def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
@@ -33,7 +36,9 @@ def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
     if summary.undecodable:
         yield f"{summary.undecodable} messages of pose topics cannot be decoded"
     for name, values in summary.metadata.items():
-        yield printable(f"metadata {name}: {', '.join(values) or 'empty'}")
+        shown = ", ".join(islice(values, _KEYS_SHOWN)) or "empty"
+        more = f", and {len(values) - _KEYS_SHOWN} more" if len(values) > _KEYS_SHOWN else ""
+        yield printable(f"metadata {name}: {shown}{more}")
     for name in summary.attachments:
         yield printable(f"attachment {name}")
 

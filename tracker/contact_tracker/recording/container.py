@@ -35,7 +35,7 @@ from contact_tracker.recording.items import (
     payload_stream,
     runs,
 )
-from contact_tracker.recording.limits import RECORD_LIMIT, TooMuchWork
+from contact_tracker.recording.limits import BYTES_PER_RECORD, RECORD_LIMIT, TooMuchWork
 from contact_tracker.recording.tables import is_text
 
 _READ: Final = frozenset(
@@ -216,6 +216,7 @@ class RecordLoop:
         if run.opcode == Opcode.ATTACHMENT:
             return (attachment_of(payload),)
         if run.opcode == Opcode.METADATA:
+            self._stream.budget.count_records(len(payload) // BYTES_PER_RECORD)
             metadata = records.Metadata.read(payload_stream(payload))
             return (Metadata(metadata.name, metadata.metadata),)
         if run.opcode == Opcode.SCHEMA:
