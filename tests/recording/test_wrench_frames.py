@@ -243,9 +243,9 @@ def touching_evidence(path: Path) -> np.ndarray:
     assert found is not None
     assert found.warning is None
     assert found.evidence is not None
-    evidence = found.evidence.log_evidence(PRESSED.touch_ns, PRESSED.end_ns)
+    evidence = found.evidence.of_window(PRESSED.touch_ns, PRESSED.end_ns)
     assert evidence is not None
-    return evidence
+    return evidence.log_evidence
 
 
 @pytest.mark.parametrize("name", ["on the body", "in the world", "on an arm"])

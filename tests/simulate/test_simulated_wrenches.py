@@ -142,18 +142,21 @@ def test_they_decide_what_motion_leaves_open(seed: int, tmp_path: Path) -> None:
     assert np.array_equal(found.wrenches.moment_nm, made.wrenches.moment_nm)
     evidence, load = wrench_evidence(made.poses, found.wrenches, model)
     assert load.mass_kg == pytest.approx(MASS_KG, rel=0.05)
-    accuracy = [
-        float(
-            evaluate(
-                made.poses,
-                made.truth,
-                Segmentation.join(list(OfflineTracker(model, wrenches=used).pieces(made.poses))),
-            ).offline.accuracy()
+    by_motion, by_wrenches = (
+        evaluate(
+            made.poses,
+            made.truth,
+            Segmentation.join(list(OfflineTracker(model, wrenches=used).pieces(made.poses))),
         )
         for used in (None, evidence)
-    ]
-    assert accuracy[0] < 0.6
-    assert accuracy[1] > 0.95
+    )
+    assert by_motion.offline.accuracy() < 0.6
+    assert by_wrenches.offline.accuracy() > 0.95
+    geometry = by_wrenches.geometry  # a face whose normal is the axis of the hinge would move alike
+    assert geometry.found_segments == geometry.true_segments == 2
+    assert geometry.within_3_sd == 1.0
+    assert geometry.angle_deg.max() < 8.0
+    assert geometry.distance_mm.max() < 5.0
 
 
 @pytest.mark.parametrize(("contact", "is_free"), [(Contact.FREE, True), (Contact.EF, False)])

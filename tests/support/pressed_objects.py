@@ -24,11 +24,17 @@ WEIGHT_N = MASS_KG * GRAVITY * np.array([0.0, 0.6, -0.8])
 
 @dataclass
 class Pressed:
-    """The object is free until ``touch_ns``, then in contact."""
+    """The object is free until ``touch_ns``, then in contact.
+
+    ``object`` and ``surroundings`` (3,) are the outward normal, the direction, or the point of the element
+    that touches, in the frame of body and world.
+    """
 
     poses: Poses
     wrenches: Wrenches
     touch_ns: int
+    object: Any = None
+    surroundings: Any = None
 
     @property
     def tick_ns(self) -> Any:
@@ -53,7 +59,7 @@ def pressed(
     free = _waves(rng, t, 3, 0.3)
     start, place = Rotation.from_rotvec(rng.normal(0, 0.6, 3)), rng.normal(0, 0.3, 3)
     first = (start * Rotation.from_rotvec(free), place + _waves(rng, t, 3, 0.05))
-    turn, position, force, point = _touching(contact, rng, t, start)
+    turn, position, force, point, elements = _touching(contact, rng, t, start)
     rotation = Rotation.concatenate([first[0], turn])
     where = np.concatenate([first[1], position])
     touching = np.concatenate([np.zeros_like(force), force])
@@ -69,11 +75,12 @@ def pressed(
     size = np.array([0.1] * 3 + [0.01] * 3)
     values += noise * size * rng.normal(size=values.shape) + bias * 10.0 * size * rng.normal(size=6)
     poses = Poses(stamps, where, rotation.as_quat())
-    return Pressed(poses, Wrenches(stamps, values[:, :3], values[:, 3:]), int(stamps[len(t)]))
+    return Pressed(poses, Wrenches(stamps, values[:, :3], values[:, 3:]), int(stamps[len(t)]), *elements)
 
 
 def _touching(contact: Contact, rng: Any, t: Any, start: Rotation) -> Any:
-    """Rotations, positions, and in the world the force of the surroundings and where it acts."""
+    """Rotations, positions, in the world the force of the surroundings and where it acts, and both
+    elements."""
     basis = Rotation.from_rotvec(rng.normal(0, 1, 3)).as_matrix()
     normal, first, second = basis
     slide = _waves(rng, t, 2, 0.03) @ np.array([first, second])
@@ -85,23 +92,26 @@ def _touching(contact: Contact, rng: Any, t: Any, start: Rotation) -> Any:
     still, none = Rotation.concatenate([start] * len(t)), np.zeros((len(t), 3))
     anchor = rng.normal(0, 0.3, 3)
     push = strength * (normal + tilt)
+    to_body = start.inv().apply
     if contact is Contact.FF:
         point = anchor + slide + wander @ np.array([first, second])
-        return still, anchor + slide - start.apply(arm), push, point
+        return still, anchor + slide - start.apply(arm), push, point, (to_body(-normal), normal)
     if contact is Contact.EF:
         point = anchor + slide + wander[:, :1] * first
-        return still, anchor + slide - start.apply(arm), push, point
+        return still, anchor + slide - start.apply(arm), push, point, (to_body(first), normal)
     if contact is Contact.FE:
-        return still, anchor + slide - start.apply(arm), push, anchor + wander[:, :1] * first + none
+        point = anchor + wander[:, :1] * first + none
+        return still, anchor + slide - start.apply(arm), push, point, (to_body(-normal), first)
     if contact is Contact.VF:  # it rocks about an axis through the vertex and slides
         turn = Rotation.from_rotvec(swing * first) * still
-        return turn, anchor + slide - turn.apply(arm), push, anchor + slide
+        return turn, anchor + slide - turn.apply(arm), push, anchor + slide, (arm, normal)
     if contact is Contact.FV:
-        return still, anchor + slide - start.apply(arm), push, anchor + none
+        return still, anchor + slide - start.apply(arm), push, anchor + none, (to_body(-normal), anchor)
     # e-e: an edge of the world along `first`, one of the object along `along`
     along = np.cos(0.9) * first + np.sin(0.9) * second
     u, v = _waves(rng, t, 1, 0.03), _waves(rng, t, 1, 0.03)
-    return still, anchor + u * first - v * along - start.apply(arm), push, anchor + u * first
+    position = anchor + u * first - v * along - start.apply(arm)
+    return still, position, push, anchor + u * first, (to_body(along), first)
 
 
 def _waves(rng: Any, t: Any, count: int, size: float) -> Any:

@@ -14,6 +14,7 @@ from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import curved_motion, offline_smoother, segment_fit, tracker
 from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.wrenches.contact_evidence import WindowEvidence
 from restricted_motions import MOTIONS, poses_of
 from short_recordings import MODEL
 
@@ -69,11 +70,11 @@ def curved_segment(monkeypatch, wrenches):
     """The fit of a segment of curved motion with this log evidence of wrenches by state."""
     poses = gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 4.0))
     monkeypatch.setattr(segment_fit, "curved_probabilities", lambda window, *_: np.full(len(window), 0.99))
-    evidence = None if wrenches is None else np.array(wrenches)
+    evidence = None if wrenches is None else WindowEvidence(np.array(wrenches), {})
     fits = segment_fit.fit_segments
 
     def fitted(segments):
-        return fits([replace(one, wrench_evidence=evidence) for one in segments])
+        return fits([replace(one, wrenches=evidence) for one in segments])
 
     monkeypatch.setattr(offline_smoother, "fit_segments", fitted)
     found = segment(poses, MODEL)

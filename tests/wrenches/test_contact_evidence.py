@@ -25,9 +25,9 @@ def evidence_of(made: Pressed) -> WrenchEvidence:
 
 
 def log_evidence_of(made: Pressed) -> np.ndarray:
-    found = evidence_of(made).log_evidence(made.touch_ns, made.end_ns)
+    found = evidence_of(made).of_window(made.touch_ns, made.end_ns)
     assert found is not None
-    return found
+    return found.log_evidence
 
 
 @pytest.mark.parametrize("disturbed", [False, True], ids=["clean", "noise and bias"])
@@ -44,9 +44,10 @@ def test_the_contact_is_identified(contact: Contact, disturbed: bool) -> None:
 
 def test_a_free_object_is_identified() -> None:
     made = pressed(Contact.FV)
-    found = evidence_of(made).log_evidence(int(made.poses.stamp_ns[0]), made.touch_ns - 1)
+    found = evidence_of(made).of_window(int(made.poses.stamp_ns[0]), made.touch_ns - 1)
     assert found is not None
-    assert found.argmax() == Contact.FREE.column
+    assert found.log_evidence.argmax() == Contact.FREE.column
+    assert not found.elements
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
@@ -93,8 +94,8 @@ def test_missing_measurements_have_no_evidence() -> None:
     made = pressed(Contact.VF)
     early = made.wrenches.stamp_ns < made.touch_ns
     before_touch = Wrenches(*(column[early] for column in vars(made.wrenches).values()))
-    assert evidence_of(replace(made, wrenches=before_touch)).log_evidence(made.touch_ns, made.end_ns) is None
-    assert evidence_of(made).log_evidence(made.touch_ns, made.touch_ns + 10) is None
+    assert evidence_of(replace(made, wrenches=before_touch)).of_window(made.touch_ns, made.end_ns) is None
+    assert evidence_of(made).of_window(made.touch_ns, made.touch_ns + 10) is None
 
 
 def test_a_gap_does_not_change_the_result() -> None:
@@ -116,7 +117,7 @@ def test_two_contacts_in_one_window_have_no_evidence() -> None:
         np.concatenate([one.wrenches.moment_nm, other.wrenches.moment_nm[late]]),
     )
     both = Pressed(poses, wrenches, one.touch_ns)
-    assert evidence_of(both).log_evidence(both.touch_ns, both.end_ns) is None
+    assert evidence_of(both).of_window(both.touch_ns, both.end_ns) is None
 
 
 def test_invalid_wrenches_are_dropped_and_the_rest_sorted() -> None:

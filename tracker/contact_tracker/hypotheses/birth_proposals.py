@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Plane, canonical
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Pair, Plane, canonical
 from contact_tracker.hypotheses.birth import BirthProposals, make_proposals, uninformed_proposal
 from contact_tracker.landmarks.element_pairs import ElementPair, element_pairs
 from contact_tracker.landmarks.landmark_memory import LandmarkMemory
@@ -49,6 +49,34 @@ def propose_births(
     """
     near_m = frame.near_m if model.contact.value[2] == "e" else None
     return _propose_births(model, knowledge, memory, recognised, frame.origin_m, near_m)
+
+
+def propose_measured(
+    model: ContactModel, knowledge: PriorMap, measured: Pair, frame: Frame
+) -> BirthProposals:
+    """Proposals of a contact with elements that were ``measured`` otherwise than by motion (object in the
+    body frame, surroundings in the world frame), where the prior map does not give them."""
+    ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
+    pairs = [
+        ElementPair(
+            known.object or ours,
+            known.environment or theirs,
+            known.log_share,
+            known.up if theirs is None else None,
+        )
+        for known in element_pairs(knowledge, model)
+    ]
+    near = np.array(frame.near_m) if model.contact.value[2] == "e" else None
+    never = [False] * len(pairs)
+    return make_proposals(
+        model,
+        [one.pair(frame.origin_m) for one in pairs],
+        near,
+        [one.log_share for one in pairs],
+        range(len(pairs)),
+        never,
+        never,
+    )
 
 
 @lru_cache(maxsize=64)  # memory and frame rarely change

@@ -325,11 +325,11 @@ class Segmenter:
             tick_averaging.tick_anisotropy(noise, rows["count"], state.model),
             self._before if self._first else None,
         )
-        wrench_evidence = None
+        wrenches = None
         if self._wrenches is not None:
-            wrench_evidence = self._wrenches.log_evidence(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
+            wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
         return SegmentTicks(
-            window, STATES[column], state.model, state.knowledge, state.averaging.origin_m, wrench_evidence
+            window, STATES[column], state.model, state.knowledge, state.averaging.origin_m, wrenches
         )
 
     def _next_piece(self, count: int) -> Segmentation:

@@ -14,7 +14,7 @@ from contact_tracker.formations.further import FormationTicks, KnownContact, Ran
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.packing import pack
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births
+from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births, propose_measured
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_windows
@@ -32,6 +32,7 @@ from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.curved_motion import curved_probabilities, is_mostly_curved
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
+from contact_tracker.wrenches.contact_evidence import WindowEvidence
 
 Array = NDArray[np.float64]
 
@@ -50,8 +51,8 @@ class SegmentTicks:
     model: Model
     knowledge: PriorMap
     origin_m: Array
-    wrench_evidence: Array | None = None
-    """(7,) log evidence of each state by measured wrenches."""
+    wrenches: WindowEvidence | None = None
+    """The evidence of measured wrenches."""
 
 
 class FittedContact(NamedTuple):
@@ -155,16 +156,19 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         curved = curved_probabilities(segment.window, scales_of(model), knowledge)
         none_fits = is_mostly_curved(curved) and not freedom.one_direction
         inseparable = knowledge.allowed if none_fits else inseparable
-    if segment.wrench_evidence is not None:
-        label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, segment.wrench_evidence)
+    if segment.wrenches is not None:
+        evidence = segment.wrenches.log_evidence
+        label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, evidence)
     if label is Contact.FREE or none_fits:  # without elements
         return SegmentFit(label, None, inseparable, p_restricted, curved, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
+    fit = fits[label.column] if share is None else _measured_fit(segment, window, contact, fits[label.column])
     window = window.with_error(model.noise.extra_contact_variance[label.column])
-    fitted, information = refine(fits[label.column], contact, window, scales)
+    fitted, information = refine(fit, contact, window, scales)
     pair = element_pairs(knowledge, contact)[fitted.known_pair_index[0]]
-    fit = fitted, 0, contact, scales, window
-    where = contact_geometry(*fit, segment.origin_m, model.systematic, information)
+    where = contact_geometry(
+        fitted, 0, contact, scales, window, segment.origin_m, model.systematic, information
+    )
     return SegmentFit(
         label,
         named(where, pair),
@@ -174,6 +178,24 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         share,
         _formation(segment, window, KnownContact(contact, fitted.x[0])),
     )
+
+
+def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, by_motion: Bank) -> Bank:
+    """The best hypothesis of a contact whose elements are those through which the measured forces act.
+
+    Motion that does not determine the contact does not determine its elements either: several minima fit.
+    """
+    measured = segment.wrenches.elements.get(contact.contact) if segment.wrenches is not None else None
+    if measured is None:
+        return by_motion
+    proposals = propose_measured(contact, segment.knowledge, measured, _frame(segment, window))
+    own = window.with_error(segment.model.noise.extra_contact_variance[contact.contact.column])
+    (found,) = fit_windows(contact, [own], scales_of(segment.model), [proposals])
+    return found
+
+
+def _frame(segment: SegmentTicks, window: Window) -> Frame:
+    return Frame.around(segment.origin_m, window.zeta[:, T].mean(axis=0))
 
 
 def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> FittedFormation:
@@ -199,11 +221,10 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
 def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
     """The best hypothesis of a contact for each whole segment, if the contact is possible."""
     model, knowledge = segments[0].model, segments[0].knowledge
-    frames = [
-        Frame.around(one.origin_m, window.zeta[:, T].mean(axis=0))
+    proposals = [
+        propose_births(contact, knowledge, EMPTY_MEMORY, 0.0, _frame(one, window))
         for one, window in zip(segments, windows, strict=True)
     ]
-    proposals = [propose_births(contact, knowledge, EMPTY_MEMORY, 0.0, frame) for frame in frames]
     error = model.noise.extra_contact_variance[contact.contact.column]
     own = [window.with_error(error) for window in windows]
     return fit_windows(contact, own, scales_of(model), proposals)

@@ -1,14 +1,17 @@
 """Evidence of measured wrenches for each state in a window of time (docs/theory.md, T39 to T41)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry.elements import Pair
 from contact_tracker.geometry.vectors import cross, cross_matrix, dot
-from contact_tracker.states import STATES
+from contact_tracker.states import STATES, Contact
+from contact_tracker.wrenches.acting_elements import acting_elements
 from contact_tracker.wrenches.line_of_action import FLOOR_M, LinesOfAction, fixed_direction, fixed_in_both
 from contact_tracker.wrenches.load import ContactWrenches
 
@@ -29,29 +32,39 @@ MISFIT_NATS: Final = -10.0
 """If all contacts fit worse than this although there is a force, the window has no single contact."""
 
 
+class WindowEvidence(NamedTuple):
+    """What wrenches show in a window of time.
+
+    Parameters
+    ----------
+    log_evidence : (7,) of each state, to the power ``EXPONENT``, against free motion.
+    elements : the elements through which the forces act, by contact; empty where they are too small.
+    """
+
+    log_evidence: Array
+    elements: Mapping[Contact, Pair]
+
+
 @dataclass(frozen=True, eq=False)
 class WrenchEvidence:
     """Contact wrenches of all ticks of a recording, and the evidence of any window of them."""
 
     wrenches: ContactWrenches
 
-    def log_evidence(self, first_ns: int, last_ns: int) -> Array | None:
-        """Log evidence (7,) of each state, to the power ``EXPONENT``, against free motion; None if there are
-        too few measurements, or no contact fits them.
+    def of_window(self, first_ns: int, last_ns: int) -> "WindowEvidence | None":
+        """The evidence from ``first_ns`` to ``last_ns``; None if there are too few measurements, or no
+        contact fits them.
 
-        The first and the last tick from ``first_ns`` to ``last_ns`` are left out, as they may be of another
-        contact.
+        The first and the last tick are left out, as they may be of another contact.
         """
         rows = self._measured(first_ns, last_ns)
         if len(rows) < FEWEST_TICKS:
             return None
         contact = self._against_free(rows)
-        evidence = np.zeros(len(STATES))
-        kinds = self._of_kinds(rows)
+        kinds, elements = self._of_kinds(rows)
         if contact > 0.0 and kinds.max() < MISFIT_NATS:
             return None  # several contacts one after the other, or at once
-        evidence[:-1] = contact + kinds
-        return EXPONENT * evidence
+        return WindowEvidence(EXPONENT * np.append(contact + kinds, 0.0), elements)
 
     def shows_contact_at_start(self) -> bool:
         """Whether a contact force is measured in the first ``BEGINNING_S``; not if too few are measured."""
@@ -80,14 +93,15 @@ class WrenchEvidence:
         ratio = 0.5 * square * (1.0 / variance - 1.0 / typical) - 1.5 * np.log(typical / variance)
         return float(np.clip(ratio, *FREE_CLIP).sum())
 
-    def _of_kinds(self, rows: NDArray[np.int64]) -> Array:
-        """Log evidence (6,) of each contact, by the lines of action that are significant."""
+    def _of_kinds(self, rows: NDArray[np.int64]) -> tuple[Array, Mapping[Contact, Pair]]:
+        """Log evidence (6,) of each contact, and its elements, by the lines of action that are
+        significant."""
         wrenches = self.wrenches
         force, variance = wrenches.force_n[rows], wrenches.force_variance(rows)
         strong = dot(force, force) > SIGNIFICANT**2 * 3.0 * variance
         rows, force = rows[strong], force[strong]
         if len(rows) < FEWEST_TICKS:
-            return np.zeros(len(STATES) - 1)
+            return np.zeros(len(STATES) - 1), {}
         moment, rotation, square = wrenches.moment_nm[rows], wrenches.ticks.rotation[rows], dot(force, force)
         foot = cross(force, moment) / square[:, None]
         place = (wrenches.moment_noise[rows] + dot(foot, foot) * wrenches.force_noise[rows]) / square
@@ -100,20 +114,25 @@ class WrenchEvidence:
             of_force,
             of_moment - cross_matrix(middle) @ of_force,
         )
-        world = body.in_world_frame(
-            rotation, np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
-        )
+        origin_m = np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
+        world = body.in_world_frame(rotation, origin_m)
         of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)
         edge, ridge, twist = body.along_lines(), world.along_lines(), body.twist()
+        vertex, peak = body.through_point(), world.through_point()
         mean = rotation.mean(axis=0)
         crossing = max(ridge.across(mean @ edge.best), edge.across(mean.T @ ridge.best))
-        return np.array(
+        faces = body.direction.mean(axis=0), world.direction.mean(axis=0)
+        elements = acting_elements(
+            faces, (edge, ridge), (vertex, peak), (middle, origin_m.mean(axis=0)), EXPONENT
+        )
+        evidence = np.array(
             [
                 fixed_in_both(body.direction, rotation),
                 edge.evidence + of_world,
                 ridge.evidence + of_body,
-                body.through_point() + twist + of_world,
-                world.through_point() + twist + of_body,
+                vertex.evidence + twist + of_world,
+                peak.evidence + twist + of_body,
                 edge.evidence + ridge.evidence + crossing + twist,
             ]
         )
+        return evidence, elements

@@ -76,8 +76,8 @@ class LinesOfAction:
         of_moment = rotation @ self.common_nm + cross_matrix(about) @ of_force
         return LinesOfAction(force, moment + cross(about, force), self.variance_m2, of_force, of_moment)
 
-    def through_point(self) -> float:
-        """Log evidence that all lines pass one point of the frame."""
+    def through_point(self) -> "PointFit":
+        """The point of the frame that all lines pass."""
         strength = np.linalg.norm(self.force_n, axis=1)
         across = cross_matrix(self.direction)
         design = across @ np.concatenate([cross_matrix(self.force_n) * REACH_M, self.common_nm], axis=2)
@@ -86,8 +86,10 @@ class LinesOfAction:
         weight = 1.0 / self.variance_m2 - 1.0 / self.excess
         information = np.einsum("t,tji,tjk->ik", weight, design, design) + np.eye(design.shape[2])
         pull = np.einsum("t,tji,tj->i", weight, design, target)
-        squares = float(weight @ dot(target, target) - pull @ np.linalg.solve(information, pull))
-        return 2.0 * self.row_gain - 0.5 * squares - 0.5 * float(np.linalg.slogdet(information)[1])
+        best = np.linalg.solve(information, pull)
+        squares = float(weight @ dot(target, target) - pull @ best)
+        evidence = 2.0 * self.row_gain - 0.5 * squares - 0.5 * float(np.linalg.slogdet(information)[1])
+        return PointFit(-REACH_M * best[:3], REACH_M**2 * np.linalg.inv(information)[:3, :3], evidence)
 
     def twist(self) -> float:
         """Log evidence that there is no moment about the lines themselves; at most zero, as with little
@@ -124,16 +126,27 @@ class LinesOfAction:
                 half *= 6.0 / ANGLES
         top = found.max()
         log_mean = top + float(np.log(np.exp(found - top).sum() * cell / np.pi))
-        return LineFits(directions, values, self.row_gain + log_mean, self.row_gain)
+        return LineFits(directions, values, normal, self.row_gain + log_mean, self.row_gain)
+
+
+@dataclass(frozen=True, eq=False)
+class PointFit:
+    """The point (3,) that lines of action pass, its covariance (3, 3), and the log ``evidence`` that they
+    do."""
+
+    point_m: Array
+    covariance_m2: Array
+    evidence: float
 
 
 @dataclass(frozen=True, eq=False)
 class LineFits:
-    """Unit directions (N, 3) of lines, their log likelihoods (N,), the marginal ``evidence``, and the log
-    evidence of one constraint at most."""
+    """Unit directions (N, 3) of lines normal to the mean force, whose direction is ``normal`` (3,), their log
+    likelihoods (N,), the marginal ``evidence``, and the log evidence of one constraint at most."""
 
     direction: Array
     log_likelihood: Array
+    normal: Array
     evidence: float
     row_gain: float
 
@@ -141,6 +154,17 @@ class LineFits:
     def best(self) -> Array:
         """(3,) the most likely direction."""
         return np.asarray(self.direction[self.log_likelihood.argmax()])
+
+    def angle_variance(self, exponent: float) -> float:
+        """Variance (rad^2) of the direction about the best one, with likelihoods to the power
+        ``exponent``."""
+        side = np.cross(self.normal, self.best)
+        angle = np.arctan2(self.direction @ side, self.direction @ self.best)
+        angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi  # a line has no sense
+        angle, first = np.unique(angle, return_index=True)
+        weight = np.exp(exponent * (self.log_likelihood[first] - self.log_likelihood.max()))
+        weight *= np.gradient(angle)  # angles are denser near the best one
+        return float(weight @ angle**2 / weight.sum())
 
     def across(self, other: Array) -> float:
         """Least loss of log evidence if the line has to cross the direction ``other`` (3,): parallel lines
