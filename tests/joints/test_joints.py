@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import adaptation
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.evaluation.elements import deviation
 from contact_tracker.geometry.elements import Line, Point
 from contact_tracker.hypotheses import compiled
 from contact_tracker.joints import evidence
-from contact_tracker.joints.evidence import fit_joint
+from contact_tracker.joints.evidence import find_joint, fit_joint
 from contact_tracker.joints.geometry import Joint, joint_of
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.motion.lifted_pose import T, lift
@@ -205,6 +206,33 @@ def test_parameters_of_frames_are_numbered_once() -> None:
         assert model.kind.constraints == len(model.rows)
 
 
+def bent_window(poses: Poses, errors: SystematicErrors, seed: int) -> Window:
+    """Every twentieth pose as a tick, with systematic errors."""
+    some = with_systematic_errors(poses[::20], errors, seed)
+    zeta = lift(some.rotation, some.position_m)
+    variance = np.tile([SIGMA[0] ** 2, SIGMA[1] ** 2], (len(zeta), 1))
+    return Window(np.arange(len(zeta)), zeta, variance, 100.0 * variance)
+
+
+def test_a_pitch_that_systematic_errors_explain_makes_no_screw() -> None:
+    """Errors of 0.5 mm that depend on the place shift an object on a hinge along its axis."""
+    model, scales = load_model(), scales_of(load_model())
+    errors = model.with_systematic_errors(0.5e-3, np.radians(0.1)).systematic
+    hinges, screws = [], []
+    for seed in range(6):
+        bent = bent_window(moved(JointKind.HINGE, seed, 24.0)[1], errors, seed)
+        found = [find_joint(bent, scales, [], 1, one) for one in (model.systematic, errors)]
+        assert all(found)
+        hinges.append([one.fitted.model.kind for one in found if one])
+        bent = bent_window(moved(JointKind.SCREW, seed, 24.0)[1], errors, seed)
+        screw = find_joint(bent, scales, [], 1, errors)
+        assert screw
+        screws.append(screw.fitted.model.kind)
+    assert [known for _, known in hinges] == [JointKind.HINGE] * 6
+    assert JointKind.SCREW in [unknown for unknown, _ in hinges]
+    assert screws == [JointKind.SCREW] * 6
+
+
 @pytest.mark.parametrize("kind", [JointKind.HINGE, JointKind.BALL], ids=str)
 def test_covariances_include_systematic_errors(kind: JointKind) -> None:
     """Errors of 0.5 mm and 0.1 deg that depend on the pose; by noise alone elements are far off."""
@@ -213,13 +241,10 @@ def test_covariances_include_systematic_errors(kind: JointKind) -> None:
     squared, freedom = np.zeros(2), 0
     for seed in range(6):
         frames, poses = moved(kind, seed, 8.0)
-        some = with_systematic_errors(poses[::20], errors, seed)
-        zeta = lift(some.rotation, some.position_m)
-        variance = np.tile([SIGMA[0] ** 2, SIGMA[1] ** 2], (len(zeta), 1))
-        window = Window(np.arange(len(zeta)), zeta, variance, 100.0 * variance)
+        window = bent_window(poses, errors, seed)
         noise = fit_joint(model, window, scales)
         bent = evidence.with_systematic_errors(noise, window, scales, errors)
-        place = zeta[:, T].mean(axis=0)
+        place = window.zeta[:, T].mean(axis=0)
         for i, fitted in enumerate((noise, bent)):
             joint = joint_of(fitted, 1.0, place, np.zeros(3))
             true = (

@@ -60,7 +60,11 @@ class FoundJoint(NamedTuple):
 
 
 def find_joint(
-    window: Window, scales: EvidenceParameters, contacts: Sequence[KnownContact], constraints: int
+    window: Window,
+    scales: EvidenceParameters,
+    contacts: Sequence[KnownContact],
+    constraints: int,
+    errors: SystematicErrors,
 ) -> FoundJoint | None:
     """The joint that explains the ticks of ``window`` better than contacts and free motion; None without any.
 
@@ -68,6 +72,7 @@ def find_joint(
     ----------
     contacts : the rival contacts, each with its best geometry.
     constraints : number of constraints of the labelled contacts; joints with fewer are left out.
+    errors : systematic errors of the poses, which the covariance of the joint includes.
     """
     if len(window) < LEAST_TICKS or float(window.motion_ratio.sum()) < LEAST_ACTIVITY:
         return None
@@ -80,7 +85,13 @@ def find_joint(
         if one.kind.constraints >= constraints and (used == 1 or one.kind is JointKind.BALL)
     ]
     most_play = MOST_PLAY if used == 1 else 1.0
-    fitted = [fit_joint(model, window, scales, most_play) for model in some]
+    fitted = _with_pitch_in_doubt(
+        [
+            with_systematic_errors(fit_joint(model, window, scales, most_play), window, scales, errors)
+            for model in some
+        ],
+        errors,
+    )
     best = max(fitted, key=lambda one: one.log_evidence, default=None)
     if best is None or best.log_evidence <= SURE_NATS:
         return None
@@ -126,6 +137,26 @@ def with_systematic_errors(
     by_error = np.einsum("w,wkp,wkd->dpw", count, slope, change)
     added = added_covariance(information, prior, by_error, ticks.zeta, errors)
     return fitted._replace(covariance=fitted.covariance + added)
+
+
+def _with_pitch_in_doubt(fitted: Sequence[FittedJoint], errors: SystematicErrors) -> list[FittedJoint]:
+    """The joints, in which a screw explains no more, beyond the hinge, than the systematic errors of its
+    pitch allow (T45).
+
+    Errors that depend on the place shift an object on a hinge along its axis, as a pitch would.
+    """
+    hinge = next((one for one in fitted if one.model.kind is JointKind.HINGE), None)
+    if hinge is None or not errors.are_given:
+        return list(fitted)
+
+    def limited(one: FittedJoint) -> FittedJoint:
+        if one.model.kind is not JointKind.SCREW:
+            return one
+        sd_m = float(np.sqrt(one.covariance[-1, -1]))
+        lead = 0.5 * (one.frames.pitch_m / sd_m) ** 2 - float(np.log(PITCH_M / sd_m))
+        return one._replace(log_evidence=min(one.log_evidence, hinge.log_evidence + lead))
+
+    return [limited(one) for one in fitted]
 
 
 def _minimise(

@@ -18,7 +18,7 @@ from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_bir
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_windows
-from contact_tracker.joints.evidence import find_joint, with_systematic_errors
+from contact_tracker.joints.evidence import find_joint
 from contact_tracker.joints.geometry import Joint, joint_of
 from contact_tracker.landmarks.association import is_same_element
 from contact_tracker.landmarks.element_pairs import element_pairs
@@ -127,13 +127,12 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     banks = zip(CONTACT_MODELS, fits, strict=True)
     known = [KnownContact(contact, bank.x[0]) for contact, bank in banks if len(bank)]
     scales = scales_of(segment.model)
-    found = find_joint(window, scales, known, fit.constraints)
+    found = find_joint(window, scales, known, fit.constraints, segment.model.systematic)
     if found is None:
         return fit
     probability = float(expit(segment.model.certainty.posterior_power * found.log_odds))
     near_m = window.zeta[:, T].mean(axis=0)
-    fitted = with_systematic_errors(found.fitted, window, scales, segment.model.systematic)
-    fit = replace(fit, joint=joint_of(fitted, probability, near_m, segment.origin_m))
+    fit = replace(fit, joint=joint_of(found.fitted, probability, near_m, segment.origin_m))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
     others = tuple(other for other in STATES if other is not fit.contact and segment.knowledge.allows(other))
