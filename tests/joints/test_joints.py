@@ -38,9 +38,9 @@ PITCH_M = 0.02
 needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
-def some_frames(rng: np.random.Generator) -> JointFrames:
+def some_frames(rng: np.random.Generator, pitch_m: float = PITCH_M) -> JointFrames:
     body, world = Rotation.random(2, rng=rng).as_matrix()
-    return JointFrames(body, rng.normal(0.0, 0.1, 3), world, rng.normal(0.0, 0.3, 3), PITCH_M)
+    return JointFrames(body, rng.normal(0.0, 0.1, 3), world, rng.normal(0.0, 0.3, 3), pitch_m)
 
 
 def poses_in(kind: JointKind, frames: JointFrames, rng: np.random.Generator, time_s: Array) -> tuple:
@@ -53,7 +53,7 @@ def poses_in(kind: JointKind, frames: JointFrames, rng: np.random.Generator, tim
         case JointKind.SLIDER:
             shift[:, 2] = 0.1 * first
         case JointKind.SCREW:
-            turn[:, 2], shift[:, 2] = 0.4 * first, PITCH_M * 0.4 * first
+            turn[:, 2], shift[:, 2] = 0.4 * first, frames.pitch_m * 0.4 * first
         case JointKind.BALL:
             turn = 0.3 * np.column_stack([first, second, third])
     world, body = Rotation.from_matrix(frames.world_axes), Rotation.from_matrix(frames.body_axes)
@@ -62,10 +62,12 @@ def poses_in(kind: JointKind, frames: JointFrames, rng: np.random.Generator, tim
 
 
 @cache
-def moved(kind: JointKind, seed: int, seconds: float = 10.0) -> tuple[JointFrames, Poses]:
+def moved(
+    kind: JointKind, seed: int, seconds: float = 10.0, pitch_m: float = PITCH_M
+) -> tuple[JointFrames, Poses]:
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, seconds, 1.0 / 200.0)
-    frames = some_frames(rng)
+    frames = some_frames(rng, pitch_m)
     rotation, position = poses_in(kind, frames, rng, time_s)
     error = Rotation.from_rotvec(SIGMA[1] * rng.normal(size=(len(time_s), 3)))
     measured = position + SIGMA[0] * rng.normal(size=position.shape)
@@ -231,6 +233,18 @@ def test_a_pitch_that_systematic_errors_explain_makes_no_screw() -> None:
     assert [known for _, known in hinges] == [JointKind.HINGE] * 6
     assert JointKind.SCREW in [unknown for unknown, _ in hinges]
     assert screws == [JointKind.SCREW] * 6
+
+
+@needs_kernels
+def test_a_screw_of_a_large_pitch_stays_one_with_large_systematic_errors() -> None:
+    """Its hinge fits far worse than free motion, with which the screw has to compete."""
+    model = load_model().with_systematic_errors(2e-3, np.radians(0.5))
+    _, poses = moved(JointKind.SCREW, 2, pitch_m=0.1)
+    poses = with_systematic_errors(poses, model.systematic, 2)
+    found = adaptation.segment(poses, model)
+    assert [one.joint.kind for one in found.segments if one.joint] == [JointKind.SCREW]
+    assert found.segments[0].joint is not None
+    assert found.segments[0].joint.probability > 0.9
 
 
 @pytest.mark.parametrize("kind", [JointKind.HINGE, JointKind.BALL], ids=str)

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import zstandard
 from mcap.writer import Writer
 from test_message_formats import IDL, NAME, POSES, RULE, assert_read, cdr_pose, write_raw
 
-from contact_tracker.errors import NoPoses
+from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
 from contact_tracker.recording.decoding import MessageDecoder
@@ -100,7 +101,7 @@ def poses_of(path: Path) -> tuple[int, int]:
     """How many poses are read, and how many of them by a known definition."""
     try:
         log = open_log(str(path))
-    except NoPoses:
+    except (NoPoses, UnreadableRecording):
         return 0, 0
     return len(Poses.collect(log)), log.counts.get("known_definition", 0)
 
@@ -281,6 +282,7 @@ def nested(extra: str, types: Mapping[str, str]) -> str:
 
 TINY = {"E": "uint8 a"}
 LEVELS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(40)}, "A40": "uint8 a"}
+TOO_DEEP = {**{f"A{i}": f"p/A{i + 1} a" for i in range(60)}, "A60": "uint8 a"}
 ENDLESS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(5000)}, "A5000": "uint8 a"}
 CONSTANTS = "\n".join(f"uint8 C{i}={i % 256}" for i in range(6000))
 
@@ -343,13 +345,30 @@ def test_no_more_messages_are_decoded_than_the_bytes_explain(
     assert len(inflated) <= most
 
 
-def test_too_many_levels_are_not_used(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("levels", "why"), [(TOO_DEEP, "cannot be used"), (ENDLESS, "is too long")])
+def test_too_many_levels_are_not_used(tmp_path: Path, levels: Mapping[str, str], why: str) -> None:
     """The known definition is, which has no further fields."""
-    path = write_many(tmp_path / "a.mcap", nested("p/A0 a", ENDLESS), bytes(1), 2000)
+    path = write_many(tmp_path / "a.mcap", nested("p/A0 a", levels), bytes(1), 2000)
     summary = summarise(str(path))
     assert [one.observed for one in summary.sources] == [2000]
     assert len(summary.assumptions) == 1
-    assert "its definition in the file is too long" in summary.assumptions[0]
+    assert f"its definition in the file {why}" in summary.assumptions[0]
+
+
+def test_types_of_one_name_are_visited_once() -> None:
+    """27,000 fields that each can mean 2000 types."""
+    calls = list[int]()
+
+    def count(frame: FrameType, event: str, _: object) -> None:
+        calls.append(1)
+
+    text = "B x\r" * 27_000 + "".join(f"=\nMSG: {number:x}/B\n" for number in range(1300))
+    sys.setprofile(count)
+    try:
+        work_of(text)
+    finally:
+        sys.setprofile(None)
+    assert len(calls) < 1_000_000
 
 
 @pytest.mark.parametrize("definition", ["? {}", "# {}", "float64 a{}"])
@@ -402,6 +421,9 @@ def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) ->
     log = open_log(str(tmp_path / "a.mcap"))
     assert len(Poses.collect(log)) == (len(POSES) + 1) // 2
     assert log.counts == {"undecodable": len(POSES) // 2}
+    assert log.damage is not None
+    assert "messages that take longer to decode" in log.damage
+    assert "decompress the file first" in log.damage
 
 
 @pytest.mark.parametrize("type_name", SCHEMAS)
@@ -409,8 +431,10 @@ def test_usual_definitions_take_the_work_of_one_record(type_name: str) -> None:
     assert work_of(SCHEMAS[type_name]).records(300) <= 2
 
 
-def test_the_work_of_nested_types() -> None:
-    work = work_of(nested("p/E[] a\np/A[3] b\np/B c\n", {"E": "uint8 x\nuint8 y", "A": "E e", "B": "E[] e"}))
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\x1c", "\u2028"])
+def test_the_work_of_nested_types(end: str) -> None:
+    text = nested("p/E[] a\np/A[3] b\np/B c\n", {"E": "uint8 x\nuint8 y", "A": "E e", "B": "E[] e"})
+    work = work_of(text.replace("\n", end))
     plain = work_of(SCHEMAS[NAME])
     assert work.steps == plain.steps + 1 + 3 * (2 + 4) + (2 + 1)
     assert work.steps_per_byte == 4 / 2

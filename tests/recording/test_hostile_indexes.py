@@ -63,9 +63,9 @@ def chunk_index(place: Place, holds: Sequence[int]) -> bytes:
     )
 
 
-def statistics(counts: Mapping[int, int], chunks: int, metadata: int = 0) -> bytes:
+def statistics(counts: Mapping[int, int], chunks: int, metadata: int = 0, messages: int = 0) -> bytes:
     numbers = b"".join(struct.pack("<HQ", channel, count) for channel, count in counts.items())
-    fixed = struct.pack("<QHIIIIQQ", 0, 1, 1, 0, metadata, chunks, 0, 2**60)
+    fixed = struct.pack("<QHIIIIQQ", messages, 1, 1, 0, metadata, chunks, 0, 2**60)
     return record(Opcode.STATISTICS, fixed + struct.pack("<I", len(numbers)) + numbers)
 
 
@@ -247,3 +247,53 @@ def test_metadata_that_expands_is_left_out(tmp_path: Path, poses: bytes) -> None
     assert summary.metadata == {"long": {"urdf": "<robot/>" * 12_500}}
     assert summary.damage is not None
     assert "unreadable metadata" in summary.damage
+
+
+def two_chunks(poses: bytes) -> tuple[bytes, bytes, bytes]:
+    """The records before the messages, and their two halves as chunks."""
+    at, messages, others = 0, list[bytes](), b""
+    while at < len(poses):
+        (length,) = struct.unpack_from("<Q", poses, at + 1)
+        one = poses[at : at + 9 + length]
+        at += len(one)
+        if one[0] == Opcode.MESSAGE:
+            messages.append(one)
+        else:
+            others += one
+    half = len(messages) // 2
+    return others, chunk(b"".join(messages[:half])), chunk(b"".join(messages[half:]))
+
+
+@pytest.mark.parametrize("error", [0, -9])
+def test_chunks_whose_size_is_wrong_in_the_index_are_read_in_order(
+    tmp_path: Path, poses: bytes, error: int
+) -> None:
+    """Chunks that overlap in log time, as the index says, are read by the index if it is right."""
+    others, first, second = two_chunks(poses)
+    begin = len(MAGIC) + len(others)
+    places = [Place(begin, len(first) + error), Place(begin + len(first), len(second) + error)]
+    index = channels() + b"".join(chunk_index(place, [1]) for place in places)
+    path = write(tmp_path / "a.mcap", others + first + second, index + statistics({1: POSES}, 2))
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == POSES
+    assert log.damage is None
+
+
+def test_messages_outside_of_chunks_that_are_sorted_are_reported(tmp_path: Path, poses: bytes) -> None:
+    one = chunk(message(UNKNOWN) * 10)
+    begin = len(MAGIC) + len(poses)
+    index = channels() + b"".join(
+        chunk_index(Place(begin + i * len(one), len(one)), [UNKNOWN]) for i in range(2)
+    )
+    counts = statistics({1: POSES, UNKNOWN: 20}, 2, messages=POSES + 20)
+    path = write(tmp_path / "a.mcap", poses + 2 * one, index + counts)
+    assert summarise(str(path)).damage == (
+        f"{POSES} messages outside of chunks, which overlap in log time, are left out"
+    )
+
+
+def test_an_index_without_schemas_is_none(tmp_path: Path) -> None:
+    """As of writers that do not repeat them."""
+    path = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(POSES))], repeat_schemas=False)
+    assert summary_of(str(path)) is None
+    assert len(Poses.collect(open_log(str(path)))) == POSES

@@ -9,7 +9,7 @@ from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.states import CONTACTS, Contact
 
 SEEDS = range(5)
-MOST_RAD = np.radians(12.0)
+MOST_RAD = np.radians(15.0)
 MOST_M = 0.03
 
 

@@ -12,7 +12,7 @@ from contact_tracker.geometry.elements import Array, ContactGeometry, Element, P
 from contact_tracker.hypotheses.birth import BirthProposals, make_proposals, uninformed_proposal
 from contact_tracker.landmarks.element_pairs import ElementPair, element_pairs
 from contact_tracker.landmarks.landmark_memory import LandmarkMemory
-from contact_tracker.landmarks.prior_map import NamedElement, PriorMap
+from contact_tracker.landmarks.prior_map import NamedElement, PriorMap, Up
 
 CELL_M: Final = 0.25
 """Known lines are parametrised again when the body has moved to another cell of this size."""
@@ -55,28 +55,31 @@ def propose_measured(
     model: ContactModel, knowledge: PriorMap, measured: Pair, frame: Frame
 ) -> BirthProposals:
     """Proposals of a contact with elements that were ``measured`` otherwise than by motion (object in the
-    body frame, surroundings in the world frame), where the prior map does not give them."""
+    body frame, surroundings in the world frame), where the prior map does not give them.
+
+    Of a measured normal of the surroundings and the direction up, the more certain one counts.
+    """
     ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
-    pairs = [
-        ElementPair(
-            known.object or ours,
-            known.environment or theirs,
-            known.log_share,
-            known.up if theirs is None else None,
-        )
-        for known in element_pairs(knowledge, model)
-    ]
-    near = np.array(frame.near_m) if model.contact.value[2] == "e" else None
-    never = [False] * len(pairs)
+    if knowledge.up is not None and theirs is not None and not _is_surer_than_up(theirs, knowledge.up):
+        theirs = None
+    pairs = [_with(known, ours, theirs) for known in element_pairs(knowledge, model)]
     return make_proposals(
         model,
         [one.pair(frame.origin_m) for one in pairs],
-        near,
+        np.array(frame.near_m) if model.contact.value[2] == "e" else None,
         [one.log_share for one in pairs],
         range(len(pairs)),
-        never,
-        never,
+        [one.certain for one in element_pairs(knowledge, model)],
+        [False] * len(pairs),
     )
+
+
+def _is_surer_than_up(measured: NamedElement, up: Up) -> bool:
+    """Whether a measured face has a smaller deviation than faces that point up; other elements have none."""
+    element = measured.element
+    if not isinstance(element, Plane) or element.covariance is None:
+        return True
+    return bool(np.trace(element.covariance[:3, :3]) < 2.0 * up.spread_rad**2)
 
 
 @lru_cache(maxsize=64)  # memory and frame rarely change
@@ -124,8 +127,14 @@ def _filled(known: ElementPair, remembered: ElementPair) -> ElementPair | None:
         or known.certain
     ):
         return None
-    object, environment = known.object or remembered.object, known.environment or remembered.environment
-    return ElementPair(object, environment, remembered.log_share, None if environment else known.up)
+    filled = _with(known, remembered.object, remembered.environment)
+    return filled._replace(log_share=remembered.log_share)
+
+
+def _with(known: ElementPair, object: NamedElement | None, environment: NamedElement | None) -> ElementPair:
+    """``known`` with these elements where it leaves them open."""
+    theirs = known.environment or environment
+    return ElementPair(known.object or object, theirs, known.log_share, None if theirs else known.up)
 
 
 def named(geometry: ContactGeometry, known: ElementPair) -> ContactGeometry:

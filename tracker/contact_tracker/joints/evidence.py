@@ -85,13 +85,9 @@ def find_joint(
         if one.kind.constraints >= constraints and (used == 1 or one.kind is JointKind.BALL)
     ]
     most_play = MOST_PLAY if used == 1 else 1.0
-    fitted = _with_pitch_in_doubt(
-        [
-            with_systematic_errors(fit_joint(model, window, scales, most_play), window, scales, errors)
-            for model in some
-        ],
-        errors,
-    )
+    fitted = [fit_joint(model, window, scales, most_play) for model in some]
+    if errors.are_given:
+        fitted = _with_shifted_hinge(fitted, window, scales, errors)
     best = max(fitted, key=lambda one: one.log_evidence, default=None)
     if best is None or best.log_evidence <= SURE_NATS:
         return None
@@ -99,7 +95,8 @@ def find_joint(
     if best.log_evidence - max(rivals) <= SURE_NATS:
         return None
     rivals += [one.log_evidence for one in fitted if one is not best]
-    return FoundJoint(best, best.log_evidence - float(np.logaddexp.reduce(rivals)))
+    log_odds = best.log_evidence - float(np.logaddexp.reduce(rivals))
+    return FoundJoint(with_systematic_errors(best, window, scales, errors), log_odds)
 
 
 def fit_joint(
@@ -139,24 +136,25 @@ def with_systematic_errors(
     return fitted._replace(covariance=fitted.covariance + added)
 
 
-def _with_pitch_in_doubt(fitted: Sequence[FittedJoint], errors: SystematicErrors) -> list[FittedJoint]:
-    """The joints, in which a screw explains no more, beyond the hinge, than the systematic errors of its
-    pitch allow (T45).
+def _with_shifted_hinge(
+    fitted: Sequence[FittedJoint], window: Window, scales: EvidenceParameters, errors: SystematicErrors
+) -> list[FittedJoint]:
+    """The joints, with a hinge that explains as much as the screw, up to what the systematic errors leave of
+    its pitch (T45).
 
     Errors that depend on the place shift an object on a hinge along its axis, as a pitch would.
     """
-    hinge = next((one for one in fitted if one.model.kind is JointKind.HINGE), None)
-    if hinge is None or not errors.are_given:
+    screw = next((one for one in fitted if one.model.kind is JointKind.SCREW), None)
+    if screw is None:
         return list(fitted)
-
-    def limited(one: FittedJoint) -> FittedJoint:
-        if one.model.kind is not JointKind.SCREW:
-            return one
-        sd_m = float(np.sqrt(one.covariance[-1, -1]))
-        lead = 0.5 * (one.frames.pitch_m / sd_m) ** 2 - float(np.log(PITCH_M / sd_m))
-        return one._replace(log_evidence=min(one.log_evidence, hinge.log_evidence + lead))
-
-    return [limited(one) for one in fitted]
+    covariance = with_systematic_errors(screw, window, scales, errors).covariance
+    sd_m = float(np.sqrt(covariance[-1, -1]))  # the pitch is the last parameter
+    lead = 0.5 * (screw.frames.pitch_m / sd_m) ** 2 - float(np.log(PITCH_M / sd_m))
+    least = screw.log_evidence - lead
+    return [
+        one._replace(log_evidence=max(one.log_evidence, least)) if one.model.kind is JointKind.HINGE else one
+        for one in fitted
+    ]
 
 
 def _minimise(

@@ -71,6 +71,10 @@ class RecordLoop:
     wanted : messages of other channels are skipped unread.
     summary : of the same file, where known: replaces damaged channel records and gives chunk offsets.
 
+    Attributes
+    ----------
+    messages : number of messages so far, of all channels.
+
     Raises
     ------
     UnreadableRecording
@@ -85,6 +89,7 @@ class RecordLoop:
     ) -> None:
         self.end: End | None = None
         self.damage = DamageReport()
+        self.messages = 0
         self._stream = stream
         self._wanted = wanted
         self._schemas: dict[int, records.Schema] = {}
@@ -111,15 +116,19 @@ class RecordLoop:
                 yield group
         self.report_orphans()
 
-    def items_at(self, place: Place) -> list[Item]:
-        """The items of one record, as in ``groups``; channels are those of ``summary``."""
+    def opcode_at(self, place: Place) -> int | None:
+        """Opcode of the record at a place; None if there is none of this size."""
         head = self._stream.read(RECORD_HEAD.size) if self._stream.seek(place.offset) else b""
         opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
-        is_there = opcode in _READ and len(head) + length == place.size
-        if is_there and opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:
+        return opcode if opcode in _READ and len(head) + length == place.size else None
+
+    def items_at(self, place: Place) -> list[Item]:
+        """The items of one record, as in ``groups``; channels are those of ``summary``."""
+        opcode, length = self.opcode_at(place), place.size - RECORD_HEAD.size
+        if opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:
             return []
-        payload = self._stream.read(length) if is_there and length <= RECORD_LIMIT else b""
-        if not is_there or len(payload) != length:
+        payload = self._stream.read(length) if opcode is not None and length <= RECORD_LIMIT else b""
+        if opcode is None or len(payload) != length:
             self.damage.add(f"no MCAP record at byte {place.offset}")
             return []
         return self._group(opcode, payload, place.offset)
@@ -201,6 +210,7 @@ class RecordLoop:
     def _items(self, data: bytes, run: Run) -> Iterable[Item]:
         if run.opcode == Opcode.MESSAGE:
             channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, run.at)
+            self.messages += run.many
             try:
                 channel = self._channels[channel_id]
             except KeyError:

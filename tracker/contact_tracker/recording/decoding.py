@@ -81,6 +81,10 @@ class MessageDecoder:
     def decode(self, message: RawMessage) -> Any:
         """The message as an object with attributes; raises Undecodable, or MissingExtra without its
         library."""
+        return self._decoded(message)[0]
+
+    def _decoded(self, message: RawMessage) -> tuple[Any, int]:
+        """As ``decode``, with the work that was counted (records)."""
         channel, _, data = message
         try:
             decoder = self._reading(channel).defined.decoder
@@ -91,8 +95,9 @@ class MessageDecoder:
                 self._count_work(message, 1)  # before and after: its size is not known
                 data = inflate_zstd(data, MESSAGE_LIMIT)
                 self._count_work(message, len(data) // _INFLATED_PER_RECORD)
-            self._count_work(message, max(len(data) // BYTES_PER_RECORD, work.records(len(data))))
-            return decode(data)
+            records = max(len(data) // BYTES_PER_RECORD, work.records(len(data)))
+            self._count_work(message, records)
+            return decode(data), records
         except (Undecodable, MissingExtra):
             raise
         except (*PARSE_ERRORS, TypeError, AttributeError, AssertionError) as error:
@@ -135,8 +140,8 @@ class MessageDecoder:
 
     def _observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message, by the library's decoder."""
-        decoded = self.decode(message)
-        self._count_work(message, number_of_poses(decoded) // POSES_PER_RECORD)
+        decoded, records = self._decoded(message)
+        self._count_work(message, max(number_of_poses(decoded) // POSES_PER_RECORD - records, 0))
         try:
             found = observations(message.channel.type, decoded)
             return typed(found) if message.channel.encoding == "json" else found
@@ -179,7 +184,8 @@ class MessageDecoder:
         """Whether the bytes of the file explain the work of reading a definition, which is counted then."""
         try:
             if self._budget is not None:
-                self._budget.count_definition(len(schema), schema.count(b"\n"))
+                lines = schema.decode(errors="replace").splitlines()
+                self._budget.count_definition(len(schema), len(lines))
         except TooMuchWork:
             return False
         return True
@@ -190,6 +196,7 @@ class MessageDecoder:
             try:
                 self._budget.count_records(records)
             except TooMuchWork as error:
+                self._budget.leave_out_message()
                 raise Undecodable(f"{message.channel.topic}: {error}") from error
 
 

@@ -5,7 +5,7 @@ nested levels or elements of one byte, so that a small message takes as long as 
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -40,7 +40,7 @@ class DecodingWork:
     steps_per_byte: float = 0.0
 
     def records(self, size: int) -> int:
-        """Number of records whose work that of a message of ``size`` bytes is at most, beyond the first."""
+        """The work of decoding a message of ``size`` bytes, as a number of usual records beyond the first."""
         return int((self.steps + self.steps_per_byte * size) / _STEPS_PER_RECORD)
 
 
@@ -48,15 +48,16 @@ class _Field(NamedTuple):
     """A field: its type as written, and its number of elements; None for a sequence."""
 
     type: str
-    many: int | None
+    element_count: int | None
 
 
-class _Least(NamedTuple):
-    """Of a message: steps, least size (bytes), and levels below."""
+class _Extent(NamedTuple):
+    """Of the messages of a type without what is in sequences: most steps, least size (bytes), and the number
+    of nested levels."""
 
     steps: int
     size: int
-    depth: int
+    levels: int
 
 
 def work_of(text: str) -> DecodingWork:
@@ -69,33 +70,43 @@ def work_of(text: str) -> DecodingWork:
     """
     if len(text) > LONGEST_DEFINITION:
         raise ValueError("the definition is too long")
-    types = _Types(text)
-    dense = [one.steps / max(one.size, 1) for one in types.elements()]
-    return DecodingWork(types.least("").steps, max(dense, default=0.0))
+    types = _Types("\n".join(text.splitlines()))  # as parsers do, with all that ends a line
+    dense = [one.steps / max(one.size, 1) for one in types.of_sequences()]
+    return DecodingWork(types.extent("").steps, max(dense, default=0.0))
 
 
 class _Types:
-    """The types of a definition by package and name; the message itself has the empty name."""
+    """The types of a definition by package and name; the message itself has the empty name.
+
+    A type without package can be that of its own package, or else any of this name.
+    """
 
     def __init__(self, text: str) -> None:
         self._fields = dict[str, list[_Field]]()
-        self._named = dict[str, list[str]]()
-        self._known = dict[str, _Least | None]()
+        self._known = dict[str, _Extent | None]()
+        self._any = dict[str, _Extent | None]()
         for number, part in enumerate(_RULE.split(text)):
             found = _NAME.match(part) if number else None
             name = found[1].replace("/msg/", "/") if found else ""
             self._fields.setdefault(name, []).extend(_fields(part[found.end() :] if found else part))
+        self._named = dict[str, list[str]]()
+        for name in self._fields:
             self._named.setdefault(name.rpartition("/")[2], []).append(name)
 
-    def elements(self) -> Iterator[_Least]:
-        """Each type of which there are sequences."""
-        for name, fields in self._fields.items():
-            for field in fields:
-                if field.many is None:
-                    yield from (self.least(one) for one in self._meant(name, field.type))
+    def of_sequences(self) -> Iterator[_Extent]:
+        """The elements of all sequences."""
+        written = {
+            (name.rpartition("/")[0], field.type)
+            for name, fields in self._fields.items()
+            for field in fields
+            if field.element_count is None
+        }
+        for package, type_name in written:
+            if (element := self._of_field(package, type_name, 0)) is not None:
+                yield element
 
-    def least(self, name: str, depth: int = 0) -> _Least:
-        """Of the type of this name; raises ValueError."""
+    def extent(self, name: str, depth: int = 0) -> _Extent:
+        """Of the type of this name at ``depth`` levels; raises ValueError."""
         if name not in self._known:
             if depth > _DEEPEST:
                 raise ValueError("the definition is too deep")
@@ -104,36 +115,55 @@ class _Types:
         found = self._known[name]
         if found is None:
             raise ValueError(f"the type {name} is part of itself")
-        if depth + found.depth > _DEEPEST:
+        if depth + found.levels > _DEEPEST:
             raise ValueError("the definition is too deep")
         return found
 
-    def _sum(self, name: str, depth: int) -> _Least:
-        steps, size, below = _STEPS, 0, 0
+    def _sum(self, name: str, depth: int) -> _Extent:
+        steps, size, levels, package = _STEPS, 0, 0, name.rpartition("/")[0]
         for field in self._fields[name]:
-            parts = [self.least(one, depth + 1) for one in self._meant(name, field.type)]
-            below = max([below, *(part.depth + 1 for part in parts)])
-            if field.many is None:
+            nested = self._of_field(package, field.type, depth + 1)
+            levels = max(levels, 0 if nested is None else nested.levels + 1)
+            if field.element_count is None:
                 steps, size = steps + 1, size + _SIZE_OF_LENGTH
-            elif parts:
-                steps += field.many * max(part.steps for part in parts)
-                size += field.many * min(part.size for part in parts)
+            elif nested is not None:
+                steps += field.element_count * nested.steps
+                size += field.element_count * nested.size
             else:
-                steps, size = steps + 1, size + field.many * _SIZES.get(field.type, 1)
-        return _Least(steps, max(size, 1), below)
+                steps, size = steps + 1, size + field.element_count * _SIZES.get(field.type, 1)
+        return _Extent(steps, max(size, 1), levels)
 
-    def _meant(self, inside: str, written: str) -> list[str]:
-        """The types that a field of the type ``inside`` can mean; none for a type without fields."""
+    def _of_field(self, package: str, written: str, depth: int) -> _Extent | None:
+        """Of a field of this type; None for one without fields."""
+        name = written.replace("/msg/", "/") if "/" in written else f"{package}/{written}"
+        if name in self._fields:
+            return self.extent(name, depth)
         if "/" in written:
-            full = written.replace("/msg/", "/")
-            return [full] if full in self._fields else []
-        beside = f"{inside.rpartition('/')[0]}/{written}"
-        return [beside] if beside in self._fields else self._named.get(written, [])
+            return None
+        if written not in self._any:
+            all_of_name = [self.extent(one, depth) for one in self._named.get(written, ())]
+            self._any[written] = _most(all_of_name) if all_of_name else None
+        return self._any[written]
+
+
+def _most(extents: Sequence[_Extent]) -> _Extent:
+    return _Extent(
+        max(one.steps for one in extents),
+        min(one.size for one in extents),
+        max(one.levels for one in extents),
+    )
 
 
 def _fields(part: str) -> Iterator[_Field]:
     for line in part.splitlines():
         found = _FIELD.match(line.strip())
         if found is not None and not found[3]:  # no constant
-            count = found[2].strip("[]") if found[2] else "1"
-            yield _Field(found[1], int(count[:_LONGEST_NUMBER]) if count.isdecimal() else None)
+            yield _Field(found[1], _element_count(found[2]))
+
+
+def _element_count(brackets: str | None) -> int | None:
+    """Number of elements by what follows the type; None for a sequence."""
+    if brackets is None:
+        return 1
+    digits = brackets[1:-1].strip().lstrip("+")[:_LONGEST_NUMBER]
+    return int(digits) if digits.isdecimal() else None

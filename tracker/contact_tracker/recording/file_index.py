@@ -34,7 +34,7 @@ class Place(NamedTuple):
 
 
 def summary_of(part: str) -> Summary | None:
-    """The index of a file; None unless it describes all channels, and the places that it gives are apart."""
+    """The index of a file; None unless it describes all channels, and its records are disjoint."""
     if not is_regular(part):
         return None
     try:
@@ -43,10 +43,11 @@ def summary_of(part: str) -> Summary | None:
             size = os.fstat(file.fileno()).st_size
     except (*PARSE_ERRORS, OSError):
         return None
-    if summary is None or summary.statistics is None or not _is_apart(summary, size):
+    if summary is None or summary.statistics is None or not _are_disjoint(summary, size):
         return None
-    complete = summary.channels.keys() >= summary.statistics.channel_message_counts.keys()
-    return summary if complete else None
+    has_channels = summary.channels.keys() >= summary.statistics.channel_message_counts.keys()
+    has_schemas = {channel.schema_id for channel in summary.channels.values()} <= {0, *summary.schemas}
+    return summary if has_channels and has_schemas else None
 
 
 def place_of(index: records.ChunkIndex | records.AttachmentIndex | records.MetadataIndex) -> Place:
@@ -56,9 +57,9 @@ def place_of(index: records.ChunkIndex | records.AttachmentIndex | records.Metad
     return Place(index.offset, index.length)
 
 
-def _is_apart(summary: Summary, size: int) -> bool:
-    """Whether records are disjoint and inside the file: else a small file could have the same bytes read over
-    and over."""
+def _are_disjoint(summary: Summary, size: int) -> bool:
+    """Whether the records of an index are disjoint and inside the file: else a small one could have the same
+    bytes read over and over."""
     places = [place_of(chunk) for chunk in summary.chunk_indexes]
     places += [place_of(attachment) for attachment in summary.attachment_indexes]
     places += [place_of(metadata) for metadata in summary.metadata_indexes]

@@ -47,6 +47,7 @@ class WorkBudget:
         self._rows = 0
         self._framed = 0
         self._defined = 0
+        self._is_message_left_out = False
 
     def count_read(self, count: int) -> None:
         """Count bytes read from the disk."""
@@ -85,6 +86,17 @@ class WorkBudget:
         if self._defined + work > _RECORDS + self._read // _BYTES_PER_RECORD:
             raise TooMuchWork(f"longer definitions than {self._read} bytes explain; {_ADVICE}")
         self._defined += work
+
+    def leave_out_message(self) -> None:
+        """Note that a message is not decoded, as that would exceed the limits."""
+        self._is_message_left_out = True
+
+    @property
+    def damage(self) -> str | None:
+        """One line if messages were left out."""
+        if not self._is_message_left_out:
+            return None
+        return f"messages that take longer to decode than {self._read} bytes explain are left out; {_ADVICE}"
 
     def count_framed(self) -> None:
         """Count a record outside of chunks, as the whole file may be compressed; raises TooMuchWork."""

@@ -7,11 +7,12 @@ from glob import has_magic
 from itertools import pairwise
 from typing import Final
 
+from mcap.opcode import Opcode
 from mcap.summary import Summary
 
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.recording.bags import is_bag, read_bag
-from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
+from contact_tracker.recording.bytestream import ZSTD_MAGIC, Follow, is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.file_index import place_of, summary_of
@@ -211,7 +212,7 @@ class Reading:
     @property
     def damage(self) -> str | None:
         """One line, or None without damage."""
-        return self._damage.text
+        return "; ".join(filter(None, (self._damage.text, self.budget.damage))) or None
 
     def __iter__(self) -> Iterator[Item]:
         readable = False
@@ -239,10 +240,13 @@ class Reading:
             return
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
-            if summary is not None and _is_sortable(summary) and not is_in_log_order(summary):
-                yield from self._sorted(stream, summary, prefix)
+            loop = RecordLoop(stream, self._wanted, summary)
+            if summary is not None and not is_in_log_order(summary) and _is_sortable(summary, loop):
+                yield from self._sorted(loop, summary, prefix)
                 return
-            yield from self._read(RecordLoop(stream, self._wanted, summary), prefix)
+            if summary is not None:
+                stream.seek(0)
+            yield from self._read(loop, prefix)
 
     def _table(
         self, part: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
@@ -258,10 +262,9 @@ class Reading:
         finally:
             self._damage.add_all(loop.damage, prefix)
 
-    def _sorted(self, stream: ByteStream, summary: Summary, prefix: str) -> Iterator[Item]:
+    def _sorted(self, loop: RecordLoop, summary: Summary, prefix: str) -> Iterator[Item]:
         """The items of a file whose chunks overlap in log time: attachments and metadata, then messages by
         log time. Chunks are buffered as long as others may have earlier messages."""
-        loop = RecordLoop(stream, self._wanted, summary)
         chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
         try:
             for attachment in summary.attachment_indexes:
@@ -271,6 +274,9 @@ class Reading:
             yield from in_log_order(
                 (chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks
             )
+            assert summary.statistics is not None
+            if loop.damage.text is None and (lost := summary.statistics.message_count - loop.messages) > 0:
+                loop.damage.add(f"{lost} messages outside of chunks, which overlap in log time, are left out")
         finally:
             loop.report_orphans()
             self._damage.add_all(loop.damage, prefix)
@@ -310,12 +316,15 @@ def _refuse_packed(part: str, begin: bytes) -> None:
         raise UnreadableRecording("it is a pointer of Git LFS, not the file itself: git lfs pull")
 
 
-def _is_sortable(summary: Summary) -> bool:
-    """Whether the index covers the whole file."""
+def _is_sortable(summary: Summary, loop: RecordLoop) -> bool:
+    """Whether the index has all chunks, attachments and metadata, and its chunks are there."""
     known = summary.statistics
-    return known is not None and (
+    is_whole = known is not None and (
         (known.chunk_count, known.attachment_count, known.metadata_count)
         == (len(summary.chunk_indexes), len(summary.attachment_indexes), len(summary.metadata_indexes))
+    )
+    return is_whole and all(
+        loop.opcode_at(place_of(chunk)) == Opcode.CHUNK for chunk in summary.chunk_indexes
     )
 
 

@@ -185,7 +185,7 @@ def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, 
     Motion that does not determine the contact does not determine its elements either: several minima fit.
     """
     measured = segment.wrenches.elements.get(contact.contact) if segment.wrenches is not None else None
-    if measured is None:
+    if measured is None or measured == (None, None):
         return by_motion
     proposals = propose_measured(contact, segment.knowledge, measured, _frame(segment, window))
     own = window.with_error(segment.model.noise.extra_contact_variance[contact.contact.column])

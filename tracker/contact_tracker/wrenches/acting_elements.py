@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.elements import Element, Line, Pair, Plane, Point
 from contact_tracker.geometry.vectors import EYE, unit
 from contact_tracker.states import Contact
-from contact_tracker.wrenches.line_of_action import CONE_RAD, REACH_M, LineFits, PointFit
+from contact_tracker.wrenches.line_of_action import REACH_M, LineFits, PointFit
 
 Array = NDArray[np.float64]
 
 ANYWHERE_M: Final = 1e3
 """Standard deviation of the offset of a face, on which forces do not depend."""
+FRICTION_RAD: Final = float(np.radians(10.0))
+"""Standard deviation of the mean force from the normal, by friction: a hand that drags an object to one side
+with a coefficient of 0.3 turns it by 17 deg."""
 MOST_RAD: Final = float(np.radians(20.0))
 """Largest standard deviation of a direction that is used."""
 
@@ -53,7 +56,7 @@ def acting_elements(
 def _face(outward: Array) -> Element:
     """Friction turns forces from the normal."""
     normal, covariance = unit(outward), np.zeros((4, 4))
-    covariance[:3, :3] = CONE_RAD**2 * (EYE - np.outer(normal, normal))
+    covariance[:3, :3] = FRICTION_RAD**2 * (EYE - np.outer(normal, normal))
     covariance[3, 3] = ANYWHERE_M**2
     return Plane(normal, 0.0, covariance)
 
@@ -62,9 +65,9 @@ def _line(fits: LineFits, origin_m: Array, exponent: float) -> Element | None:
     variance = fits.angle_variance(exponent)
     if variance > MOST_RAD**2:
         return None
-    direction, covariance = fits.best, np.zeros((6, 6))
-    side = np.cross(fits.normal, direction)
-    covariance[:3, :3] = variance * np.outer(side, side) + CONE_RAD**2 * np.outer(fits.normal, fits.normal)
+    direction, normal, covariance = fits.best, fits.normal, np.zeros((6, 6))
+    side = np.cross(normal, direction)
+    covariance[:3, :3] = variance * np.outer(side, side) + FRICTION_RAD**2 * np.outer(normal, normal)
     covariance[3:, 3:] = REACH_M**2 * (EYE - np.outer(direction, direction))
     return Line(direction, origin_m, covariance)
 

@@ -163,8 +163,9 @@ class LineFits:
         angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi  # a line has no sense
         angle, first = np.unique(angle, return_index=True)
         weight = np.exp(exponent * (self.log_likelihood[first] - self.log_likelihood.max()))
-        weight *= np.gradient(angle)  # angles are denser near the best one
-        return float(weight @ angle**2 / weight.sum())
+        spacing = np.gradient(angle)  # angles are denser near the best one
+        weight *= spacing
+        return float(weight @ angle**2 / weight.sum() + spacing.min() ** 2 / 12.0)
 
     def across(self, other: Array) -> float:
         """Least loss of log evidence if the line has to cross the direction ``other`` (3,): parallel lines
