@@ -46,6 +46,19 @@ def test_evidence_of_any_size_is_finite() -> None:
     assert np.isfinite(share).all()
 
 
+def test_what_wrenches_rule_out_gives_its_probability_to_the_label() -> None:
+    """Also where the evidence is so large that its exponential is zero."""
+    label, others, share = decide_by_wrenches(
+        Contact.EE, (Contact.EF, Contact.VF), evidence(EF=40.0, EE=-900.0)
+    )
+    assert (label, others) == (Contact.EF, ())
+    assert share is not None
+    probability = np.array([0.01, 0.07, 0.06, 0.12, 0.17, 0.55, 0.02])
+    found = shared(probability, share)
+    assert found[Contact.EF.column] == pytest.approx(0.07 + 0.12 + 0.55)
+    assert found.sum() == pytest.approx(1.0)
+
+
 def test_sharing_keeps_the_probability_of_the_others() -> None:
     probability = np.array([0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05])
     share = np.array([0.25, 0.75, 0.0, 0.0, 0.0, 0.0, 0.0])

@@ -35,6 +35,8 @@ FIRST_CHOICE: Final = 2.0
 OPEN_AT_MOST: Final = 0.9
 """Greatest probability of a label that does not explain all constraints that are kept."""
 ALMOST: Final = 1.0 - 1e-9
+LEAST_SHARE: Final = 1e-300
+"""Share of a state that wrenches rule out: above zero, as it still has a share in what is divided."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""
@@ -178,7 +180,7 @@ def decide_by_wrenches(
     weight = evidence[alike] + np.where(alike == label.column, np.log(FIRST_CHOICE), 0.0)
     weight -= weight.max()
     share = np.zeros(len(STATES))
-    share[alike] = np.exp(weight) / np.exp(weight).sum()
+    share[alike] = np.maximum(np.exp(weight) / np.exp(weight).sum(), LEAST_SHARE)
     best = STATES[int(alike[weight.argmax()])]
     open_ones = {int(column) for column in alike[weight > -DECISIVE]}
     rest = tuple(state for state in STATES if state.column in open_ones and state is not best)
