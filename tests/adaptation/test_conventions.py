@@ -41,6 +41,14 @@ MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
         "reorder and conjugate",
         lambda poses: with_quaternions(with_quaternions(poses, [0, 1, 2, 3], -1.0), [3, 0, 1, 2]),
     ),
+    "w last in fields of w first": (
+        "x y z w in fields that are w x y z",
+        lambda poses: with_quaternions(poses, [1, 2, 3, 0]),
+    ),
+    "w last in fields of w first, and inverted": (
+        "x y z w in fields that are w x y z, and inverted",
+        lambda poses: with_quaternions(with_quaternions(poses, [0, 1, 2, 3], -1.0), [1, 2, 3, 0]),
+    ),
     "inverse": ("inverse, of the world", inverse),
 }
 
