@@ -405,6 +405,67 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     assert log.counts["nonfinite"] == 1
 
 
+ROWS_OF_SEVEN = "t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{i / 10},1,2,3,0,0,0,1\n" for i in range(7))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize(
+    "last", ["0.7", "0.7,1,2,3", "0.7,1,2,3,0,0,0", "0.7,1,2,3,0,0,0,", "0.7,1,2,3,0,0,0,-"]
+)
+def test_a_last_line_that_is_cut_off_inside_a_row_is_damage(
+    tmp_path: Path, separator: str, last: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    rows = ROWS_OF_SEVEN.partition("\n")[2] if separator == " " else ROWS_OF_SEVEN  # TUM
+    path.write_text((rows + last).replace(",", separator))
+    for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
+        log = open_log(str(path))
+        assert len(collect(log)) == 7
+        assert log.damage == (
+            "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
+        )
+        assert "nonfinite" not in log.counts
+    assert summarise(str(path)).damage is not None
+    assert run(["segment", str(path)]) == 3
+    assert "cut off inside a row" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "last", ["", "0.7,1,2,3,0,0,0,1", "0.7,1,2,3,0,0,0,1\n", "# written by hand", "0.7,,,,,,,"]
+)
+def test_a_whole_last_row_needs_no_line_break(tmp_path: Path, last: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(ROWS_OF_SEVEN + last)
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == (8 if last.endswith(("1", "1\n")) else 7)
+    assert log.damage is None
+
+
+def test_a_row_is_left_out_if_only_values_beside_the_pose_are_cut_off(tmp_path: Path) -> None:
+    """The last number of the pose may be cut off then, too."""
+    path = tmp_path / "a.csv"
+    rows = [f"{i / 10},1,2,3,0,0,0,1.0,{i}" for i in range(7)]
+    path.write_text("\n".join(["t,x,y,z,qx,qy,qz,qw,frame", *rows, "0.7,1,2,3,0,0,0,1."]))
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == 7
+    assert log.damage is not None
+
+
+def test_exports_of_motion_capture_that_are_cut_off_are_damaged(tmp_path: Path) -> None:
+    motive = write_motive(tmp_path / "a.csv", POSES, OTHER)
+    vicon = write_vicon(tmp_path / "b.csv")
+    text = vicon.read_text()
+    for path, cut, damaged in (
+        (motive, motive.read_text(encoding="utf-8-sig").rstrip()[:-30], True),
+        (vicon, text[: text.index("\n\nTrajectories")][:-30], True),
+        (vicon, text.rstrip()[:-2], False),  # in a section that has no poses
+    ):
+        path.write_text(cut)
+        log = open_log(str(path), frame="cup")
+        assert len(Poses.collect(log)) == 300 - damaged
+        assert (log.damage is not None) is damaged
+
+
 @pytest.mark.parametrize("line", ["\n", "#\n", "# t x y z qx qy qz qw\n", "  \n"])
 def test_endless_meaningless_lines_are_refused(line: str, tmp_path: Path) -> None:
     path = tmp_path / "a.tum"
