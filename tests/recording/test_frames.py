@@ -131,6 +131,32 @@ def test_relative_to_a_frame(tmp_path: Path) -> None:
     assert str(log.source) == "/object/pose world (geometry_msgs/msg/PoseStamped)"
 
 
+def test_a_chain_on_a_clock_that_starts_at_zero(tmp_path: Path) -> None:
+    """The clock of a simulation: zero is no missing stamp there."""
+    both = faster(100, 31.0, 1), faster(100, 31.0, 2)
+    rows = [
+        (int(a.stamp_ns), [(a, "world", "flange"), (b, "flange", "object")])
+        for a, b in zip(*both, strict=True)
+    ]
+    messages = [
+        (
+            log_time_ns,
+            {
+                "transforms": [
+                    transform(p.stamp_ns - START_NS, *p[1:], frame=parent, child=child)
+                    for p, parent, child in some
+                ]
+            },
+        )
+        for log_time_ns, some in rows
+    ]
+    path = write_log(tmp_path / "a.mcap", [Topic("/tf", TF, messages)])
+    log = open_log(str(path), frame="world->object")
+    first, second = map(by, both)
+    assert_is(Poses.collect(log), both[0].stamp_ns - START_NS, lambda i, t: first[i] @ second[i])
+    assert log.counts == {}
+
+
 def test_relative_to_another_body(tmp_path: Path) -> None:
     topics = [poses_topic(FLANGE, "/tray"), poses_topic(OBJECT, "/cup")]
     path = str(write_log(tmp_path / "a.mcap", topics))

@@ -246,6 +246,24 @@ def test_bodies_of_an_export_are_relative_to_each_other(tmp_path: Path, frame: s
         open_log(path, frame="cup", relative_to="lid")
 
 
+@pytest.mark.parametrize("first_s", [0.0, -1.5])
+@pytest.mark.parametrize("digits", [6, 0])
+def test_a_row_of_zero_seconds_has_a_stamp(tmp_path: Path, first_s: float, digits: int) -> None:
+    """Also where times are rounded to seconds: a table has no other times."""
+    path = tmp_path / "a.csv"
+    names = ",".join(f"{body}_{role}" for body in ("cup", "table") for role in NAMES[-7:])
+    rows = np.hstack([columns(POSES)[:, 1:], columns(OTHER)[:, 1:]]).tolist()
+    times = [f"{round(first_s + i * 0.5, digits):.{digits}f}" for i in range(len(rows))]
+    lines = [",".join([time, *map(repr, row)]) for time, row in zip(times, rows, strict=True)]
+    path.write_text("\n".join([f"time [s],{names}", *lines]) + "\n")
+    for which in ({"frame": "cup"}, {"frame": "cup", "relative_to": "table"}):
+        log = open_log(str(path), **which)
+        found = Poses.collect(log)
+        assert found.stamp_ns[0] == round(float(times[0]) * 1e9)
+        assert "log_time_as_stamp" not in log.counts
+    assert not any("log_time_as_stamp" in source.counts for source in summarise(str(path)).sources)
+
+
 def test_motive_bodies_of_one_name_are_distinguished(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
     path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, VALUES * 2, "XYZWXYZ" * 2))

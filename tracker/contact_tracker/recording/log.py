@@ -12,8 +12,8 @@ from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
-from contact_tracker.recording.composition import Composer, stamped
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text
+from contact_tracker.recording.composition import Composer
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text, is_row
 from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.file_index import summary_of
 from contact_tracker.recording.frames import (
@@ -232,7 +232,7 @@ class PoseLog:
                 if self._taken <= self._skipped:
                     continue
                 self._note_assumption(item.channel, 1)
-                if stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
+                if not is_row(item.channel) and stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
                     pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
                 yield from self._one_by_one(admit(pose))
@@ -320,9 +320,9 @@ def open_log(
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
             composer = Composer(steps, steps.body, source, decoder, at_once)
-            composer.learn_static(all_known)
+            composer.learn(all_known)
             stream = composer.compose(chain(head, items))
-            prefix = [(stamped(*logged), logged[1]) for logged in all_known[steps[steps.body].source]]
+            prefix = all_known[steps[steps.body].source]
             return PoseLog(source, reading, stream, decoder, prefix, None, count_late, composer)
         more = take_prefix(items)
         if not more:

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text, may_have_poses
+from contact_tracker.recording.decoding import (
+    MessageDecoder,
+    Undecodable,
+    assumption_text,
+    is_row,
+    may_have_poses,
+)
 from contact_tracker.recording.items import BUFFER_BYTES, Attachment, Channel, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import PoseSource
@@ -213,7 +219,7 @@ class _Tallies:
             if len(self._tallies) >= SOURCES_KEPT:
                 self.more_sources = True
                 return
-            tally = self._tallies[source] = _Tally()
+            tally = self._tallies[source] = _Tally(is_row(channel))
         why = self._decoder.assumption(channel)
         if why is not None:
             self._assumed[source] = why
@@ -242,9 +248,13 @@ class _Sample:
 
 
 class _Tally:
-    """Running figures of one source, with ``kept`` poses of its beginning and the number ``observed``."""
+    """Running figures of one source, with ``kept`` poses of its beginning and the number ``observed``.
 
-    def __init__(self) -> None:
+    ``of_rows``: its messages are rows, all of which have a stamp.
+    """
+
+    def __init__(self, of_rows: bool) -> None:
+        self._of_rows = of_rows
         self.counts: Counter[str] = Counter()
         self.kept = 0
         self._gate = PoseGate(self.counts)
@@ -288,7 +298,7 @@ class _Tally:
         self._offsets_ns.add(log_ns - np.clip(stamp_ns, -_MOST_NS, _MOST_NS))
 
     def _admit_prefix(self) -> list[Pose]:
-        self._stamping = Stamping(self._prefix)
+        self._stamping = Stamping(() if self._of_rows else self._prefix)
         admitted = [pose for logged in self._prefix for pose in self._admit(self._stamping, *logged)]
         self._prefix = []
         return admitted
