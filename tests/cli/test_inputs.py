@@ -1,6 +1,7 @@
 """The commands on other inputs than MCAP with poses: tables, chains of transforms, other bodies."""
 
 import json
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -12,10 +13,13 @@ from test_commands import assert_one_line_error, run
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
 from contact_tracker.states import Contact
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
 POSES = smooth_poses(300)
+SHIPPED = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
 def write_chain(path: Path) -> Path:
@@ -63,6 +67,21 @@ def test_relative_to_another_body(tmp_path: Path) -> None:
     assert "300 poses" in done.stderr
     done = run("segment", path, "--frame", "cup", "--relative-to", "moon")
     assert_one_line_error(done, 2, "no pose source has the frame that leads to moon")
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "view", "batch"])
+def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(tmp_path: Path, command: str) -> None:
+    """A table in the frame of the cup that moves on it."""
+    pytest.importorskip("pyarrow" if command == "batch" else "numpy")
+    cup = Poses.collect(open_log(str(SHIPPED)))[:3000]
+    noise = np.random.default_rng(0).normal(scale=3e-4, size=(3000, 3))
+    place = cup.position_m.mean(axis=0) + np.array([0.9, 0.4, -0.2]) + noise
+    table = replace(cup, position_m=place, quat_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (3000, 1)))
+    path = write_log(tmp_path / "a.mcap", [poses_topic(table, "/table"), poses_topic(cup, "/cup")])
+    output = {"view": ["--save", tmp_path / "a.rrd"], "batch": ["-o", tmp_path / "dataset"]}.get(command, [])
+    done = run(command, path, "--topic", "/table", "--relative-to", "/cup", *output)
+    assert done.returncode == 0, done.stderr
+    assert "inverse" not in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("command", ["live", "segment", "info"])

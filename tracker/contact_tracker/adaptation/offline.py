@@ -29,7 +29,10 @@ labels; it is not needed where a wrench shows a contact force at the start."""
 
 
 class OfflineTracker:
-    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise."""
+    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise.
+
+    ``frame_moves``: poses are in the frame of a body that moves, as the user asked.
+    """
 
     def __init__(
         self,
@@ -37,11 +40,12 @@ class OfflineTracker:
         knowledge: PriorMap = EMPTY_MAP,
         executor: Executor | None = None,
         wrenches: WrenchEvidence | None = None,
+        frame_moves: bool = False,
     ) -> None:
         self._knowledge = knowledge
         self._wrenches = wrenches
         self._executor = executor
-        self._state = online.start(model, knowledge=knowledge)
+        self._state = online.start(model, knowledge=knowledge, frame_moves=frame_moves)
         self._repeatability = repeatability.Repeatability()
         self._untouched = untouched.Untouched()
 

@@ -250,7 +250,8 @@ def segment(
             notes.extend(filter(None, [mass_doubt(load, mass_kg)]))
         except NoLoad as reason:
             notes.append(f"the wrench is not used: {reason}")
-    tracker = OfflineTracker(given, knowledge, wrenches=evidence)
+    frame_moves = poses.source is not None and poses.source.frame_moves
+    tracker = OfflineTracker(given, knowledge, wrenches=evidence, frame_moves=frame_moves)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
     return Result(poses, found, tracker.report, tuple(notes))
 

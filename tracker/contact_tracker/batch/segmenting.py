@@ -122,7 +122,9 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     log, wrenches = _open(path, settings), _wrenches(path, settings)
     stream, tally = _Counted(log), Tally()
     evidence = None if wrenches is None else wrenches.evidence
-    tracker = OfflineTracker(settings.model, settings.knowledge, wrenches=evidence)
+    tracker = OfflineTracker(
+        settings.model, settings.knowledge, wrenches=evidence, frame_moves=log.source.frame_moves
+    )
     outliers, file, recording = 0, rows.file_of(name), rows.shown(name)
     targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})
     with ExitStack() as stack:

@@ -98,7 +98,7 @@ def _segment(
     wrenches = evidence_of(args.log, args, model, knowledge)
     log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     source = Source(log, args.log, args)
-    tracker = OfflineTracker(model, knowledge, executor, wrenches)
+    tracker = OfflineTracker(model, knowledge, executor, wrenches, log.source.frame_moves)
     with progress("segment", "poses", source.expected) as set_done:
         if args.output is None:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))

@@ -112,7 +112,8 @@ def composition_hint(sources: Iterable[PoseSource]) -> str:
 def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
     """The source name of the poses of a chain."""
     body = chain[chain.body].source
-    return PoseSource(body.topic, body.type, parent, child)
+    frame_moves = any(step.inverted and not is_static(step.source) for step in chain)
+    return PoseSource(body.topic, body.type, parent, child, frame_moves=frame_moves)
 
 
 def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:

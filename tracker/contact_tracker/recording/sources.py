@@ -36,13 +36,17 @@ _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod
 
 @dataclass(frozen=True, order=True)
 class PoseSource:
-    """One stream of poses; ``messages`` is their number on its topic, where the index has it."""
+    """One stream of poses; ``messages`` is their number on its topic, where the index has it.
+
+    ``frame_moves``: poses are composed in a frame that itself moves in the recording, as the user asked.
+    """
 
     topic: str
     type: str
     frame_id: str
     child_frame_id: str
     messages: int | None = field(default=None, compare=False)
+    frame_moves: bool = field(default=False, compare=False)
 
     @property
     def frames(self) -> str:
