@@ -107,14 +107,14 @@ def _segment(
             _write(source, log, tracker, set_done, args, check)
             detail(f"wrote {args.output}")
     if args.output is None:
-        _print(segments, source.origin_ns)
+        _print(segments, source.origin_ns, wrenches is not None)
     return source.finish(tracker.report)
 
 
-def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:
+def _print(segments: "Iterable[Segment]", origin_ns: int, with_wrenches: bool) -> None:
     from contact_tracker.outputs.text import table
 
-    for line in table(segments, origin_ns):
+    for line in table(segments, origin_ns, with_wrenches):
         show(line)
     sys.stdout.flush()
 
