@@ -143,5 +143,10 @@ def test_a_mass_that_is_overruled_is_a_warning(
     assert run(["simulate", "pressed", "-o", path, "-q"]) == 0
     assert run(["segment", path, "--wrench", "/object/wrench", "--mass", str(mass_kg), "-q"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
-    assert "warning" in line
-    assert f"{mass_kg} kg, does not fit the wrenches in free motion: 0.500 kg is used" in line
+    said = f"{mass_kg} kg, does not fit the wrenches in free motion: 0.500 kg is used"
+    assert line.startswith(f"contact-tracker: warning: {path}: the mass that is given, {said}")
+    assert run(["segment", path, "--wrench", "/object/wrench", "--mass", str(mass_kg)]) == 0
+    assert [said in line for line in capsys.readouterr().err.splitlines() if "wrenches" in line] == [
+        False,
+        True,
+    ]

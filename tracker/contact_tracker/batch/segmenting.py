@@ -146,8 +146,8 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
-    unused = wrenches.warning if wrenches is not None else None
-    notes = [*filter(None, (log.note, log.assumption, unused))]
+    unused = () if wrenches is None else wrenches.warnings
+    notes = [*filter(None, (log.note, log.assumption)), *unused]
     notes += [] if adapted is None else warnings(adapted)
     return {
         **rows.base(name, settings),
