@@ -69,7 +69,46 @@ def test_relative_to_another_body(tmp_path: Path) -> None:
     assert_one_line_error(done, 2, "no pose source has the frame that leads to moon")
 
 
-@pytest.mark.parametrize("command", ["live", "segment", "view", "batch"])
+@pytest.mark.parametrize(
+    ("words", "source"),
+    [
+        (["--topic", "/object/pose", "--relative-to", "/tray"], "/object/pose /tray"),
+        (["--frame", "world->cup"], "/tf world->cup"),
+        (["--topic", "/tray", "--relative-to", "flange"], "/tray flange"),
+    ],
+)
+def test_info_summarises_composed_poses(tmp_path: Path, words: list[str], source: str) -> None:
+    """Those that the other commands take with the same words."""
+    pairs = zip(POSES, smooth_poses(300, seed=4), strict=True)
+    rows = [
+        (a.stamp_ns, {"transforms": [transform(*a, "world", "flange"), transform(*b, "flange", "cup")]})
+        for a, b in pairs
+    ]
+    topics = [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)]
+    topics += [poses_topic(POSES, "/tray"), poses_topic(smooth_poses(300, seed=2), "/object/pose")]
+    path = str(write_log(tmp_path / "a.mcap", topics))
+    done = run("info", path, *words)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(source + " (")
+    (found,) = json.loads(run("info", path, "--json", *words).stdout)["sources"]
+    which = dict(zip([word.lstrip("-").replace("-", "_") for word in words[::2]], words[1::2], strict=True))
+    log = open_log(path, **which)
+    poses = Poses.collect(log)
+    assert found["poses"] == found["published"] == len(poses) == 300
+    assert found["first_ns"] == poses.stamp_ns[0]
+    length_m = np.linalg.norm(np.diff(poses.position_m, axis=0), axis=1).sum()
+    assert found["path_m"] == pytest.approx(length_m)
+    assert found["counts"] == dict(log.counts)
+
+
+def test_info_composes_nothing_of_standard_input_and_says_so(tmp_path: Path) -> None:
+    path = write_chain(tmp_path / "a.mcap")
+    for words in (["--frame", "world->cup"], ["--frame", "cup", "--relative-to", "world"]):
+        done = run("info", "-", *words, stdin=path.read_bytes())
+        assert_one_line_error(done, 2, "reads the recording twice, which standard input does not allow")
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "view", "batch", "info"])
 def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(tmp_path: Path, command: str) -> None:
     """A table in the frame of the cup that moves on it."""
     pytest.importorskip("pyarrow" if command == "batch" else "numpy")

@@ -160,6 +160,15 @@ class PoseLog:
         self._poses.close()
         self._items = iter(())
 
+    def messages(self) -> Iterator[RawMessage]:
+        """The messages instead of the poses, those of other sources included; composed poses are rows."""
+        return (item for item in self._items if isinstance(item, RawMessage))
+
+    @property
+    def decoder(self) -> MessageDecoder:
+        """The decoder of its messages."""
+        return self._decoder
+
     def batches(self) -> Iterator[Poses]:
         """The poses in columns, of many messages at once; with more delay than iteration."""
         many = min(_FEW, BATCH)

@@ -3,7 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from contact_tracker.recording.decoding import (
     may_have_poses,
 )
 from contact_tracker.recording.items import BUFFER_BYTES, Attachment, Channel, Metadata, RawMessage
+from contact_tracker.recording.log import PoseLog
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged, Stamping
@@ -134,6 +135,15 @@ def summarise(path: str, time_unit: str | None = None) -> RecordingSummary:
         tallies.more_sources,
         (*tallies.assumptions, *_assumed(reading)),
     )
+
+
+def summarise_log(log: PoseLog) -> SourceSummary:
+    """Summary of the poses that a log selects, which may be composed; reads it to its end."""
+    tallies = _Tallies(log.decoder)
+    for message in log.messages():
+        tallies.add(message)
+    (found,) = (one for one in tallies.finish() if one.source == log.source)
+    return replace(found, source=log.source, counts=Counter(found.counts) + Counter(log.counts))
 
 
 def _assumed(reading: Reading) -> tuple[str, ...]:
