@@ -23,8 +23,8 @@ EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
 _ONCE: Final = "composing poses reads the recording twice, which standard input does not allow"
 TRACKED_SOURCES: Final = 4
 """Most sources for which the adaptation is shown, which takes seconds each."""
-MOST_UPDATES: Final = 1000
-"""About the most updates (ticks times trackers) of all sources together, some 1.5 s of CPU time. The first
+MOST_UPDATES: Final = 1300
+"""About the most updates (ticks times trackers) of all sources together, some 2 s of CPU time. The first
 30 s of one source usually need fewer."""
 
 
