@@ -198,6 +198,27 @@ def test_bad_poses_of_the_parent_are_left_out(tmp_path: Path) -> None:
     assert log.counts == {"bad_parent": 1}
 
 
+def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
+    topics = [
+        tf(FLANGE, "world", "flange"),
+        tf([MOUNT], "flange", "camera", "/tf_static"),
+        poses_topic(OBJECT, frame="camera"),
+    ]
+    path = str(write_log(tmp_path / "a.mcap", topics))
+    for which, meant in (
+        ({"topic": "/objct/pose"}, "/object/pose"),
+        ({"topic": "object/pose"}, "/object/pose"),
+        ({"frame": "Flange"}, "flange"),
+        ({"frame": "world->flagne"}, "world->flange"),
+        ({"frame": "fla"}, "flange"),
+        ({"topic": "/object/pose", "relative_to": "wrold"}, "world"),
+    ):
+        with pytest.raises(ChoiceError, match=rf"; did you mean {meant}\?$"):
+            open_log(path, **which)
+    with pytest.raises(ChoiceError, match=r"no topic /x; there is /tf, /tf_static, /object/pose$"):
+        open_log(path, topic="/x")
+
+
 def test_published_transforms_are_not_composed(tmp_path: Path) -> None:
     path = str(write_arm(tmp_path / "a.mcap"))
     found = Poses.collect(open_log(path, frame="camera->object"))

@@ -264,6 +264,26 @@ def test_a_row_of_zero_seconds_has_a_stamp(tmp_path: Path, first_s: float, digit
     assert not any("log_time_as_stamp" in source.counts for source in summarise(str(path)).sources)
 
 
+def test_poses_that_have_to_be_composed_are_offered_with_the_option(tmp_path: Path) -> None:
+    path = str(write_motive(tmp_path / "take.csv", POSES, OTHER))
+    with pytest.raises(ChoiceError, match=r"compose it by --frame cup --relative-to table$"):
+        open_log(path, frame="table->cup")
+    with pytest.raises(ChoiceError, match=r"the frame cupp; .*; did you mean cup\?$"):
+        open_log(path, frame="cupp")
+    with pytest.raises(ChoiceError, match=r"that leads to tabel; .*; did you mean table\?$"):
+        open_log(path, frame="cup", relative_to="tabel")
+    with pytest.raises(ChoiceError, match=r"the frame cupp; .*; did you mean cup\?$"):
+        open_log(path, frame="cupp", relative_to="table")
+
+
+@pytest.mark.parametrize("frame", ["cup", "world->cup"])
+def test_of_a_table_of_one_body_without_a_name_no_frame_is_to_be_chosen(tmp_path: Path, frame: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(ROWS_OF_SEVEN)
+    with pytest.raises(ChoiceError, match=r"; it has no frame: leave out --frame$"):
+        open_log(str(path), frame=frame)
+
+
 def test_motive_bodies_of_one_name_are_distinguished(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
     path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, VALUES * 2, "XYZWXYZ" * 2))

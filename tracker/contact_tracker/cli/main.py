@@ -15,11 +15,12 @@ from typing import Any, Final, NoReturn
 from contact_tracker import __version__, viewer
 from contact_tracker.cli import batch, calibrate, evaluate, info, live, segment, simulate, view
 from contact_tracker.cli.completion import SHELLS, PrintCompletion
-from contact_tracker.cli.suggestions import option_suggestion, suggestion
+from contact_tracker.cli.option_suggestions import option_suggestion
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
 from contact_tracker.interrupts import end_in_order
+from contact_tracker.suggestions import suggestion
 
 COMMANDS: Final = (live, segment, batch, view, info, simulate, evaluate, calibrate)
 

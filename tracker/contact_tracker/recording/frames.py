@@ -1,6 +1,7 @@
 """Chains of transforms for the poses that ``--frame PARENT->CHILD`` or ``--relative-to`` selects."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -107,6 +108,17 @@ def composition_hint(sources: Iterable[PoseSource]) -> str:
     if len(steps) < 2 or len(roots) != 1 or len(bodies) != 1:
         return ""
     return f", or compose them by --frame '{min(roots)}->{min(bodies)}'"
+
+
+def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
+    """A hint for ``PARENT->CHILD`` where ``--relative-to`` would give these poses, else empty."""
+    known = sorted(sources)
+    parent, arrow, child = frame.partition(ARROW)
+    for source in known if arrow else ():
+        with suppress(AmbiguousSource):
+            if source.child_frame_id == child and chain_relative(path, known, source, parent):
+                return f"; compose it by --frame {child} --relative-to {parent}"
+    return ""
 
 
 def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:

@@ -26,6 +26,7 @@ from contact_tracker.recording.frames import (
     composition_hint,
     is_beside,
     moving_parent_note,
+    relative_hint,
 )
 from contact_tracker.recording.items import BUFFER_BYTES, Channel, Item, RawMessage, channel_of, some_messages
 from contact_tracker.recording.reading import STDIN, Reading, parts_of, size_budget
@@ -33,6 +34,7 @@ from contact_tracker.recording.sources import (
     ChannelFilter,
     PoseSource,
     message_counts,
+    not_leading,
     not_named,
     only_one,
     only_one_fits,
@@ -422,10 +424,12 @@ def _explain(
     damage: str | None,
     relative_to: str | None,
 ) -> Exception:
-    if found_sources and relative_to is not None:
-        return not_named(path, f"that leads to {relative_to}", found_sources)
+    is_named = frame is None or any(source.is_named(frame) for source in found_sources)
+    if found_sources and relative_to is not None and is_named:
+        return not_leading(path, relative_to, found_sources)
     if found_sources and frame is not None:
-        return not_named(path, frame, found_sources)
+        hint = relative_hint(path, found_sources, frame) if relative_to is None else ""
+        return not_named(path, frame, found_sources, hint)
     if damage is not None:
         return UnreadableRecording(f"{path}: no pose can be read: {damage}")
     return wanted.nothing_found(path)
