@@ -113,6 +113,11 @@ def test_help_takes_a_quarter_of_a_second_at_most() -> None:
     assert min(seconds_of_cpu() for _ in range(3)) < 0.25
 
 
+def test_help_names_the_exit_codes_of_signals() -> None:
+    done = run("--help")
+    assert "130 ended by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP" in " ".join(done.stdout.split())
+
+
 @pytest.mark.parametrize("command", [c.__name__.rpartition(".")[2] for c in COMMANDS])
 def test_the_help_of_each_command_has_an_example(command: str) -> None:
     done = run(command, "--help")
