@@ -226,9 +226,13 @@ def test_a_pattern_that_the_shell_has_not_replaced(tmp_path: Path) -> None:
     write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
     write_log(tmp_path / "b.mcap", [poses_topic(POSES)])
     for command in ("segment", "evaluate"):
-        assert_one_line_error(run(command, "*.mcap", cwd=tmp_path), 1, "leave out the quotes")
-    done = run("batch", "*.mcap", "-o", "dataset", "--processes", "1", cwd=tmp_path)
+        said = "looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
+        assert_one_line_error(run(command, "*.mcap", cwd=tmp_path), 1, said)
+    (tmp_path / "readme.txt").write_text("two logs of a cup\n")
+    done = run("batch", "**", "-o", "dataset", "--processes", "1", cwd=tmp_path)
     assert "recordings: 2, of which 2 new" in done.stderr
+    assert "contact-tracker: **: 1 file that matches is no recording: left out" in done.stderr
+    assert done.returncode == 0
     assert_one_line_error(run("batch", "*.bag", "-o", "other", cwd=tmp_path), 1, "*.bag: no such file")
 
 
