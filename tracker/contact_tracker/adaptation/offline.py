@@ -11,6 +11,7 @@ import numpy as np
 from contact_tracker.adaptation import online, repeatability, untouched
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, report
+from contact_tracker.adaptation.unconfirmed import WaitingPieces
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.pose_validation import require_valid
@@ -83,6 +84,7 @@ class OfflineTracker:
         may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()
         model = _with_initial_autocorrelation(best.model) if may_begin_free else best.model
         found = offline_smoother.pieces(stream, model, progress, *others)
+        waiting = WaitingPieces(self._knowledge)
         for piece in found:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
@@ -91,7 +93,9 @@ class OfflineTracker:
             self._untouched = untouched.advance(self._untouched, self._knowledge, piece.segments)
             if self._state.is_in_doubt:
                 piece = _in_doubt(piece)
-            yield replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
+            piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
+            yield from waiting.passed(piece, self._untouched)
+        yield from waiting.finish(self._untouched)
 
     def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
         """Pass poses on, after inspection and the test of the prior map."""
