@@ -15,7 +15,7 @@ PACKAGE = ROOT / "tracker" / "contact_tracker"
 
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
-    ("states", "errors", "exit_codes", "regular_file"),
+    ("states", "errors", "exit_codes", "regular_file", "suggestions"),
     ("atomic_file",),
     ("geometry", "config", "hmm"),
     ("motion", "ground_truth"),

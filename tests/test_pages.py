@@ -29,6 +29,12 @@ def test_every_page_with_commands_is_run_somewhere() -> None:
     assert with_steps == RUN_HERE | RUN_IN_TEST_DOCS | SET_UP | LONG
 
 
+def test_every_page_with_the_command_says_how_it_is_found() -> None:
+    with_command = {name for name in PAGES if "$ contact-tracker " in page(name)}
+    assert "motion_capture.md" in with_command
+    assert {name for name in with_command if "source .venv/bin/activate" not in page(name)} == set()
+
+
 @pytest.mark.parametrize("name", sorted(RUN_HERE))
 def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
     pytest.importorskip("polars")

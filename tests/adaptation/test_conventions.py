@@ -41,6 +41,14 @@ MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
         "reorder and conjugate",
         lambda poses: with_quaternions(with_quaternions(poses, [0, 1, 2, 3], -1.0), [3, 0, 1, 2]),
     ),
+    "w last in fields of w first": (
+        "x y z w in fields that are w x y z",
+        lambda poses: with_quaternions(poses, [1, 2, 3, 0]),
+    ),
+    "w last in fields of w first, and inverted": (
+        "x y z w in fields that are w x y z, and inverted",
+        lambda poses: with_quaternions(with_quaternions(poses, [0, 1, 2, 3], -1.0), [1, 2, 3, 0]),
+    ),
     "inverse": ("inverse, of the world", inverse),
 }
 
@@ -61,6 +69,20 @@ def test_mistakes_of_convention_are_reported_and_no_label_is_certain(name: str, 
     assert len(texts) == 1
     assert said in texts[0]
     assert max(belief.probability.max() for belief in found.beliefs) < 0.9
+
+
+@needs_kernels
+@pytest.mark.parametrize("frame_moves", [False, True])
+def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves: bool) -> None:
+    """Those of a table in the cup's frame are the inverse of the cup's poses."""
+    poses = inverse(Poses.collect(open_log(str(RECORDINGS / "paper_experiment.mcap")))[:4000])
+    state, _ = online.advance(online.start(MODEL, frame_moves=frame_moves), poses)
+    assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
+    assert state.is_in_doubt is not frame_moves
+    tracker = adaptation.OfflineTracker(MODEL, frame_moves=frame_moves)
+    found = Segmentation.join(list(tracker.pieces(poses)))
+    is_certain = max(belief.probability.max() for belief in found.beliefs) > 0.9
+    assert bool(is_certain) is frame_moves
 
 
 @needs_kernels

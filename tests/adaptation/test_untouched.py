@@ -5,12 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contact_tracker.adaptation import unconfirmed
+from contact_tracker.adaptation.unconfirmed import WaitingPieces
 from contact_tracker.adaptation.untouched import Untouched, advance, findings
 from contact_tracker.api import segment
 from contact_tracker.api.given import knowledge_of
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
 
 TABLE = {"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.5}]}}
 CORNER = {"object": {"point": [{"point_m": [0.1, 0.0, 0.0], "name": "tip"}]}}
@@ -65,6 +68,58 @@ def test_a_face_on_a_face_does_not_show_the_place():
     assert not found(TABLE, resting)
     (one,) = found(TABLE, resting, on(0.34))
     assert "160 mm" in one.text
+
+
+def flat_on(name, normal=(0.0, 0.0, 1.0)):
+    """A face on a face, whose place along the normal the motion does not show."""
+    covariance = np.diag([1e-6, 1e-6, 1e-6, 0.1])
+    pair = ContactGeometry(
+        Plane(np.array([1.0, 0.0, 0.0]), 0.0, covariance),
+        Plane(np.array(normal), 0.5, np.eye(4) * 1e-6, name=name),
+    )
+    return Segmentation((Segment(0, 10**9, Contact.FF, 1.0, pair),), Beliefs(np.zeros(10, BELIEF)))
+
+
+def names(pieces):
+    return [one.geometry.environment.name for piece in pieces for one in piece.segments]
+
+
+def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
+    knowledge = knowledge_of(TABLE, lambda _: None)
+    nothing, other = Untouched(), Untouched((False, True), (False, False), "plane 1", 0.1)
+    waiting = WaitingPieces(knowledge)
+    assert names(waiting.passed(flat_on(None), nothing)) == [None]
+    assert names(waiting.passed(flat_on("plane 1"), nothing)) == []
+    assert names(waiting.passed(flat_on(None), other)) == []
+    assert names(waiting.finish(other)) == [None, None]
+    assert names(waiting.passed(flat_on("plane 1"), other)) == []
+    assert names(waiting.passed(flat_on("plane 1"), Untouched(known=(False, True)))) == ["plane 1"] * 2
+    waiting = WaitingPieces(knowledge)
+    assert names(waiting.passed(flat_on("wall", (1.0, 0.0, 0.0)), other)) == []
+    assert names(waiting.finish(other)) == ["wall"], "of another direction"
+    monkeypatch.setattr(unconfirmed, "MOST_TICKS", 15)
+    assert names(waiting.passed(flat_on("plane 1"), nothing)) == []
+    assert names(waiting.passed(flat_on("plane 1"), nothing)) == ["plane 1"] * 2, "memory is bounded"
+
+
+def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
+    """One of the right direction, 10 cm off: a face on a face alone would be on it."""
+    paper = Path(__file__).resolve().parents[2] / "recordings" / "paper_experiment.mcap"
+    normal = [0.566, 0.556, 0.609]
+    wrong, right = (
+        segment(paper, known={"environment": {"plane": [{"normal": normal, "offset_m": offset_m}]}})
+        for offset_m in (0.137, 0.037)
+    )
+    assert any("parallel to plane 1" in line for line in wrong.warnings)
+    assert not right.warnings
+    assert wrong.segments[0].contact is right.segments[0].contact is Contact.FF
+    assert right.segments[0].geometry.environment.name == "plane 1"
+    for one in (*wrong.segments, *wrong.beliefs):
+        assert one.geometry is None or one.geometry.environment.name is None
+    assert wrong.segments[0].geometry.has_open_offset == (True, True)
+    assert "plane 1" not in str(wrong)
+    wrong.save(tmp_path / "out.csv")
+    assert "plane 1" not in (tmp_path / "out.csv").read_text()
 
 
 def test_it_is_a_warning_of_a_recording():

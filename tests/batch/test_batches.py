@@ -15,7 +15,7 @@ from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_
 from contact_tracker import exit_codes
 from contact_tracker.batch import rows, segmenting
 from contact_tracker.batch.dataset import open_dataset
-from contact_tracker.batch.finding import find, recordings_among
+from contact_tracker.batch.finding import find, matching, recordings_among
 from contact_tracker.batch.rows import Tally
 from contact_tracker.batch.run import Batch
 from contact_tracker.batch.segmenting import segment_recording
@@ -290,6 +290,31 @@ def test_a_folder_is_searched_and_one_with_metadata_is_one_recording(tmp_path: P
     (tmp_path / "empty").mkdir()
     with pytest.raises(UnreadableRecording, match=r"holds no recording \(\.mcap, "):
         list(find([str(tmp_path / "empty")]))
+
+
+def test_of_files_that_match_a_pattern_only_recordings_are_taken(tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    write_recordings(logs / "deep", 2)
+    (logs / "bag").mkdir()
+    write_recordings(logs / "bag", 1)
+    (logs / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    (logs / "notes").mkdir()
+    for name in ("readme.txt", "notes/other.csv", "notes/report.html", "notes/image.png"):
+        (logs / name).write_bytes(b"a,b\n1,2\n" if name.endswith(("txt", "csv")) else b"\x89PNG\0")
+    (logs / "poses.csv").write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n0.1,1,2,3,0,0,0,1\n")
+    (logs / "empty.mcap").touch()
+    os.mkfifo(logs / "pipe")
+    for pattern, left_out in ((f"{logs}/**", 5), (f"{logs}/**/*.*", 4), (f"{logs}/**/*.mcap", 0)):
+        match = matching(pattern)
+        found = [Path(one.name).relative_to(logs).as_posix() for one in find(match.names)]
+        tables, bags = ["poses.csv"] * (left_out > 0), ["bag"] if pattern.endswith("**") else ["bag/0.mcap"]
+        assert sorted(found) == sorted([*bags, "deep/0.mcap", "deep/1.mcap", "empty.mcap", *tables]), pattern
+        assert match.left_out == left_out + (pattern.endswith("*.*")), "with the metadata.yaml"
+    with pytest.raises(
+        UnreadableRecording, match=r"\*: none of the 3 files and folders that match holds poses"
+    ):
+        matching(f"{logs}/notes/*")
+    assert matching(f"{logs}/*.bag") == ([f"{logs}/*.bag"], 0), "a name that is not there"
 
 
 def test_recordings_among_files() -> None:

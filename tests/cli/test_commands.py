@@ -56,6 +56,28 @@ def run(
     return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
+PROC = Path("/proc")
+needs_proc = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists processes in files")
+
+
+def wait_until_it_waits(process: "subprocess.Popen[bytes]") -> None:
+    """Wait until a command with ``-v`` has opened its recording, and sleeps without using CPU time."""
+    assert process.stderr is not None
+    while b"reading " not in (line := process.stderr.readline()):
+        assert line, "it has ended"
+    before = None
+    while True:
+        _, _, values = (
+            (PROC / str(process.pid) / "stat").read_text().rpartition(")")
+        )  # a name may have blanks
+        state, *numbers = values.split()
+        now = state, numbers[10], numbers[11]  # user and system time
+        if state == "S" and now == before:
+            return
+        before = now
+        time.sleep(0.2)
+
+
 def assert_one_line_error(done: "subprocess.CompletedProcess[str]", code: int, *parts: str) -> None:
     assert done.returncode == code, done.stderr
     assert done.stdout == ""
@@ -111,6 +133,11 @@ def test_help_takes_a_quarter_of_a_second_at_most() -> None:
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
     assert min(seconds_of_cpu() for _ in range(3)) < 0.25
+
+
+def test_help_names_the_exit_codes_of_signals() -> None:
+    done = run("--help")
+    assert "130 ended by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP" in " ".join(done.stdout.split())
 
 
 @pytest.mark.parametrize("command", [c.__name__.rpartition(".")[2] for c in COMMANDS])
@@ -715,37 +742,42 @@ def test_a_live_stream_that_is_terminated_in_a_gap_loses_no_pose(tmp_path: Path)
     assert len(alone) - len(found) <= 1
 
 
+@needs_proc
 def test_a_live_stream_that_is_replayed_slowly_ends_at_once_and_loses_no_pose(tmp_path: Path) -> None:
     log, state = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(60))]), tmp_path / "s.state"
-    command = [*PROGRAM, "live", str(log), "--rate", "1e-6", "--state", str(state)]
+    command = [*PROGRAM, "live", str(log), "--rate", "1e-6", "--state", str(state), "-v"]
     with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE) as live:
         assert live.stderr is not None
-        time.sleep(5.0)  # it waits for the second pose
+        wait_until_it_waits(live)  # for the second pose
         live.send_signal(signal.SIGTERM)
         assert live.wait(timeout=20) == 128 + signal.SIGTERM
         assert b"2 poses" in live.stderr.read()
     assert "60 poses" in run("live", log, "--state", state).stderr
 
 
+@needs_proc
 def test_a_followed_stream_that_is_terminated_ends_with_143(tmp_path: Path) -> None:
     log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(600))])
     (growing := tmp_path / "b.mcap").write_bytes(log.read_bytes()[:-3000])
-    with subprocess.Popen([*PROGRAM, "live", str(growing), "--follow", "-q"], env=ENVIRONMENT) as live:
-        time.sleep(5.0)
+    command = [*PROGRAM, "live", str(growing), "--follow", "-v"]
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
+        wait_until_it_waits(live)  # for the file to grow
         live.send_signal(signal.SIGTERM)
         assert live.wait(timeout=20) == 128 + signal.SIGTERM
 
 
+@needs_proc
 def test_a_live_stream_is_saved_while_it_waits_on_standard_input(tmp_path: Path) -> None:
     state = tmp_path / "s.state"
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-    command = [*PROGRAM, "live", "-", "--json", "--state", str(state)]
+    command = [*PROGRAM, "live", "-", "--json", "--state", str(state), "-v"]
     with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
         assert live.stdin is not None
         assert live.stderr is not None
         live.stdin.write(RECORDING.read_bytes()[:200_000])
         live.stdin.flush()
-        time.sleep(5.0)  # most of what was sent is processed
+        wait_until_it_waits(live)  # for more than was sent
         live.send_signal(signal.SIGTERM)
         assert live.wait(timeout=30) == 128 + signal.SIGTERM
         assert b"Traceback" not in live.stderr.read()

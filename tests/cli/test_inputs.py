@@ -1,6 +1,7 @@
 """The commands on other inputs than MCAP with poses: tables, chains of transforms, other bodies."""
 
 import json
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -12,10 +13,13 @@ from test_commands import assert_one_line_error, run
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
 from contact_tracker.states import Contact
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
 POSES = smooth_poses(300)
+SHIPPED = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
 def write_chain(path: Path) -> Path:
@@ -63,6 +67,60 @@ def test_relative_to_another_body(tmp_path: Path) -> None:
     assert "300 poses" in done.stderr
     done = run("segment", path, "--frame", "cup", "--relative-to", "moon")
     assert_one_line_error(done, 2, "no pose source has the frame that leads to moon")
+
+
+@pytest.mark.parametrize(
+    ("words", "source"),
+    [
+        (["--topic", "/object/pose", "--relative-to", "/tray"], "/object/pose /tray"),
+        (["--frame", "world->cup"], "/tf world->cup"),
+        (["--topic", "/tray", "--relative-to", "flange"], "/tray flange"),
+    ],
+)
+def test_info_summarises_composed_poses(tmp_path: Path, words: list[str], source: str) -> None:
+    """Those that the other commands take with the same words."""
+    pairs = zip(POSES, smooth_poses(300, seed=4), strict=True)
+    rows = [
+        (a.stamp_ns, {"transforms": [transform(*a, "world", "flange"), transform(*b, "flange", "cup")]})
+        for a, b in pairs
+    ]
+    topics = [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)]
+    topics += [poses_topic(POSES, "/tray"), poses_topic(smooth_poses(300, seed=2), "/object/pose")]
+    path = str(write_log(tmp_path / "a.mcap", topics))
+    done = run("info", path, *words)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(source + " (")
+    (found,) = json.loads(run("info", path, "--json", *words).stdout)["sources"]
+    which = dict(zip([word.lstrip("-").replace("-", "_") for word in words[::2]], words[1::2], strict=True))
+    log = open_log(path, **which)
+    poses = Poses.collect(log)
+    assert found["poses"] == found["published"] == len(poses) == 300
+    assert found["first_ns"] == poses.stamp_ns[0]
+    length_m = np.linalg.norm(np.diff(poses.position_m, axis=0), axis=1).sum()
+    assert found["path_m"] == pytest.approx(length_m)
+    assert found["counts"] == dict(log.counts)
+
+
+def test_info_composes_nothing_of_standard_input_and_says_so(tmp_path: Path) -> None:
+    path = write_chain(tmp_path / "a.mcap")
+    for words in (["--frame", "world->cup"], ["--frame", "cup", "--relative-to", "world"]):
+        done = run("info", "-", *words, stdin=path.read_bytes())
+        assert_one_line_error(done, 2, "reads the recording twice, which standard input does not allow")
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "view", "batch", "info"])
+def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(tmp_path: Path, command: str) -> None:
+    """A table in the frame of the cup that moves on it."""
+    pytest.importorskip("pyarrow" if command == "batch" else "numpy")
+    cup = Poses.collect(open_log(str(SHIPPED)))[:3000]
+    noise = np.random.default_rng(0).normal(scale=3e-4, size=(3000, 3))
+    place = cup.position_m.mean(axis=0) + np.array([0.9, 0.4, -0.2]) + noise
+    table = replace(cup, position_m=place, quat_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (3000, 1)))
+    path = write_log(tmp_path / "a.mcap", [poses_topic(table, "/table"), poses_topic(cup, "/cup")])
+    output = {"view": ["--save", tmp_path / "a.rrd"], "batch": ["-o", tmp_path / "dataset"]}.get(command, [])
+    done = run(command, path, "--topic", "/table", "--relative-to", "/cup", *output)
+    assert done.returncode == 0, done.stderr
+    assert "inverse" not in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("command", ["live", "segment", "info"])
@@ -168,9 +226,13 @@ def test_a_pattern_that_the_shell_has_not_replaced(tmp_path: Path) -> None:
     write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
     write_log(tmp_path / "b.mcap", [poses_topic(POSES)])
     for command in ("segment", "evaluate"):
-        assert_one_line_error(run(command, "*.mcap", cwd=tmp_path), 1, "leave out the quotes")
-    done = run("batch", "*.mcap", "-o", "dataset", "--processes", "1", cwd=tmp_path)
+        said = "looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
+        assert_one_line_error(run(command, "*.mcap", cwd=tmp_path), 1, said)
+    (tmp_path / "readme.txt").write_text("two logs of a cup\n")
+    done = run("batch", "**", "-o", "dataset", "--processes", "1", cwd=tmp_path)
     assert "recordings: 2, of which 2 new" in done.stderr
+    assert "contact-tracker: **: 1 file that matches is no recording: left out" in done.stderr
+    assert done.returncode == 0
     assert_one_line_error(run("batch", "*.bag", "-o", "other", cwd=tmp_path), 1, "*.bag: no such file")
 
 

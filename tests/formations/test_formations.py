@@ -1,6 +1,8 @@
 """Contacts beside the first in simulated recordings: found offline and online, with elements and times."""
 
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +16,11 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, P
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import Accuracy, NamedElement, PriorMap, known_to
+from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.changes import FormationChanges
 from contact_tracker.outputs.tables import json_line
-from contact_tracker.outputs.text import table
+from contact_tracker.outputs.text import describe, table
+from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save
 from contact_tracker.simulate import Phase, Scenario, Simulated, simulate
 from contact_tracker.states import Contact
@@ -25,6 +29,7 @@ from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 
 SECOND = 10**9
+RECORDINGS = Path(__file__).parents[2] / "recordings"
 needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
@@ -48,6 +53,18 @@ def only_further(name: str) -> FurtherContact:
     *_, segment = found(name).segments  # the first half second may be another contact
     (further,) = segment.further
     return further
+
+
+@needs_kernels
+@pytest.mark.parametrize("order", [[1, 2, 3, 0], [3, 0, 1, 2], [0, 1, 2, 3]])
+def test_no_further_contact_repeats_another(order: list[int]) -> None:
+    """Wrong orders of quaternions give motion that keeps constraints, but no contacts beside the first."""
+    poses = Poses.collect(open_log(str(RECORDINGS / "paper_experiment.mcap")))[:4000]
+    poses = replace(poses, quat_xyzw=np.ascontiguousarray(poses.quat_xyzw[:, order]))
+    _, beliefs = adaptation.advance(adaptation.start(load_model()), poses)
+    for one in (*adaptation.segment(poses, load_model()).segments, *beliefs):
+        contacts = [describe(other.geometry) for other in (one, *one.further) if other.geometry is not None]
+        assert len(set(contacts)) == len(contacts)
 
 
 @needs_kernels

@@ -129,13 +129,42 @@ def test_relative_to_a_frame(tmp_path: Path) -> None:
     mount, seen = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw)), by(OBJECT)
     assert_is(Poses.collect(log), OBJECT.stamp_ns, lambda i, t: interpolated(FLANGE, t) @ mount @ seen[i])
     assert str(log.source) == "/object/pose world (geometry_msgs/msg/PoseStamped)"
+    assert not log.source.frame_moves
+
+
+def test_a_chain_on_a_clock_that_starts_at_zero(tmp_path: Path) -> None:
+    """The clock of a simulation: zero is no missing stamp there."""
+    both = faster(100, 31.0, 1), faster(100, 31.0, 2)
+    rows = [
+        (int(a.stamp_ns), [(a, "world", "flange"), (b, "flange", "object")])
+        for a, b in zip(*both, strict=True)
+    ]
+    messages = [
+        (
+            log_time_ns,
+            {
+                "transforms": [
+                    transform(p.stamp_ns - START_NS, *p[1:], frame=parent, child=child)
+                    for p, parent, child in some
+                ]
+            },
+        )
+        for log_time_ns, some in rows
+    ]
+    path = write_log(tmp_path / "a.mcap", [Topic("/tf", TF, messages)])
+    log = open_log(str(path), frame="world->object")
+    first, second = map(by, both)
+    assert_is(Poses.collect(log), both[0].stamp_ns - START_NS, lambda i, t: first[i] @ second[i])
+    assert log.counts == {}
 
 
 def test_relative_to_another_body(tmp_path: Path) -> None:
     topics = [poses_topic(FLANGE, "/tray"), poses_topic(OBJECT, "/cup")]
     path = str(write_log(tmp_path / "a.mcap", topics))
     seen = by(OBJECT)
-    found = Poses.collect(open_log(path, topic="/cup", relative_to="/tray"))
+    log = open_log(path, topic="/cup", relative_to="/tray")
+    assert log.source.frame_moves
+    found = Poses.collect(log)
     assert_is(found, OBJECT.stamp_ns, lambda i, t: np.linalg.inv(interpolated(FLANGE, t)) @ seen[i])
 
 
@@ -167,6 +196,27 @@ def test_bad_poses_of_the_parent_are_left_out(tmp_path: Path) -> None:
     log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->o")
     assert len(Poses.collect(log)) == len(OBJECT)
     assert log.counts == {"bad_parent": 1}
+
+
+def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
+    topics = [
+        tf(FLANGE, "world", "flange"),
+        tf([MOUNT], "flange", "camera", "/tf_static"),
+        poses_topic(OBJECT, frame="camera"),
+    ]
+    path = str(write_log(tmp_path / "a.mcap", topics))
+    for which, meant in (
+        ({"topic": "/objct/pose"}, "/object/pose"),
+        ({"topic": "object/pose"}, "/object/pose"),
+        ({"frame": "Flange"}, "flange"),
+        ({"frame": "world->flagne"}, "world->flange"),
+        ({"frame": "fla"}, "flange"),
+        ({"topic": "/object/pose", "relative_to": "wrold"}, "world"),
+    ):
+        with pytest.raises(ChoiceError, match=rf"; did you mean {meant}\?$"):
+            open_log(path, **which)
+    with pytest.raises(ChoiceError, match=r"no topic /x; there is /tf, /tf_static, /object/pose$"):
+        open_log(path, topic="/x")
 
 
 def test_published_transforms_are_not_composed(tmp_path: Path) -> None:

@@ -246,6 +246,44 @@ def test_bodies_of_an_export_are_relative_to_each_other(tmp_path: Path, frame: s
         open_log(path, frame="cup", relative_to="lid")
 
 
+@pytest.mark.parametrize("first_s", [0.0, -1.5])
+@pytest.mark.parametrize("digits", [6, 0])
+def test_a_row_of_zero_seconds_has_a_stamp(tmp_path: Path, first_s: float, digits: int) -> None:
+    """Also where times are rounded to seconds: a table has no other times."""
+    path = tmp_path / "a.csv"
+    names = ",".join(f"{body}_{role}" for body in ("cup", "table") for role in NAMES[-7:])
+    rows = np.hstack([columns(POSES)[:, 1:], columns(OTHER)[:, 1:]]).tolist()
+    times = [f"{round(first_s + i * 0.5, digits):.{digits}f}" for i in range(len(rows))]
+    lines = [",".join([time, *map(repr, row)]) for time, row in zip(times, rows, strict=True)]
+    path.write_text("\n".join([f"time [s],{names}", *lines]) + "\n")
+    for which in ({"frame": "cup"}, {"frame": "cup", "relative_to": "table"}):
+        log = open_log(str(path), **which)
+        found = Poses.collect(log)
+        assert found.stamp_ns[0] == round(float(times[0]) * 1e9)
+        assert "log_time_as_stamp" not in log.counts
+    assert not any("log_time_as_stamp" in source.counts for source in summarise(str(path)).sources)
+
+
+def test_poses_that_have_to_be_composed_are_offered_with_the_option(tmp_path: Path) -> None:
+    path = str(write_motive(tmp_path / "take.csv", POSES, OTHER))
+    with pytest.raises(ChoiceError, match=r"compose it by --frame cup --relative-to table$"):
+        open_log(path, frame="table->cup")
+    with pytest.raises(ChoiceError, match=r"the frame cupp; .*; did you mean cup\?$"):
+        open_log(path, frame="cupp")
+    with pytest.raises(ChoiceError, match=r"that leads to tabel; .*; did you mean table\?$"):
+        open_log(path, frame="cup", relative_to="tabel")
+    with pytest.raises(ChoiceError, match=r"the frame cupp; .*; did you mean cup\?$"):
+        open_log(path, frame="cupp", relative_to="table")
+
+
+@pytest.mark.parametrize("frame", ["cup", "world->cup"])
+def test_of_a_table_of_one_body_without_a_name_no_frame_is_to_be_chosen(tmp_path: Path, frame: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(ROWS_OF_SEVEN)
+    with pytest.raises(ChoiceError, match=r"; it has no frame: leave out --frame$"):
+        open_log(str(path), frame=frame)
+
+
 def test_motive_bodies_of_one_name_are_distinguished(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
     path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, VALUES * 2, "XYZWXYZ" * 2))
@@ -403,6 +441,67 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     assert log.damage is not None
     assert log.damage.startswith("1 row has no time that is a number: give each a time")
     assert log.counts["nonfinite"] == 1
+
+
+ROWS_OF_SEVEN = "t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{i / 10},1,2,3,0,0,0,1\n" for i in range(7))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize(
+    "last", ["0.7", "0.7,1,2,3", "0.7,1,2,3,0,0,0", "0.7,1,2,3,0,0,0,", "0.7,1,2,3,0,0,0,-"]
+)
+def test_a_last_line_that_is_cut_off_inside_a_row_is_damage(
+    tmp_path: Path, separator: str, last: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    rows = ROWS_OF_SEVEN.partition("\n")[2] if separator == " " else ROWS_OF_SEVEN  # TUM
+    path.write_text((rows + last).replace(",", separator))
+    for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
+        log = open_log(str(path))
+        assert len(collect(log)) == 7
+        assert log.damage == (
+            "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
+        )
+        assert "nonfinite" not in log.counts
+    assert summarise(str(path)).damage is not None
+    assert run(["segment", str(path)]) == 3
+    assert "cut off inside a row" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "last", ["", "0.7,1,2,3,0,0,0,1", "0.7,1,2,3,0,0,0,1\n", "# written by hand", "0.7,,,,,,,"]
+)
+def test_a_whole_last_row_needs_no_line_break(tmp_path: Path, last: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(ROWS_OF_SEVEN + last)
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == (8 if last.endswith(("1", "1\n")) else 7)
+    assert log.damage is None
+
+
+def test_a_row_is_left_out_if_only_values_beside_the_pose_are_cut_off(tmp_path: Path) -> None:
+    """The last number of the pose may be cut off then, too."""
+    path = tmp_path / "a.csv"
+    rows = [f"{i / 10},1,2,3,0,0,0,1.0,{i}" for i in range(7)]
+    path.write_text("\n".join(["t,x,y,z,qx,qy,qz,qw,frame", *rows, "0.7,1,2,3,0,0,0,1."]))
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == 7
+    assert log.damage is not None
+
+
+def test_exports_of_motion_capture_that_are_cut_off_are_damaged(tmp_path: Path) -> None:
+    motive = write_motive(tmp_path / "a.csv", POSES, OTHER)
+    vicon = write_vicon(tmp_path / "b.csv")
+    text = vicon.read_text()
+    for path, cut, damaged in (
+        (motive, motive.read_text(encoding="utf-8-sig").rstrip()[:-30], True),
+        (vicon, text[: text.index("\n\nTrajectories")][:-30], True),
+        (vicon, text.rstrip()[:-2], False),  # in a section that has no poses
+    ):
+        path.write_text(cut)
+        log = open_log(str(path), frame="cup")
+        assert len(Poses.collect(log)) == 300 - damaged
+        assert (log.damage is not None) is damaged
 
 
 @pytest.mark.parametrize("line", ["\n", "#\n", "# t x y z qx qy qz qw\n", "  \n"])

@@ -241,7 +241,7 @@ def touching_evidence(path: Path) -> np.ndarray:
     log = open_log(str(path), topic="/object/pose")
     found = recorded_evidence(str(path), "/wrench", log, load_model(), EMPTY_MAP)
     assert found is not None
-    assert found.warning is None
+    assert found.warnings == ()
     assert found.evidence is not None
     evidence = found.evidence.of_window(PRESSED.touch_ns, PRESSED.end_ns)
     assert evidence is not None

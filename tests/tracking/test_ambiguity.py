@@ -327,6 +327,8 @@ def test_text_names_the_indistinguishable_contacts():
     segments = [Segment(0, 2 * 10**9, Contact.VF, 0.4, PARTLY, (Contact.EF,))]
     segments += [Segment(2 * 10**9, 6 * 10**9, Contact.FREE, 0.4, None)]
     assert list(table(segments, 0))[-1] == "The motion leaves the contact open for 2.00 of 6.00 s."
+    *_, both = table(segments, 0, with_wrenches=True)
+    assert both == "Motion and wrenches leave the contact open for 2.00 of 6.00 s."
     assert len(list(table(segments[1:], 0))) == 2
 
 

@@ -48,6 +48,12 @@ def end_in_order(*names: str) -> None:
         sys.unraisablehook = _unraisable
 
 
+def exit_code_of(name: str) -> int | None:
+    """Exit code of a command that a signal with this name ends; None where there is no such signal."""
+    number = getattr(signal, name, None)
+    return None if number is None else _SIGNALLED + number
+
+
 def is_due() -> bool:
     """Whether an interrupt is pending because Python could not raise it."""
     return _is_due

@@ -18,16 +18,16 @@ from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.tracking import tracker
 
+_W_FIRST: Final = "quaternions look like w x y z in fields that are x y z w"
+_W_LAST: Final = "quaternions look like x y z w in fields that are w x y z"
+_INVERTED: Final = "and inverted (rotation of the world in the body): reorder and conjugate them"
 READINGS: Final = (
     ("", np.arange(4), 1.0),
-    ("quaternions look like w x y z in fields that are x y z w: reorder them", np.array([1, 2, 3, 0]), 1.0),
+    (f"{_W_FIRST}: reorder them", np.array([1, 2, 3, 0]), 1.0),
     ("quaternions look inverted (rotation of the world in the body): conjugate them", np.arange(4), -1.0),
-    (
-        "quaternions look like w x y z in fields that are x y z w, and inverted (rotation of the world in "
-        "the body): reorder and conjugate them",
-        np.array([1, 2, 3, 0]),
-        -1.0,
-    ),
+    (f"{_W_FIRST}, {_INVERTED}", np.array([1, 2, 3, 0]), -1.0),
+    (f"{_W_LAST}: reorder them", np.array([3, 0, 1, 2]), 1.0),
+    (f"{_W_LAST}, {_INVERTED}", np.array([3, 0, 1, 2]), -1.0),
 )
 """The mistake, the fields of x y z w, and the sign of x y z. The first leaves poses as they are; its tracker
 is none of those side by side, since all that are compared here must have the same noise."""

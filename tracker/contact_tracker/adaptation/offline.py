@@ -11,6 +11,7 @@ import numpy as np
 from contact_tracker.adaptation import online, repeatability, untouched
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, report
+from contact_tracker.adaptation.unconfirmed import WaitingPieces
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.pose_validation import require_valid
@@ -29,7 +30,10 @@ labels; it is not needed where a wrench shows a contact force at the start."""
 
 
 class OfflineTracker:
-    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise."""
+    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise.
+
+    ``frame_moves``: poses are in the frame of a body that moves, as the user asked.
+    """
 
     def __init__(
         self,
@@ -37,11 +41,12 @@ class OfflineTracker:
         knowledge: PriorMap = EMPTY_MAP,
         executor: Executor | None = None,
         wrenches: WrenchEvidence | None = None,
+        frame_moves: bool = False,
     ) -> None:
         self._knowledge = knowledge
         self._wrenches = wrenches
         self._executor = executor
-        self._state = online.start(model, knowledge=knowledge)
+        self._state = online.start(model, knowledge=knowledge, frame_moves=frame_moves)
         self._repeatability = repeatability.Repeatability()
         self._untouched = untouched.Untouched()
 
@@ -79,6 +84,7 @@ class OfflineTracker:
         may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()
         model = _with_initial_autocorrelation(best.model) if may_begin_free else best.model
         found = offline_smoother.pieces(stream, model, progress, *others)
+        waiting = WaitingPieces(self._knowledge)
         for piece in found:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
@@ -87,7 +93,9 @@ class OfflineTracker:
             self._untouched = untouched.advance(self._untouched, self._knowledge, piece.segments)
             if self._state.is_in_doubt:
                 piece = _in_doubt(piece)
-            yield replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
+            piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
+            yield from waiting.passed(piece, self._untouched)
+        yield from waiting.finish(self._untouched)
 
     def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
         """Pass poses on, after inspection and the test of the prior map."""

@@ -105,11 +105,19 @@ class AdaptiveState(NamedTuple):
         return trackers[0].outliers if trackers else 0  # others may wait
 
 
-def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> AdaptiveState:
-    """State before the first pose. With a fixed lag of ``lag_s`` beliefs are later and more accurate."""
+def start(
+    model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP, frame_moves: bool = False
+) -> AdaptiveState:
+    """State before the first pose.
+
+    Parameters
+    ----------
+    lag_s : with a fixed lag beliefs are later and more accurate.
+    frame_moves : whether poses are in the frame of a body that moves, as the user asked.
+    """
     return AdaptiveState(
         side_by_side.begin(model, lag_s, knowledge),
-        NOTHING_INSPECTED,
+        NOTHING_INSPECTED._replace(frame_moves=frame_moves),
         NOTHING_KNOWN,
         Contradiction(),
         Clearance(),

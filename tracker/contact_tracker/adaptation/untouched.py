@@ -31,6 +31,11 @@ class Untouched(NamedTuple):
     nearest: str = ""
     gap_m: float = inf
 
+    @property
+    def contradicts_nearest(self) -> bool:
+        """Whether contacts are on unknown elements only, one of them a face parallel to ``nearest``."""
+        return self.unknown[1] and not self.known[1] and NEAREST_M < self.gap_m < inf
+
 
 def advance(found: Untouched, knowledge: PriorMap, segments: Iterable[Segment]) -> Untouched:
     """Advance by the next segments."""
@@ -62,7 +67,7 @@ def findings(found: Untouched, knowledge: PriorMap) -> tuple[Finding, ...]:
         if not listed or found.known[side] or not found.unknown[side]:
             continue
         near, gap_mm = "", 1e3 * found.gap_m
-        if side == 1 and NEAREST_M < found.gap_m < inf:
+        if side == 1 and found.contradicts_nearest:
             near = f"; a face that is touched is parallel to {found.nearest}, {gap_mm:.0f} mm from it"
         texts.append(
             f"no contact confirms what is given of the {_SIDES[side]} ({_names(listed)}): contacts are on "

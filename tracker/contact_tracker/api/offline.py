@@ -51,12 +51,14 @@ class Result:
     segmentation : segments and smoothed beliefs in columns.
     report : the tracker's adaptation.
     notes : warnings from before the first pose.
+    with_wrenches : whether measured wrenches decided as well as the motion.
     """
 
     trajectory: Trajectory
     segmentation: Segmentation
     report: Report | None
     notes: tuple[str, ...] = ()
+    with_wrenches: bool = False
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -161,7 +163,7 @@ class Result:
         return show_in_notebook(shown, width, height)
 
     def __str__(self) -> str:
-        return "\n".join(table(self.segments, self._origin_ns))
+        return "\n".join(table(self.segments, self._origin_ns, self.with_wrenches))
 
     def __repr__(self) -> str:
         return f"<Result of {self.trajectory!r}: {len(self.segments)} segments, {len(self.beliefs)} ticks>"
@@ -250,9 +252,10 @@ def segment(
             notes.extend(filter(None, [mass_doubt(load, mass_kg)]))
         except NoLoad as reason:
             notes.append(f"the wrench is not used: {reason}")
-    tracker = OfflineTracker(given, knowledge, wrenches=evidence)
+    frame_moves = poses.source is not None and poses.source.frame_moves
+    tracker = OfflineTracker(given, knowledge, wrenches=evidence, frame_moves=frame_moves)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
-    return Result(poses, found, tracker.report, tuple(notes))
+    return Result(poses, found, tracker.report, tuple(notes), evidence is not None)
 
 
 def _wrenches_of(given: str | Wrenches, trajectory: Trajectory, note: Callable[[str], None]) -> Wrenches:

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 from contact_tracker.batch import remote
 from contact_tracker.batch.content import signature_of
 from contact_tracker.errors import UnreadableRecording
+from contact_tracker.recording import may_be_recording
 
 SUFFIXES: Final = (".mcap", ".mcap.zst", ".mcap.zstd", ".db3", ".bag")
 """Suffixes of recordings in folders; tables, which may have no poses, have to be named."""
@@ -32,12 +33,49 @@ def missing_among(names: Iterable[str]) -> list[str]:
     return [name for name in names if not remote.is_remote(name) and not os.path.exists(name)]
 
 
-def matching(name: str) -> list[str]:
-    """The local files and folders that match a pattern (``*``, ``?``, ``[...]``, ``**``), by name;
-    ``name`` itself if it is none, or nothing matches."""
+class Matches(NamedTuple):
+    """The recordings and folders that match a pattern, by ``names``; ``left_out`` is the number of other
+    files."""
+
+    names: list[str]
+    left_out: int = 0
+
+
+def matching(name: str) -> Matches:
+    """The local recordings and folders of recordings that match a pattern (``*``, ``?``, ``[...]``, ``**``),
+    by name; ``name`` itself if it is none, or no file matches.
+
+    A folder with a ``metadata.yaml`` that matches stands for the files in it.
+
+    Raises
+    ------
+    UnreadableRecording
+        None of what matches may be a recording.
+    """
     if remote.is_remote(name) or os.path.lexists(name):
-        return [name]
-    return sorted(glob(name, recursive=True)) or [name]
+        return Matches([name])
+    found = sorted(glob(name, recursive=True))
+    whole = {one.rstrip(os.sep) for one in found if os.path.exists(os.path.join(one, _METADATA))}
+    single = [one for one in found if os.path.dirname(one) not in whole]
+    folders = [one for one in single if os.path.isdir(one)]
+    files = [one for one in single if not os.path.isdir(one)]
+    chosen = [one for one in files if _may_be_recording(one)]
+    chosen += [one for one in folders if one.rstrip(os.sep) in whole or recordings_among(_files_in(one))]
+    if found and not chosen:
+        raise UnreadableRecording(
+            f"{name}: none of the {len(found)} files and folders that match holds poses"
+        )
+    return Matches(sorted(chosen) or [name], len(files) - sum(not os.path.isdir(one) for one in chosen))
+
+
+def _may_be_recording(path: str) -> bool:
+    """Whether a file is a recording by its name or its content; what cannot be read counts as one."""
+    if path.lower().endswith(SUFFIXES) or not os.path.exists(path):
+        return True
+    try:
+        return os.path.isfile(path) and may_be_recording(path)
+    except (OSError, UnreadableRecording):
+        return True
 
 
 def find(names: Iterable[str]) -> Iterator[Found]:

@@ -122,7 +122,9 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     log, wrenches = _open(path, settings), _wrenches(path, settings)
     stream, tally = _Counted(log), Tally()
     evidence = None if wrenches is None else wrenches.evidence
-    tracker = OfflineTracker(settings.model, settings.knowledge, wrenches=evidence)
+    tracker = OfflineTracker(
+        settings.model, settings.knowledge, wrenches=evidence, frame_moves=log.source.frame_moves
+    )
     outliers, file, recording = 0, rows.file_of(name), rows.shown(name)
     targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})
     with ExitStack() as stack:
@@ -144,8 +146,8 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
-    unused = wrenches.warning if wrenches is not None else None
-    notes = [*filter(None, (log.note, log.assumption, unused))]
+    unused = () if wrenches is None else wrenches.warnings
+    notes = [*filter(None, (log.note, log.assumption)), *unused]
     notes += [] if adapted is None else warnings(adapted)
     return {
         **rows.base(name, settings),

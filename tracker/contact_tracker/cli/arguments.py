@@ -53,12 +53,17 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         "--frame",
         help="take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
     )
+    add_relative_to(parser)
+    add_time_unit(parser)
+
+
+def add_relative_to(parser: argparse.ArgumentParser) -> None:
+    """``--relative-to``."""
     parser.add_argument(
         "--relative-to",
         metavar="TOPIC|FRAME",
         help="poses in this frame, or relative to the body of this topic or name, which may move",
     )
-    add_time_unit(parser)
 
 
 def add_time_unit(parser: argparse.ArgumentParser) -> None:

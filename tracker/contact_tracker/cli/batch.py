@@ -136,7 +136,14 @@ def _names(logs: list[str]) -> list[str]:
     """
     from contact_tracker.batch.finding import matching, missing_among
 
-    logs = [name for log in logs for name in matching(log)]
+    matches = [(log, matching(log)) for log in logs]
+    for log, (_, left_out) in matches:
+        if left_out:
+            are = (
+                "file that matches is no recording" if left_out == 1 else "files that match are no recordings"
+            )
+            say(f"{log}: {left_out} {are}: left out")
+    logs = [name for _, match in matches for name in match.names]
     missing = missing_among(log for log in logs if log != "-")
     if missing:
         more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""

@@ -77,7 +77,7 @@ def _evaluate(
     wrenches = evidence_of(name, args, model, knowledge)
     log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     with progress(name, "poses", log.source.messages) as set_done:
-        tracker = OfflineTracker(model, knowledge, wrenches=wrenches)
+        tracker = OfflineTracker(model, knowledge, wrenches=wrenches, frame_moves=log.source.frame_moves)
         for piece in with_pose_callback(
             log, lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION), evaluator.add_poses
         ):

@@ -4,9 +4,9 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import LOG_HELP, add_time_unit
+from contact_tracker.cli.arguments import LOG_HELP, add_relative_to, add_time_unit
 from contact_tracker.cli.terminal import show, warn
-from contact_tracker.errors import ChoiceError, NoPoses
+from contact_tracker.errors import NoPoses, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE
 
 if TYPE_CHECKING:
@@ -20,17 +20,23 @@ DESCRIPTION: Final = """\
 List the sources of poses in a recording with their topics, frames, rates, gaps and estimated
 noise, and whatever else the recording holds."""
 EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
+_ONCE: Final = "composing poses reads the recording twice, which standard input does not allow"
 TRACKED_SOURCES: Final = 4
 """Most sources for which the adaptation is shown, which takes seconds each."""
-MOST_UPDATES: Final = 1000
-"""About the most updates (ticks times trackers) of all sources together, some 1.5 s of CPU time. The first
+MOST_UPDATES: Final = 1300
+"""About the most updates (ticks times trackers) of all sources together, some 2 s of CPU time. The first
 30 s of one source usually need fewer."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", metavar="LOG", help=LOG_HELP)
     parser.add_argument("--topic", help="the sources on this topic only")
-    parser.add_argument("--frame", help="the sources of this frame only: PARENT->CHILD, or CHILD")
+    parser.add_argument(
+        "--frame",
+        help="the sources of this frame only: CHILD, or 'PARENT->CHILD'; composed along all transforms "
+        "between if nothing is published between these two",
+    )
+    add_relative_to(parser)
     add_time_unit(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
 
@@ -41,13 +47,12 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.outputs.summary import summary_json, summary_lines
     from contact_tracker.recording import open_log, summarise
 
+    if args.relative_to is not None and args.log == "-":
+        raise UsageError(_ONCE)
     summary = summarise(args.log, args.time_unit)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
-    if summary.sources and not chosen:
-        raise ChoiceError(
-            f"{args.log}: no pose source has this topic and frame; info shows what is published, "
-            "the other commands compose transforms"
-        )
+    if summary.sources and (not chosen or args.relative_to is not None):
+        chosen = [_composed(args)]
     summary = replace(summary, sources=tuple(map(_with_noise, chosen)))
     tracked = [source for source in summary.sources if source.poses][:TRACKED_SOURCES]
     reports = _reports(tracked)
@@ -65,6 +70,16 @@ def run(args: argparse.Namespace) -> int:
     if not any(source.poses for source in summary.sources):
         raise NoPoses(f"{args.log}: no pose in it that can be used")
     return DONE if summary.damage is None else DAMAGED
+
+
+def _composed(args: argparse.Namespace) -> "SourceSummary":
+    """The source that is not published as it was asked for; raises ChoiceError where there is none."""
+    from contact_tracker.recording import open_log, summarise_log
+
+    if args.log == "-":
+        raise UsageError(f"no pose source is published with this topic and frame; {_ONCE}")
+    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
+    return summarise_log(log)
 
 
 def _is_chosen(source: "SourceSummary", args: argparse.Namespace) -> bool:
@@ -97,7 +112,7 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
     reports, left = dict["PoseSource", "Report | None"](), MOST_UPDATES
     for number, source in enumerate(sources):
         share = left // (len(sources) - number)
-        state, used = adaptation.start(load_model()), 0
+        state, used = adaptation.start(load_model(), frame_moves=source.source.frame_moves), 0
         first = 0
         for first in range(0, len(source.beginning), BATCH_POSES):
             some = source.beginning[first : first + BATCH_POSES]

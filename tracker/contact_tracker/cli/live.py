@@ -107,9 +107,9 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     check = check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
     if args.output is not None:
         require_library(args.output)
-    state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
     log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to, args.time_unit)
+    state = adaptation.start(model, args.lag, knowledge, log.source.frame_moves)
     source = Source(log, args.log, args)
     with _viewer(args, source, sink) as viewer, StatusLine() as status, _Ticks(args.output, check) as ticks:
         printer = _Printer(args.json, source, status)

@@ -15,12 +15,15 @@ from typing import Any, Final, NoReturn
 from contact_tracker import __version__, viewer
 from contact_tracker.cli import batch, calibrate, evaluate, info, live, segment, simulate, view
 from contact_tracker.cli.completion import SHELLS, PrintCompletion
-from contact_tracker.cli.suggestions import option_suggestion, suggestion
+from contact_tracker.cli.option_suggestions import option_suggestion
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
-from contact_tracker.interrupts import end_in_order
+from contact_tracker.interrupts import end_in_order, exit_code_of
+from contact_tracker.suggestions import suggestion
 
+_ENDING: Final = ("SIGTERM", "SIGHUP")
+_SIGNALLED: Final = "".join(f", {code} by {name}" for name in _ENDING if (code := exit_code_of(name)))
 COMMANDS: Final = (live, segment, batch, view, info, simulate, evaluate, calibrate)
 
 DESCRIPTION: Final = """\
@@ -33,7 +36,7 @@ example:
   contact-tracker live recordings/paper_experiment.mcap
 
 exit codes: {DONE} done, {INPUT} the input cannot be used, {USAGE} wrong usage,
-  {DAMAGED} done with a truncated or damaged input, {INTERRUPTED} interrupted"""
+  {DAMAGED} done with a truncated or damaged input, {INTERRUPTED} ended by Ctrl-C{_SIGNALLED}"""
 
 
 class Parser(argparse.ArgumentParser):
@@ -115,7 +118,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("RUST_LOG", viewer.SILENT)
     take_over_warnings()
     if threading.current_thread() is threading.main_thread():
-        end_in_order("SIGTERM", "SIGHUP")
+        end_in_order(*_ENDING)
     code = _run(argv)
     try:
         sys.stdout.flush()

@@ -98,7 +98,7 @@ def _segment(
     wrenches = evidence_of(args.log, args, model, knowledge)
     log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     source = Source(log, args.log, args)
-    tracker = OfflineTracker(model, knowledge, executor, wrenches)
+    tracker = OfflineTracker(model, knowledge, executor, wrenches, log.source.frame_moves)
     with progress("segment", "poses", source.expected) as set_done:
         if args.output is None:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
@@ -107,14 +107,14 @@ def _segment(
             _write(source, log, tracker, set_done, args, check)
             detail(f"wrote {args.output}")
     if args.output is None:
-        _print(segments, source.origin_ns)
+        _print(segments, source.origin_ns, wrenches is not None)
     return source.finish(tracker.report)
 
 
-def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:
+def _print(segments: "Iterable[Segment]", origin_ns: int, with_wrenches: bool) -> None:
     from contact_tracker.outputs.text import table
 
-    for line in table(segments, origin_ns):
+    for line in table(segments, origin_ns, with_wrenches):
         show(line)
     sys.stdout.flush()
 

@@ -101,12 +101,9 @@ def _view(
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.offline import Shown
 
-    tracker = OfflineTracker(model, knowledge)
-    source = Source(
-        open_log(log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit),
-        log,
-        args,
-    )
+    poses = open_log(log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
+    tracker = OfflineTracker(model, knowledge, frame_moves=poses.source.frame_moves)
+    source = Source(poses, log, args)
     truth, vertices_m = read_truth(log), vertices_from_metadata(read_metadata(log))
     with progress("segment", "poses", source.expected) as set_done:
 

@@ -51,7 +51,9 @@ def evidence_of(
         found = recorded_evidence(name, args.wrench, log, model, knowledge, args.mass, set_done)
     if found is None:
         return None  # the command itself says so
-    (warn if found.warning else say)(f"{name}: {found.text}")
+    (warn if found.is_warning else say)(f"{name}: {found.text}")
+    if found.mass_doubt is not None:
+        warn(f"{name}: {found.mass_doubt}")
     return found.evidence
 
 

@@ -10,7 +10,10 @@ TIMES_NS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """In nanoseconds."""
 _UNITS: Final = LENGTHS | ANGLES
 _QUANTITY: Final = re.compile(r"([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-z]+)")
-_PLAUSIBLE: Final = (1e-9, 1.0)
+_LEAST: Final = 1e-9
+_MOST_M: Final = 0.1
+_MOST_RAD: Final = math.radians(10.0)
+"""Errors of poses beyond which no contact can be told, so that another unit was meant."""
 
 
 def deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
@@ -31,9 +34,12 @@ def deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
 
 def plausible(values: tuple[float, float], shown: object, may_be_zero: bool = False) -> tuple[float, float]:
     """The deviations (m, rad); raises ValueError, which quotes ``shown``, if they are not plausible."""
-    low, high = _PLAUSIBLE
-    if not all(low < value < high or (may_be_zero and value == 0.0) for value in values):
-        raise ValueError(f"{shown!r} is no error of a pose: 1e-9 to 1 m and 1e-9 to 1 rad")
+    for value, most in zip(values, (_MOST_M, _MOST_RAD), strict=True):
+        if not (_LEAST < value <= most * (1.0 + _LEAST) or (may_be_zero and value == 0.0)):
+            raise ValueError(
+                f"{shown!r} is no error of poses by which contacts can be told: at most 100 mm and 10 deg, "
+                "at least 1e-9 m and rad. Are the units right?"
+            )
     return values
 
 

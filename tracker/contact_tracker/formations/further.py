@@ -169,7 +169,10 @@ def _further_contacts(
         best = best_of(allowed(segment, [best, *some]))
         if best is None:
             return found, True
-        best, elements = refine(segment, motion, best, longest_run(best.presence))
+        refined = refine(segment, motion, best, longest_run(best.presence))
+        if refined is None:
+            return found, True
+        best, elements = refined
         run = longest_run(best.presence)
         holding = [first, *(one.known for one in found if any(map(run.overlaps, one.runs)))]
         before = first.model.contact.codimension
@@ -195,12 +198,16 @@ def allowed(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Ca
 
 def refine(
     segment: FormationTicks, motion: ConditionalMotion, best: Candidate, run: Run
-) -> tuple[Candidate, FittedElements]:
-    """The candidate with its elements refitted by maximum likelihood to ``run``, and the fit."""
+) -> tuple[Candidate, FittedElements] | None:
+    """The candidate with its elements refitted by maximum likelihood to ``run``, and the fit.
+
+    None if the refitted elements have no evidence beside the contacts that ``motion`` keeps: the likelihood
+    does not know of these, so that the fit may end at the elements of one of them.
+    """
     model = best.known.model
     elements = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
     refined = evaluate(segment, motion, KnownContact(model, elements.x))
-    return (best if refined is None else refined), elements
+    return None if refined is None else (refined, elements)
 
 
 def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
@@ -304,7 +311,8 @@ def inseparable_kinds(
     alike = {best.known.model.contact}
     for one in others:
         if one.rms > AS_WELL and one.gain > EQUAL_GAIN * best.gain:
-            one, _ = refine(segment, motion, one, run)
+            refined = refine(segment, motion, one, run)
+            one = one if refined is None else refined[0]
         near = one.presence.log_odds > best.presence.log_odds - DECISIVE
         fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > EQUAL_GAIN * best.gain
         if near or fits:

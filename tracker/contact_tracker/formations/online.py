@@ -191,7 +191,10 @@ def _evaluated(
     now = one._replace(is_present=one.is_present or log_odds > SURE_NATS, log_odds=log_odds, since=since)
     newest = int(ticks.window.index[-1])
     if now.is_present and newest >= one.refit_at:
-        better, fitted = refine(ticks, motion, candidate, last)
+        refined = refine(ticks, motion, candidate, last)
+        if refined is None:  # it keeps the elements that it has
+            return now._replace(refit_at=_refit_at(newest, last)), candidate.presence.runs
+        better, fitted = refined
         elements, geometry = ContactElements(one.elements.contact, better.known.x), ticks.geometry_of(fitted)
         if geometry is None:
             return now._replace(is_present=False), candidate.presence.runs
@@ -263,7 +266,8 @@ def _continue_search(
 
 def _fitted(ticks: FormationTicks, motion: ConditionalMotion, one: Candidate) -> Candidate:
     """The candidate, found on a part of its run, refitted to all of it."""
-    return refine(ticks, motion, one, one.presence.runs[-1])[0]
+    refined = refine(ticks, motion, one, one.presence.runs[-1])
+    return one if refined is None else refined[0]
 
 
 def _search_next_kinds(
@@ -300,11 +304,12 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
     if best.presence.log_odds < own.presence.log_odds + DECISIVE:
         best = own
     else:
-        best, fitted = refine(ticks, motion, best, best.presence.runs[-1])
-        elements = ContactElements(best.known.model.contact, best.known.x)
-        geometry = ticks.geometry_of(fitted)
-        if geometry is None:
+        refined = refine(ticks, motion, best, best.presence.runs[-1])
+        geometry = None if refined is None else ticks.geometry_of(refined[1])
+        if refined is None or geometry is None:
             return state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
+        best = refined[0]
+        elements = ContactElements(best.known.model.contact, best.known.x)
         one = one._replace(elements=elements, geometry=geometry)
     present = [first.c, *(other.elements.known.c for other in others if other.is_present)]
     part = motion.cut(*run)
@@ -347,9 +352,10 @@ def _accept(
 ) -> FormationState:
     """Track the best candidate, if the motion uses all freedom that the contacts leave."""
     state = state._replace(queue=(), proposals=(), searches_all=False, search_interval=SEARCH_INTERVAL_TICKS)
-    best, elements = refine(ticks, motion, best, best.presence.runs[-1])
-    if not _is_now(best.presence, motion):
+    refined = refine(ticks, motion, best, best.presence.runs[-1])
+    if refined is None or not _is_now(refined[0].presence, motion):
         return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
+    best, elements = refined
     present = [one for one in state.tracked if one.is_present]
     run = best.presence.runs[-1]
     contacts = [first.c, *(one.elements.known.c for one in present)]

@@ -66,7 +66,8 @@ class Inspection(NamedTuple):
     ``noise`` (2, BINS) is a histogram of squared third differences of both; ``top_m_per_s`` the speed of the
     fastest block. ``page`` is the sum of Page's test, ``share`` the share of returns in the last block.
     ``turning`` has the points of rotation. ``units``, ``bodies`` and ``filtered`` say what was found at any
-    time.
+    time. ``frame_moves``: the poses are in the frame of a body that moves, as the user asked; then they look
+    like inverse poses of that body, and are right.
     """
 
     recent: Poses
@@ -83,6 +84,7 @@ class Inspection(NamedTuple):
     units: bool
     bodies: bool
     filtered: bool
+    frame_moves: bool
 
 
 NOTHING_INSPECTED: Final = Inspection(
@@ -100,6 +102,7 @@ NOTHING_INSPECTED: Final = Inspection(
     units=False,
     bodies=False,
     filtered=False,
+    frame_moves=False,
 )
 
 
@@ -137,7 +140,7 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
         # With known elements (--known) either half of the poses alone gives labels that are sure and wrong.
         what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
         found.append(Finding("orientation", f"the {what} never changes: is it recorded? {hint}", True))
-    if inspection.turning.are_inverse:
+    if inspection.turning.are_inverse and not inspection.frame_moves:
         from_body_m, from_world_m = inspection.turning.median_m
         text = (
             f"poses look inverse, of the world in the body (they turn about points {from_body_m:.1f} m from "

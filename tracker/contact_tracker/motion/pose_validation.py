@@ -28,9 +28,9 @@ kind                fate    meaning
 ``held``            kept    the last pose once more, bit for bit, with a new stamp
 =================== ======= ===================================================================
 
-``q`` and ``-q`` are the same rotation: the one nearer to the last pose is passed on. Quaternions written as
-wxyz into an xyzw field are not detected here: reordering the components keeps all scalar products, hence all
-angles between poses.
+``q`` and ``-q`` are the same rotation: the one nearer to the last pose is passed on. Quaternions in another
+order than that of their fields (wxyz in xyzw, or xyzw in wxyz) are not detected here: reordering the
+components keeps all scalar products, hence all angles between poses.
 """
 
 from collections import Counter

@@ -60,10 +60,10 @@ def status_text(belief: Belief, origin_ns: int) -> str:
     return f"{at_s:8.2f} s  {belief.contact.value} for {duration_s:.1f} s   {likely}"
 
 
-def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
+def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = False) -> Iterator[str]:
     """A line per segment, per further contact (``+``) and joint (``=``), and the total ambiguous time.
 
-    Times are in seconds after ``origin_ns``.
+    Times are in seconds after ``origin_ns``. ``with_wrenches``: these decide as well as the motion.
     """
     yield TABLE_HEADER
     total_s = ambiguous_s = 0.0
@@ -88,7 +88,8 @@ def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
         total_s += end - start
         ambiguous_s += end - start if segment.inseparable else 0.0
     if ambiguous_s:
-        yield f"The motion leaves the contact open for {ambiguous_s:.2f} of {total_s:.2f} s."
+        leave = "Motion and wrenches leave" if with_wrenches else "The motion leaves"
+        yield f"{leave} the contact open for {ambiguous_s:.2f} of {total_s:.2f} s."
 
 
 def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()) -> str:

@@ -8,7 +8,7 @@ from contact_tracker.recording.log import PoseLog, list_sources, open_log
 from contact_tracker.recording.reading import may_be_recording, parts_of
 from contact_tracker.recording.result_topics import BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC
 from contact_tracker.recording.sources import PoseSource
-from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise
+from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise, summarise_log
 from contact_tracker.recording.wrenches import WRENCH_TYPE, WrenchLog, read_wrenches
 from contact_tracker.recording.writing import write_recording
 
@@ -34,6 +34,7 @@ __all__ = [
     "read_truth",
     "read_wrenches",
     "summarise",
+    "summarise_log",
     "write_beside",
     "write_recording",
 ]

@@ -6,7 +6,7 @@ linearly, rotations along the shortest arc. Only samples that pending poses need
 
 import math
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import takewhile
 from typing import Final
 
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable, pose_row, row_channel
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable, is_row, pose_row, row_channel
 from contact_tracker.recording.items import Item, RawMessage
 from contact_tracker.recording.sources import PoseSource
-from contact_tracker.recording.stamping import Logged
+from contact_tracker.recording.stamping import Logged, Stamping
 from contact_tracker.recording.transform_tree import Step, is_static
 
 GAP_NS: Final = 1_000_000_000
@@ -70,13 +70,17 @@ class Composer:
         self._tracks = {step.source: _Track(self.counts, is_static(step.source)) for step in steps}
         self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != body]
         self._waiting: deque[Logged] = deque()
+        self._stampings = dict[PoseSource, Stamping]()
 
-    def learn_static(self, known: dict[PoseSource, list[Logged]]) -> None:
-        """Take static transforms from messages read ahead: poses may precede them."""
+    def learn(self, known: Mapping[PoseSource, list[Logged]]) -> None:
+        """Take from messages read ahead how poses are stamped, and static transforms: poses may precede
+        them."""
         for source, logged in known.items():
             if source in self._tracks and is_static(source):
-                for pose, log_time_ns in logged[:1]:
-                    self._tracks[source].add(stamped(pose, log_time_ns))
+                for pose, _ in logged[:1]:
+                    self._tracks[source].add(pose)
+            elif source in self._tracks and len(logged) > 1:
+                self._stampings[source] = Stamping(logged)
 
     def compose(self, items: Iterable[Item]) -> Iterator[Item]:
         """The composed poses as messages; other messages are dropped."""
@@ -93,10 +97,11 @@ class Composer:
             for frame_id, child_frame_id, pose in observations:
                 source = PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id)
                 if source == body:
-                    self.counts["log_time_as_stamp"] += not pose.stamp_ns
-                    self._waiting.append((stamped(pose, item.log_time_ns), item.log_time_ns))
+                    stamped = self._stamped(pose, source, item)
+                    self.counts["log_time_as_stamp"] += stamped is not pose
+                    self._waiting.append((stamped, item.log_time_ns))
                 elif source in self._tracks:
-                    self._tracks[source].add(stamped(pose, item.log_time_ns))
+                    self._tracks[source].add(self._stamped(pose, source, item))
                 else:
                     continue
                 if why is not None:
@@ -104,6 +109,17 @@ class Composer:
                     self.counts["known_definition"] += 1
             yield from self._ready(item.log_time_ns)
         yield from self._emit(len(self._waiting))
+
+    def _stamped(self, pose: Pose, source: PoseSource, message: RawMessage) -> Pose:
+        """The pose, with its log time as stamp if it has none."""
+        stamping = self._stampings.get(source)
+        if is_row(message.channel):
+            return pose
+        if stamping is None:  # too few poses to tell what zero means
+            return pose if pose.stamp_ns else pose._replace(stamp_ns=message.log_time_ns)
+        if not stamping.lacks_stamp(pose.stamp_ns, message.log_time_ns):
+            return pose
+        return pose._replace(stamp_ns=stamping.from_log_time(message.log_time_ns))
 
     def _ready(self, now_ns: int) -> Iterator[Item]:
         """Pending poses that can be composed, once there are enough, and those that have waited too long."""
@@ -254,11 +270,6 @@ class _Track:
             rotation = Slerp(times, Rotation.from_quat(quats))(wanted)
         columns = [np.interp(wanted, times, column) for column in positions.T]
         return np.column_stack(columns), rotation, known
-
-
-def stamped(pose: Pose, log_time_ns: int) -> Pose:
-    """A pose with its log time as stamp if it has none."""
-    return pose if pose.stamp_ns else pose._replace(stamp_ns=log_time_ns)
 
 
 def _product(first: _Placed, second: _Placed) -> _Placed:

@@ -118,7 +118,7 @@ class MessageDecoder:
     def observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message of a pose type; raises Undecodable."""
         channel = message.channel
-        if channel.encoding == POSE_ROW:
+        if is_row(channel):
             return _row(message)
         layouts = self.layouts(channel)
         found = layouts.read(message.data)
@@ -133,7 +133,7 @@ class MessageDecoder:
     def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
         """The poses in messages of one channel; None unless they are of one source and a known layout."""
         channel = messages[0].channel
-        if channel.encoding == POSE_ROW:
+        if is_row(channel):
             return _rows(messages)
         known = self._readings.get(channel)
         return None if known is None else known.layouts.read_all([message.data for message in messages])
@@ -207,7 +207,7 @@ def assumption_text(count: int, type_name: str, why: str) -> str:
 
 def may_have_poses(channel: Channel) -> bool:
     """Whether a channel's messages are poses and can be decoded."""
-    return (is_pose_type(channel.type) and is_readable(channel)) or channel.encoding == POSE_ROW
+    return (is_pose_type(channel.type) and is_readable(channel)) or is_row(channel)
 
 
 def is_readable(channel: Channel) -> bool:
@@ -225,6 +225,11 @@ def is_readable(channel: Channel) -> bool:
 def row_channel(topic: str, type_name: str, frame_id: str, child_frame_id: str) -> Channel:
     """A channel of poses in rows, from a table or composed of transforms."""
     return Channel(topic, POSE_ROW, type_name, "", f"{frame_id}\0{child_frame_id}".encode())
+
+
+def is_row(channel: Channel) -> bool:
+    """Whether its messages are such rows. These have a stamp in any case, also where it is zero."""
+    return channel.encoding == POSE_ROW
 
 
 def pose_row(stamp_ns: int, numbers: Iterable[float]) -> bytes:

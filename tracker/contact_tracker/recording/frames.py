@@ -1,6 +1,7 @@
 """Chains of transforms for the poses that ``--frame PARENT->CHILD`` or ``--relative-to`` selects."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -109,10 +110,22 @@ def composition_hint(sources: Iterable[PoseSource]) -> str:
     return f", or compose them by --frame '{min(roots)}->{min(bodies)}'"
 
 
+def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
+    """A hint for ``PARENT->CHILD`` where ``--relative-to`` would give these poses, else empty."""
+    known = sorted(sources)
+    parent, arrow, child = frame.partition(ARROW)
+    for source in known if arrow else ():
+        with suppress(AmbiguousSource):
+            if source.child_frame_id == child and chain_relative(path, known, source, parent):
+                return f"; compose it by --frame {child} --relative-to {parent}"
+    return ""
+
+
 def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
     """The source name of the poses of a chain."""
     body = chain[chain.body].source
-    return PoseSource(body.topic, body.type, parent, child)
+    frame_moves = any(step.inverted and not is_static(step.source) for step in chain)
+    return PoseSource(body.topic, body.type, parent, child, frame_moves=frame_moves)
 
 
 def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:

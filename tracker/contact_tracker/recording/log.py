@@ -12,8 +12,8 @@ from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
-from contact_tracker.recording.composition import Composer, stamped
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text
+from contact_tracker.recording.composition import Composer
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text, is_row
 from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.file_index import summary_of
 from contact_tracker.recording.frames import (
@@ -26,6 +26,7 @@ from contact_tracker.recording.frames import (
     composition_hint,
     is_beside,
     moving_parent_note,
+    relative_hint,
 )
 from contact_tracker.recording.items import BUFFER_BYTES, Channel, Item, RawMessage, channel_of, some_messages
 from contact_tracker.recording.reading import STDIN, Reading, parts_of, size_budget
@@ -33,6 +34,7 @@ from contact_tracker.recording.sources import (
     ChannelFilter,
     PoseSource,
     message_counts,
+    not_leading,
     not_named,
     only_one,
     only_one_fits,
@@ -160,6 +162,15 @@ class PoseLog:
         self._poses.close()
         self._items = iter(())
 
+    def messages(self) -> Iterator[RawMessage]:
+        """The messages instead of the poses, those of other sources included; composed poses are rows."""
+        return (item for item in self._items if isinstance(item, RawMessage))
+
+    @property
+    def decoder(self) -> MessageDecoder:
+        """The decoder of its messages."""
+        return self._decoder
+
     def batches(self) -> Iterator[Poses]:
         """The poses in columns, of many messages at once; with more delay than iteration."""
         many = min(_FEW, BATCH)
@@ -232,7 +243,7 @@ class PoseLog:
                 if self._taken <= self._skipped:
                     continue
                 self._note_assumption(item.channel, 1)
-                if stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
+                if not is_row(item.channel) and stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
                     pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
                 yield from self._one_by_one(admit(pose))
@@ -320,9 +331,9 @@ def open_log(
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
             composer = Composer(steps, steps.body, source, decoder, at_once)
-            composer.learn_static(all_known)
+            composer.learn(all_known)
             stream = composer.compose(chain(head, items))
-            prefix = [(stamped(*logged), logged[1]) for logged in all_known[steps[steps.body].source]]
+            prefix = all_known[steps[steps.body].source]
             return PoseLog(source, reading, stream, decoder, prefix, None, count_late, composer)
         more = take_prefix(items)
         if not more:
@@ -413,10 +424,12 @@ def _explain(
     damage: str | None,
     relative_to: str | None,
 ) -> Exception:
-    if found_sources and relative_to is not None:
-        return not_named(path, f"that leads to {relative_to}", found_sources)
+    is_named = frame is None or any(source.is_named(frame) for source in found_sources)
+    if found_sources and relative_to is not None and is_named:
+        return not_leading(path, relative_to, found_sources)
     if found_sources and frame is not None:
-        return not_named(path, frame, found_sources)
+        hint = relative_hint(path, found_sources, frame) if relative_to is None else ""
+        return not_named(path, frame, found_sources, hint)
     if damage is not None:
         return UnreadableRecording(f"{path}: no pose can be read: {damage}")
     return wanted.nothing_found(path)

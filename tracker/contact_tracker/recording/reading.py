@@ -22,6 +22,7 @@ from contact_tracker.recording.log_order import in_log_order
 from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table
 
 STDIN: Final = "-"
+_PATTERN: Final = "; it looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
 _COMPRESSED: Final = (".zstd", ".zst")
 _ENDINGS: Final = (".mcap", ".db3", *(f".mcap{end}" for end in _COMPRESSED))
 _PACKED: Final = {
@@ -56,7 +57,7 @@ def parts_of(path: str) -> list[str]:
     path = recording_of(path)
     if path == STDIN or not os.path.isdir(path):
         if path != STDIN and not os.path.exists(path):
-            hint = "; it looks like a pattern: leave out the quotes" if has_magic(path) else ""
+            hint = _PATTERN if has_magic(path) else ""
             raise UnreadableRecording(f"{path}: no such file{hint}")
         return [path]
     try:

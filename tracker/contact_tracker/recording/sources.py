@@ -27,6 +27,7 @@ from contact_tracker.recording.message_types import USUAL, canonical
 from contact_tracker.recording.reading import parts_of
 from contact_tracker.recording.result_topics import FRAMES_TOPIC, RESULT_TOPICS
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged
+from contact_tracker.suggestions import suggestion
 
 _STATIC: Final = "tf_static"
 _LISTED: Final = 8
@@ -36,13 +37,17 @@ _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod
 
 @dataclass(frozen=True, order=True)
 class PoseSource:
-    """One stream of poses; ``messages`` is their number on its topic, where the index has it."""
+    """One stream of poses; ``messages`` is their number on its topic, where the index has it.
+
+    ``frame_moves``: poses are composed in a frame that itself moves in the recording, as the user asked.
+    """
 
     topic: str
     type: str
     frame_id: str
     child_frame_id: str
     messages: int | None = field(default=None, compare=False)
+    frame_moves: bool = field(default=False, compare=False)
 
     @property
     def frames(self) -> str:
@@ -100,7 +105,8 @@ class ChannelFilter:
         if self._topic is not None:
             topics = _listing(dict.fromkeys(c.topic for c in (poses or seen)))
             fault = ChoiceError if poses else NoPoses
-            return fault(f"{path}: no topic {self._topic}; there is {topics or 'none'}")
+            near = _printable(suggestion(self._topic, (c.topic for c in (poses or seen))))
+            return fault(f"{path}: no topic {self._topic}; there is {topics or 'none'}{near}")
         if any(c.topic == FRAMES_TOPIC for c in poses):
             return NoPoses(f"{path}: it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it")
         if poses and all(c.topic.endswith(_STATIC) for c in poses):
@@ -237,9 +243,27 @@ def only_one_fits(path: str, sources: Iterable[PoseSource], hint: str = "") -> A
     )
 
 
-def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> ChoiceError:
-    listing = _listing(map(str, sorted(sources)), "; ")
-    return ChoiceError(f"{path}: no pose source has the frame {frame}; there is {listing}")
+def not_named(path: str, frame: str, sources: Iterable[PoseSource], hint: str = "") -> ChoiceError:
+    """The error where no source has a frame; ``hint`` says how to have its poses all the same."""
+    there = list(sources)
+    if len(there) == 1 and not there[0].frames:
+        hint = "; it has no frame: leave out --frame"
+    return _without(path, frame, frame, there, hint)
+
+
+def not_leading(path: str, relative_to: str, sources: Iterable[PoseSource]) -> ChoiceError:
+    """The error where nothing leads to the frame or body that poses are relative to."""
+    return _without(path, f"that leads to {relative_to}", relative_to, sources, "")
+
+
+def _without(path: str, lacking: str, name: str, sources: Iterable[PoseSource], hint: str) -> ChoiceError:
+    there = sorted(sources)
+    names = [text for s in there for text in (s.topic, s.frame_id, s.child_frame_id, s.frames) if text]
+    listing = _listing(map(str, there), "; ")
+    advice = hint or suggestion(name, names)
+    return ChoiceError(
+        f"{path}: no pose source has the frame {lacking}; there is {listing}{_printable(advice)}"
+    )
 
 
 def _undecoded(topics: Iterable[str]) -> str:

@@ -3,7 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text, may_have_poses
+from contact_tracker.recording.decoding import (
+    MessageDecoder,
+    Undecodable,
+    assumption_text,
+    is_row,
+    may_have_poses,
+)
 from contact_tracker.recording.items import BUFFER_BYTES, Attachment, Channel, Metadata, RawMessage
+from contact_tracker.recording.log import PoseLog
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged, Stamping
@@ -130,6 +137,15 @@ def summarise(path: str, time_unit: str | None = None) -> RecordingSummary:
     )
 
 
+def summarise_log(log: PoseLog) -> SourceSummary:
+    """Summary of the poses that a log selects, which may be composed; reads it to its end."""
+    tallies = _Tallies(log.decoder)
+    for message in log.messages():
+        tallies.add(message)
+    (found,) = (one for one in tallies.finish() if one.source == log.source)
+    return replace(found, source=log.source, counts=Counter(found.counts) + Counter(log.counts))
+
+
 def _assumed(reading: Reading) -> tuple[str, ...]:
     text = reading.assumption
     return () if text is None else (f"{os.path.basename(reading.path)}: {text}",)
@@ -213,7 +229,7 @@ class _Tallies:
             if len(self._tallies) >= SOURCES_KEPT:
                 self.more_sources = True
                 return
-            tally = self._tallies[source] = _Tally()
+            tally = self._tallies[source] = _Tally(is_row(channel))
         why = self._decoder.assumption(channel)
         if why is not None:
             self._assumed[source] = why
@@ -242,9 +258,13 @@ class _Sample:
 
 
 class _Tally:
-    """Running figures of one source, with ``kept`` poses of its beginning and the number ``observed``."""
+    """Running figures of one source, with ``kept`` poses of its beginning and the number ``observed``.
 
-    def __init__(self) -> None:
+    ``of_rows``: its messages are rows, all of which have a stamp.
+    """
+
+    def __init__(self, of_rows: bool) -> None:
+        self._of_rows = of_rows
         self.counts: Counter[str] = Counter()
         self.kept = 0
         self._gate = PoseGate(self.counts)
@@ -288,7 +308,7 @@ class _Tally:
         self._offsets_ns.add(log_ns - np.clip(stamp_ns, -_MOST_NS, _MOST_NS))
 
     def _admit_prefix(self) -> list[Pose]:
-        self._stamping = Stamping(self._prefix)
+        self._stamping = Stamping(() if self._of_rows else self._prefix)
         admitted = [pose for logged in self._prefix for pose in self._admit(self._stamping, *logged)]
         self._prefix = []
         return admitted

@@ -13,6 +13,7 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
 from contact_tracker.recording.items import Channel, RawMessage
+from contact_tracker.recording.last_line import CUT_OFF, is_cut_off
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.named_columns import MOST_COLUMNS, layout_of_names, layout_of_text
 from contact_tracker.recording.panics import without_panics
@@ -122,7 +123,7 @@ def read_table(
     polars = need("polars", "a table")
     try:
         with without_panics():
-            layout, frame, groups = _opened(polars, path, budget)
+            layout, frame, groups, is_cut = _opened(polars, path, budget)
     except UnreadableRecording as error:
         raise error if path.lower().endswith(_ENDINGS) else UnreadableRecording(_no_table(error)) from error
     except MissingExtra:
@@ -135,6 +136,7 @@ def read_table(
         (channel, body) for channel, body in zip(channels, layout.bodies, strict=True) if wanted(channel)
     ]
     batches = _batches(polars, frame, groups) if chosen else iter(())
+    batches = _without_last_row(batches) if is_cut else batches
     if time_unit is not None and layout.has_own_unit:
         raise ChoiceError(f"{path}: {OWN_UNIT}")
     scale, lost = TIMES_NS[time_unit] if time_unit is not None else layout.time_ns, 0
@@ -165,6 +167,8 @@ def read_table(
                 yield RawMessage(channel, max(stamp_ns, 0), values[i].tobytes())
     if lost:
         report(_without_time(lost, layout))
+    if is_cut:
+        report(CUT_OFF)
 
 
 def _without_time(rows: int, layout: TableLayout) -> str:
@@ -188,10 +192,21 @@ def _batches(polars: Any, frame: "pl.LazyFrame", groups: list[int] | None) -> "I
         first += rows
 
 
+def _without_last_row(batches: "Iterator[pl.DataFrame]") -> "Iterator[pl.DataFrame]":
+    held = next(batches, None)
+    for batch in batches:
+        if held is not None:
+            yield held
+        held = batch
+    if held is not None:
+        yield held[:-1]
+
+
 def _opened(
     polars: Any, path: str, budget: WorkBudget
-) -> "tuple[TableLayout, pl.LazyFrame, list[int] | None]":
-    """The layout, its columns named by index, and the rows of each row group of Parquet.
+) -> "tuple[TableLayout, pl.LazyFrame, list[int] | None, bool]":
+    """The layout, its columns named by index, the rows of each row group of Parquet, and whether the last row
+    is cut off.
 
     The time is text.
     """
@@ -204,7 +219,7 @@ def _opened(
         places = {layout.time, *(place for body in layout.bodies for place in body.columns)}
         groups = check_pages(path, {names[place] for place in places}, len(layout.bodies), budget)
         frame = frame.select(polars.col(name).alias(str(i)) for i, name in enumerate(names))
-        return layout, _chosen(polars, frame, layout), groups
+        return layout, _chosen(polars, frame, layout), groups, False
     budget.count_read(os.path.getsize(path))
     lines = _head(path)
     if any(line.count(mark) >= MOST_COLUMNS for line in lines for mark in ",;\t "):
@@ -214,7 +229,7 @@ def _opened(
         line.strip() and not line.startswith("#") for line in lines[layout.skip :]
     ):
         raise UnreadableRecording("it has a header but no rows")
-    many = _rows_of_section(path, layout.skip) if layout.kind == "Vicon" else None
+    many, is_last = _rows_of_section(path, layout.skip) if layout.kind == "Vicon" else (None, True)
     by_lines = layout.separator is None or layout.is_ragged
     frame = polars.scan_csv(
         path,
@@ -241,7 +256,8 @@ def _opened(
     if layout.separator != "," or any('"' in line for line in lines):  # else no cell has a comma
         cells = (cell.str.replace(",", ".", literal=True) for cell in cells)
     frame = frame.select(cell.alias(str(place)) for place, cell in enumerate(cells))
-    return layout, _chosen(polars, frame, layout), None
+    is_cut = is_last and is_cut_off(path, layout.separator)
+    return layout, _chosen(polars, frame, layout), None, is_cut
 
 
 def _chosen(polars: Any, frame: Any, layout: TableLayout) -> "pl.LazyFrame":
@@ -259,15 +275,15 @@ def _head(path: str) -> list[str]:
     return lines
 
 
-def _rows_of_section(path: str, skip: int) -> int:
-    """Number of lines before an empty one, which ends the section."""
+def _rows_of_section(path: str, skip: int) -> tuple[int, bool]:
+    """Number of lines before an empty one, which ends the section, and whether the file ends before one."""
     many = 0
     with open(path, encoding="utf-8", errors="replace") as file:
         for line in islice(file, skip, None):
             if not line.strip(", \t\r\n"):
-                break
+                return many, False
             many += 1
-    return many
+    return many, True
 
 
 def _times(polars: Any, batch: "pl.DataFrame") -> NDArray[np.float64]:

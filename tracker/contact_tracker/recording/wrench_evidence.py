@@ -15,17 +15,24 @@ from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 class RecordedEvidence(NamedTuple):
     """``evidence`` is None if the wrenches are not usable; ``text`` is one line with the load or the reason.
 
-    ``is_doubtful``: some of the wrenches were left out, or they overrule the mass that was given.
+    ``some_left_out``: some of the wrenches are not used. ``mass_doubt`` is a line of its own where they
+    overrule the mass that was given.
     """
 
     evidence: WrenchEvidence | None
     text: str
-    is_doubtful: bool
+    some_left_out: bool
+    mass_doubt: str | None = None
 
     @property
-    def warning(self) -> str | None:
-        """The line where wrenches, some of them or the mass that was given are not used."""
-        return self.text if self.evidence is None or self.is_doubtful else None
+    def is_warning(self) -> bool:
+        """Whether the text is a warning: wrenches, or some of them, are not used."""
+        return self.evidence is None or self.some_left_out
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The lines where wrenches, some of them or the mass that was given are not used."""
+        return tuple(filter(None, (self.text if self.is_warning else None, self.mass_doubt)))
 
 
 def recorded_evidence(
@@ -59,11 +66,10 @@ def recorded_evidence(
         evidence, load = wrench_evidence(poses, found.wrenches, model, knowledge, mass_kg, progress)
     except NoLoad as reason:
         return RecordedEvidence(None, f"{topic} is not used: {reason}{noted}", bool(noted))
-    doubt = mass_doubt(load, mass_kg)
     return RecordedEvidence(
         evidence,
         f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
-        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
-        f"{doubt and '; '}{doubt}",
-        bool(noted or doubt),
+        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion",
+        bool(noted),
+        mass_doubt(load, mass_kg) or None,
     )

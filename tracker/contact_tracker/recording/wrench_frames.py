@@ -133,7 +133,7 @@ def frame_poses(
     composer = Composer(
         (*steps, Step(wrench, False)), len(steps), wrench, MessageDecoder(reading.budget), BATCH
     )
-    composer.learn_static(dict(found.known))
+    composer.learn(found.known)
     unturned = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     logged = log_time_ns.argsort(kind="stable")  # stamps may be in another order
     rows = (

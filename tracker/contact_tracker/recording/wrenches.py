@@ -16,6 +16,7 @@ from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.transform_tree import frame_name
 from contact_tracker.recording.wrench_frames import chain_to, frame_poses
+from contact_tracker.suggestions import suggestion
 from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
@@ -208,6 +209,7 @@ def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError
         names = [name for name, channel in sorted(channels.items()) if canonical(channel.type) == WRENCH_TYPE]
         return ChoiceError(
             f"{path}: no topic {topic}; of {WRENCH_TYPE} there is {', '.join(names[:8]) or 'none'}"
+            f"{suggestion(topic, names)}"
         )
     if canonical(there.type) != WRENCH_TYPE or not is_readable(there):
         return ChoiceError(f"{path}: {topic} is {there.type or 'of no type'}; only {WRENCH_TYPE} is read")

@@ -1,6 +1,6 @@
 """The result for a whole recording: its segments, and the beliefs of all its ticks."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Self, overload
 
@@ -108,6 +108,19 @@ class Beliefs(Sequence[Belief]):
         rows = self.rows.copy()
         rows["probability"] = probability
         return Beliefs(rows, self.geometries, self.formations, self.joints)
+
+    def with_elements(
+        self,
+        change: Callable[[ContactGeometry], ContactGeometry],
+        change_further: Callable[[FurtherContact], FurtherContact],
+    ) -> "Beliefs":
+        """The same with changed elements of the label and of further contacts."""
+        return Beliefs(
+            self.rows,
+            [pack(change(unpack(packed))) for packed in self.geometries],
+            [tuple(map(change_further, further)) for further in self.formations],
+            self.joints,
+        )
 
     def __len__(self) -> int:
         return len(self.rows)

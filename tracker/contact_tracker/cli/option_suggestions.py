@@ -1,25 +1,16 @@
-"""Suggestions for misspelt commands and options."""
+"""Suggestions for misspelt options."""
 
 import argparse
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
-from typing import Final
 
-_CLOSE: Final = 0.7
-"""Similarity of two words (difflib ratio) from which on one is suggested for the other."""
-
-
-def suggestion(word: str, names: Iterable[str]) -> str:
-    """``; did you mean NAME?``, or empty if no name is similar."""
-    bare = {name.lstrip("-"): name for name in names}  # dashes are alike in all options
-    near = get_close_matches(word.lstrip("-"), list(bare), 1, _CLOSE)
-    return f"; did you mean {bare[near[0]]}?" if near else ""
+from contact_tracker.suggestions import suggestion
 
 
 def option_suggestion(
     words: Iterable[str], parser: argparse.ArgumentParser, commands: Mapping[str, argparse.ArgumentParser]
 ) -> str:
-    """The same for the first word that resembles an option of ``parser``, or is one of other commands."""
+    """``; did you mean OPTION?`` for the first word that resembles an option of ``parser``; or of which
+    commands it is an option."""
     for word in words:
         if word.startswith("-"):
             option = word.partition("=")[0]

@@ -1,0 +1,21 @@
+"""Suggestions for misspelt names."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Final
+
+_CLOSE: Final = 0.65
+"""Similarity (difflib ratio) from which on a name is suggested for a word: two of three letters."""
+_BEGINNING: Final = 3
+"""Letters from which on the one name that begins with them is suggested."""
+_MARKS: Final = "-/"
+"""What options and topics begin with does not make them alike."""
+
+
+def suggestion(word: str, names: Iterable[str]) -> str:
+    """``; did you mean NAME?``, or empty if no name is similar."""
+    bare = {name.lstrip(_MARKS).casefold(): name for name in names}
+    given = word.lstrip(_MARKS).casefold()
+    longer = [name for name in bare if len(given) >= _BEGINNING and name.startswith(given)]
+    near = longer if len(longer) == 1 else get_close_matches(given, list(bare), 1, _CLOSE)
+    return f"; did you mean {bare[near[0]]}?" if near else ""
