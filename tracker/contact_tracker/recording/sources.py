@@ -3,8 +3,9 @@
 A source is a topic with its frames. Where a file has an index, its channels are known from there and their
 frames from a prefix that starts at the first chunk of each. Otherwise (pipes, growing, truncated and
 index-less files) the prefix of the whole decides. A prefix is one second of log time from its first pose, and
-at most 2000 pose messages or 8 MB; those of all channels of an index have 32 MB together. If another matching source appears only later, the user has to choose; a live
-stream continues with the first one, and reports it.
+at most 2000 pose messages or 8 MB; those of all channels of an index have 32 MB together. If another
+matching source appears only later, the user has to choose; a live stream continues with the first one, and
+reports it.
 `/tf_static` does not move, and `/contact/frames` belongs to results: these are sources only if their topic is
 requested.
 """
