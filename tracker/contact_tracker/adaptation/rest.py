@@ -1,8 +1,8 @@
 """Rest of the object, as found by the first of several trackers, during which the others wait.
 
 The first tracker usually has the least noise: where it finds no motion the others find none, and would only
-append such ticks to their windows. Where another has less, as in slow streams, that one takes the noise of any
-rest for motion: there the others wait in gaps, and once the object has not gone anywhere for longer.
+append such ticks to their windows. Where another has less, as in slow streams, that one takes the noise of
+any rest for motion: there the others wait in gaps, and once the object has not gone anywhere for longer.
 """
 
 from typing import Final, NamedTuple
