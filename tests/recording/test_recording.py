@@ -1,6 +1,7 @@
 """Recordings of other programs and of this one: poses, sources, truth, summary."""
 
 import json
+import math
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -666,6 +667,37 @@ def test_without_the_attachment_the_messages_are_the_truth(tmp_path: Path) -> No
 def test_truth_may_be_a_list_or_an_object_with_intervals() -> None:
     rows = [{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]
     assert Truth.from_json(json.dumps(rows)) == Truth.from_json(json.dumps({"intervals": rows}))
+
+
+FACE = {"type": "face", "normal": [0, 0, 1], "offset_m": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        ({"start_ns": 10**30}, "a stamp is more than 146 years from zero"),
+        ({"end_ns": -(10**30)}, "a stamp is more than 146 years from zero"),
+        (
+            {"further": [{"start_ns": 0, "end_ns": 10**30, "contact": "f-f"}]},
+            "a stamp is more than 146 years",
+        ),
+        ({"object": FACE | {"normal": [1]}, "environment": FACE}, "not of three numbers"),
+        ({"object": FACE | {"normal": 3}, "environment": FACE}, "not of three numbers"),
+        ({"object": FACE | {"normal": [[0, 0, 1]] * 3}, "environment": FACE}, "not a list of labelled"),
+        ({"object": FACE, "environment": FACE | {"offset_m": math.nan}}, "a number that is nan"),
+    ],
+)
+def test_a_truth_that_cannot_be_is_refused(row: dict[str, Any], why: str) -> None:
+    """It would end in a traceback where it is compared."""
+    with pytest.raises(NoTruth, match=why):
+        Truth.from_json(json.dumps([{"start_ns": 0, "end_ns": 1, "contact": "f-f"} | row]))
+
+
+def test_truth_messages_logged_at_impossible_times_are_refused(tmp_path: Path) -> None:
+    messages = [(0, {"data": "f-f"}), (2**64 - 1, {"data": "e-f"})]
+    topics = [poses_topic(smooth_poses(9)), Topic("/contact/truth", "std_msgs/msg/String", messages)]
+    with pytest.raises(NoTruth, match="a stamp is more than 146 years from zero"):
+        read_truth(str(write_log(tmp_path / "a.mcap", topics)))
 
 
 @pytest.mark.parametrize(
