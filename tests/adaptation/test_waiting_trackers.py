@@ -240,3 +240,15 @@ def test_after_a_long_rest_in_a_slow_stream_all_trackers_go_on() -> None:
     states, _ = followed(then(still, moving, pause_s=0.1), size=10)
     assert waits(states[29])
     assert not waits(states[-1])
+
+
+@needs_kernels
+def test_poses_too_far_apart_for_any_evidence_are_followed_by_one_tracker() -> None:
+    """Hours of poses five seconds apart fit in a small file; none of them decides between trackers."""
+    steps = np.random.default_rng(4).normal(size=(300, 3))
+    poses = slow(0.01 * np.cumsum(steps, axis=0), 0.2)
+    state, _ = adaptation.advance(adaptation.start(MODEL), poses)
+    assert state.is_decided
+    assert not state.conventions.found
+    state, _ = adaptation.advance(adaptation.start(MODEL), slow(np.zeros((100, 3)), 0.8))
+    assert len(state.trackers.trackers) > 3
