@@ -78,7 +78,7 @@ class Truth:
     def changes(self) -> list[tuple[int, Contact | None]]:
         """Stamps of changes with the contact from there on; None for gaps of over 0.1 s."""
         found: list[tuple[int, Contact | None]] = []
-        for interval, following in zip(self.intervals, (*self.intervals[1:], None), strict=True):
+        for interval, following in zip(self.intervals, (*self.intervals, None)[1:], strict=True):
             found.append((interval.start_ns, interval.contact))
             if following is not None and following.start_ns - interval.end_ns > _GAP_NS:
                 found.append((interval.end_ns + 1, None))
