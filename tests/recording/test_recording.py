@@ -32,7 +32,7 @@ from contact_tracker.recording import (
 )
 from contact_tracker.recording.bytestream import ByteStream
 from contact_tracker.recording.container import RecordLoop
-from contact_tracker.recording.items import Metadata, RawMessage
+from contact_tracker.recording.items import MAGIC, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
 from contact_tracker.states import Contact
 from mcap_logs import (
@@ -730,6 +730,21 @@ def test_a_truth_in_another_form_is_refused_in_one_line(tmp_path: Path, text: st
     with pytest.raises(NoTruth, match=r"^truth\.json") as caught:
         read_truth(str(path))
     assert "\n" not in str(caught.value)
+
+
+def test_many_parts_are_listed_a_few_times_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Listing them again for each part took minutes for thousands."""
+    for number in range(50):
+        (tmp_path / f"{number}.mcap").write_bytes(MAGIC)
+    listed, listdir = [], os.listdir
+
+    def counting(path: str) -> list[str]:
+        listed.append(path)
+        return listdir(path)
+
+    monkeypatch.setattr("contact_tracker.recording.reading.os.listdir", counting)
+    assert not list(Reading(str(tmp_path), lambda channel: True))
+    assert len(listed) <= 3
 
 
 def test_a_folder_of_parts_is_one_recording_in_natural_order(tmp_path: Path) -> None:
