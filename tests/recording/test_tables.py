@@ -405,6 +405,24 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     assert log.counts["nonfinite"] == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", "time,x\n".encode("utf-16"), "it is text in UTF-16: save it as UTF-8"),
+        ("a.txt", b"\xfe\xff\0t\0i", "it is text in UTF-16: save it as UTF-8"),
+        ("a", b"\xff\xfet\0i\0", "it is text in UTF-16: save it as UTF-8"),
+        ("a.csv", b"Zeit,\xe4\xf6\xfc\n" * 9, "it is named as a table, but is not text in UTF-8"),
+        ("a.CSV", b"\0" * 99, "it is named as a table, but is not text in UTF-8"),
+    ],
+)
+def test_tables_in_other_encodings_are_named_as_such(
+    name: str, content: bytes, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(tmp_path / name))
+
+
 @pytest.mark.parametrize("line", ["\n", "#\n", "# t x y z qx qy qz qw\n", "  \n"])
 def test_endless_meaningless_lines_are_refused(line: str, tmp_path: Path) -> None:
     path = tmp_path / "a.tum"

@@ -18,7 +18,7 @@ from contact_tracker.recording.file_index import place_of, summary_of
 from contact_tracker.recording.items import MAGIC, Channel, Item
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.log_order import in_log_order
-from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table
+from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table, refuse_other_text
 
 STDIN: Final = "-"
 _COMPRESSED: Final = (".zstd", ".zst")
@@ -238,6 +238,7 @@ class Reading:
                 raise ChoiceError(f"{_shown(part)}: only an MCAP file can be followed")
             yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text), self.budget)
             return
+        refuse_other_text(part, begin)
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
             if summary is not None and _is_sortable(summary) and not is_in_log_order(summary):
