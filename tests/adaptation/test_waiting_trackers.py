@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.poses import Poses
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.saved_state import is_same, load, save
+from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief
 from distortions import turned
 from short_recordings import FACE_TO_EDGE, recorded
@@ -190,3 +192,63 @@ def test_with_known_elements_or_a_lag_no_tracker_waits() -> None:
         state, _ = adaptation.advance(start, poses)
         assert len(state.trackers.trackers) > 3
         assert not waits(state)
+
+
+def updates_of(poses: Poses, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int]:
+    """Number of ticks reported, and of updates of all trackers side by side."""
+    count = 0
+
+    def counting(*args: Any, **kwargs: Any) -> Any:
+        nonlocal count
+        for one in update_each(*args, **kwargs):
+            count += 1
+            yield one
+
+    update_each = tracker.update_each
+    monkeypatch.setattr(tracker, "update_each", counting)
+    state, beliefs = adaptation.advance(adaptation.start(MODEL), poses)
+    assert len(state.trackers.trackers) > 3
+    return len(beliefs), count
+
+
+def slow(position_m: np.ndarray[Any, Any], rate_hz: float) -> Poses:
+    """Poses of an object that does not turn."""
+    count = len(position_m)
+    stamp_ns = np.arange(count) * int(1e9 / rate_hz)
+    return Poses(stamp_ns, position_m, np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+
+
+@needs_kernels
+@pytest.mark.parametrize("kind", ["still", "noisy", "jumping"])
+def test_in_slow_streams_trackers_wait_where_the_object_goes_nowhere(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There some trackers have less noise than the first, and would find motion in any rest."""
+    count = 1000
+    jumps = {"still": 0.0, "noisy": 1e-3, "jumping": 1.0}[kind]
+    poses = slow(jumps * np.random.default_rng(2).normal(size=(count, 3)), 10.0)
+    ticks, updates = updates_of(poses, monkeypatch)
+    assert ticks > 0.6 * count
+    assert updates < 4 * ticks
+
+
+@needs_kernels
+def test_after_a_long_rest_in_a_slow_stream_all_trackers_go_on() -> None:
+    moving = recorded(FACE_TO_EDGE).poses[::20]
+    still = slow(np.zeros((300, 3)), 10.0)
+    still = replace(still, position_m=still.position_m + moving.position_m[0])
+    states, _ = followed(then(still, moving, pause_s=0.1), size=10)
+    assert waits(states[29])
+    assert not waits(states[-1])
+
+
+@needs_kernels
+def test_poses_too_far_apart_for_any_evidence_are_followed_by_one_tracker() -> None:
+    """Hours of poses five seconds apart fit in a small file; none of them decides between trackers."""
+    steps = np.random.default_rng(4).normal(size=(300, 3))
+    poses = slow(0.01 * np.cumsum(steps, axis=0), 0.2)
+    state, _ = adaptation.advance(adaptation.start(MODEL), poses)
+    assert state.is_decided
+    assert not state.conventions.found
+    state, _ = adaptation.advance(adaptation.start(MODEL), slow(np.zeros((100, 3)), 0.8))
+    assert len(state.trackers.trackers) > 3

@@ -5,6 +5,7 @@ import csv
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -578,6 +579,18 @@ def test_evaluate_finds_recordings_of_every_format_in_a_folder(log: Path, tmp_pa
     assert done.returncode == 0, done.stderr
     names = [str(Path(name).relative_to(tmp_path)) for name in json.loads(done.stdout)["recordings"]]
     assert names == ["a.mcap", "c.db3", "d.bag", "deep/b.MCAP"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_in_a_folder_is_not_waited_for(log: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mcap")
+    shutil.copy(log, tmp_path / "b.mcap")
+    done = run("evaluate", tmp_path)
+    assert done.returncode == 1
+    assert "a.mcap: it is not a regular file" in done.stderr
+    assert "b.mcap" in done.stdout
+    done = run("calibrate", tmp_path, "-o", tmp_path / "m.toml")
+    assert_one_line_error(done, 2, "a.mcap is not a regular file")
 
 
 def test_evaluate_reports_each_recording_and_goes_on_after_a_bad_one(log: Path, tmp_path: Path) -> None:

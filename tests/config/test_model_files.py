@@ -204,6 +204,7 @@ def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
         (None, "tick_s", 1e-9),
         (None, "tick_s", 1e6),
         ("geometry", "reach_m", 1e-200),
+        ("geometry", "reach_m", 1e5),  # a fit that far off is singular
         ("motion", "prior_predictive_share", 1.5),
         ("noise", "floor_position_m", 1e-200),
     ],

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -233,6 +234,34 @@ def test_many_meshes_are_refused_before_all_are_read(tmp_path: Path, monkeypatch
     with pytest.raises(KnowledgeError, match="too many"):
         load_knowledge(str(tmp_path / "known.toml"))
     assert len(asked) < 20
+
+
+def test_many_boxes_are_refused_before_all_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def counting(*args: Any) -> Any:
+        made.append(args)
+        return polyhedron.convex(*args)
+
+    monkeypatch.setattr("contact_tracker.prior_map_files.loading.convex", counting)
+    rows = "".join(f'[[environment.box]]\nname = "{i}"\nsize_m = [1, 1, 1]\n' for i in range(1000))
+    (tmp_path / "known.toml").write_text(rows)
+    with pytest.raises(KnowledgeError, match=r"known environment\.box: 208 elements are too many"):
+        load_knowledge(str(tmp_path / "known.toml"))
+    assert len(made) == 8
+
+
+@pytest.mark.parametrize(("boxes", "allowed"), [(2, True), (7, False)])
+def test_elements_of_both_sides_have_a_limit_of_pairs(tmp_path: Path, boxes: int, allowed: bool) -> None:
+    """A file of 600 bytes would make 21 000 hypotheses in every tick."""
+    sides = [(side, i) for side in ("object", "environment") for i in range(boxes)]
+    rows = "".join(f'[[{side}.box]]\nname = "{i}"\nsize_m = [1, 1, 1]\n' for side, i in sides)
+    (tmp_path / "known.toml").write_text(rows)
+    if allowed:
+        assert load_knowledge(str(tmp_path / "known.toml")).object
+        return
+    with pytest.raises(KnowledgeError, match="21286 pairs of elements are too many; 4000 are allowed"):
+        load_knowledge(str(tmp_path / "known.toml"))
 
 
 def test_depths_are_those_under_the_nearest_face() -> None:

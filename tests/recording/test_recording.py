@@ -1,6 +1,7 @@
 """Recordings of other programs and of this one: poses, sources, truth, summary."""
 
 import json
+import math
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -31,7 +32,7 @@ from contact_tracker.recording import (
 )
 from contact_tracker.recording.bytestream import ByteStream
 from contact_tracker.recording.container import RecordLoop
-from contact_tracker.recording.items import Metadata, RawMessage
+from contact_tracker.recording.items import MAGIC, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
 from contact_tracker.states import Contact
 from mcap_logs import (
@@ -663,9 +664,47 @@ def test_without_the_attachment_the_messages_are_the_truth(tmp_path: Path) -> No
     assert read_truth(str(write_log(tmp_path / "c.mcap", topics[:1]))) is None
 
 
+def test_a_truth_without_intervals_has_no_changes() -> None:
+    """As between two stamps of which none is in it: ``view`` ended in a traceback."""
+    one = Truth.from_json(json.dumps([{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]))
+    assert one.between(10, 20).changes() == []
+    assert one.changes() == [(0, Contact.VF)]
+
+
 def test_truth_may_be_a_list_or_an_object_with_intervals() -> None:
     rows = [{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]
     assert Truth.from_json(json.dumps(rows)) == Truth.from_json(json.dumps({"intervals": rows}))
+
+
+FACE = {"type": "face", "normal": [0, 0, 1], "offset_m": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        ({"start_ns": 10**30}, "a stamp is more than 146 years from zero"),
+        ({"end_ns": -(10**30)}, "a stamp is more than 146 years from zero"),
+        (
+            {"further": [{"start_ns": 0, "end_ns": 10**30, "contact": "f-f"}]},
+            "a stamp is more than 146 years",
+        ),
+        ({"object": FACE | {"normal": [1]}, "environment": FACE}, "not of three numbers"),
+        ({"object": FACE | {"normal": 3}, "environment": FACE}, "not of three numbers"),
+        ({"object": FACE | {"normal": [[0, 0, 1]] * 3}, "environment": FACE}, "not a list of labelled"),
+        ({"object": FACE, "environment": FACE | {"offset_m": math.nan}}, "a number that is nan"),
+    ],
+)
+def test_a_truth_that_cannot_be_is_refused(row: dict[str, Any], why: str) -> None:
+    """It would end in a traceback where it is compared."""
+    with pytest.raises(NoTruth, match=why):
+        Truth.from_json(json.dumps([{"start_ns": 0, "end_ns": 1, "contact": "f-f"} | row]))
+
+
+def test_truth_messages_logged_at_impossible_times_are_refused(tmp_path: Path) -> None:
+    messages = [(0, {"data": "f-f"}), (2**64 - 1, {"data": "e-f"})]
+    topics = [poses_topic(smooth_poses(9)), Topic("/contact/truth", "std_msgs/msg/String", messages)]
+    with pytest.raises(NoTruth, match="a stamp is more than 146 years from zero"):
+        read_truth(str(write_log(tmp_path / "a.mcap", topics)))
 
 
 @pytest.mark.parametrize(
@@ -691,6 +730,21 @@ def test_a_truth_in_another_form_is_refused_in_one_line(tmp_path: Path, text: st
     with pytest.raises(NoTruth, match=r"^truth\.json") as caught:
         read_truth(str(path))
     assert "\n" not in str(caught.value)
+
+
+def test_many_parts_are_listed_a_few_times_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Listing them again for each part took minutes for thousands."""
+    for number in range(50):
+        (tmp_path / f"{number}.mcap").write_bytes(MAGIC)
+    listed, listdir = [], os.listdir
+
+    def counting(path: str) -> list[str]:
+        listed.append(path)
+        return listdir(path)
+
+    monkeypatch.setattr("contact_tracker.recording.reading.os.listdir", counting)
+    assert not list(Reading(str(tmp_path), lambda channel: True))
+    assert len(listed) <= 3
 
 
 def test_a_folder_of_parts_is_one_recording_in_natural_order(tmp_path: Path) -> None:

@@ -504,6 +504,24 @@ def test_exports_of_motion_capture_that_are_cut_off_are_damaged(tmp_path: Path) 
         assert (log.damage is not None) is damaged
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", "time,x\n".encode("utf-16"), "it is text in UTF-16: save it as UTF-8"),
+        ("a.txt", b"\xfe\xff\0t\0i", "it is text in UTF-16: save it as UTF-8"),
+        ("a", b"\xff\xfet\0i\0", "it is text in UTF-16: save it as UTF-8"),
+        ("a.csv", b"Zeit,\xe4\xf6\xfc\n" * 9, "it is named as a table, but is not text in UTF-8"),
+        ("a.CSV", b"\0" * 99, "it is named as a table, but is not text in UTF-8"),
+    ],
+)
+def test_tables_in_other_encodings_are_named_as_such(
+    name: str, content: bytes, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(tmp_path / name))
+
+
 @pytest.mark.parametrize("line", ["\n", "#\n", "# t x y z qx qy qz qw\n", "  \n"])
 def test_endless_meaningless_lines_are_refused(line: str, tmp_path: Path) -> None:
     path = tmp_path / "a.tum"
@@ -540,6 +558,43 @@ def test_parquet_of_few_long_values_is_refused(tmp_path: Path) -> None:
     assert path.stat().st_size < 2**20
     with pytest.raises(UnreadableRecording, match=r"it is too much for its size: \d+ bytes are to become"):
         open_log(str(path))
+
+
+@pytest.mark.parametrize("encoding", ["dictionary", "DELTA_BYTE_ARRAY"])
+def test_parquet_of_many_values_that_share_a_long_text_is_refused(tmp_path: Path, encoding: str) -> None:
+    """Its pages are short, but all texts together have 900 MB."""
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    rows, is_dictionary = 9000, encoding == "dictionary"
+    texts = pyarrow.array(["0" * 100_000] * rows)
+    numbers = {name: np.zeros(rows) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}
+    path = tmp_path / "a.parquet"
+    parquet.write_table(
+        pyarrow.table({"t": texts, **numbers}),
+        path,
+        compression="zstd",
+        use_dictionary=is_dictionary,
+        column_encoding=None if is_dictionary else {"t": encoding, **dict.fromkeys(numbers, "PLAIN")},
+    )
+    assert path.stat().st_size < 2**20
+    with pytest.raises(UnreadableRecording, match="its column t is text: write numbers"):
+        open_log(str(path))
+
+
+def test_times_in_parquet_may_be_texts(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    rows = 1000
+    table = {
+        "t": [f"{i / 100:.2f}" for i in range(rows)],
+        **{name: np.arange(rows) * 1e-4 for name in ("x", "y", "z")},
+        **{name: np.zeros(rows) for name in ("qx", "qy", "qz")},
+        "qw": np.ones(rows),
+    }
+    parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
+    assert sum(1 for _ in open_log(str(tmp_path / "a.parquet"))) == rows
 
 
 def test_parquet_with_invalid_pages_is_refused(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import empty_tick
+from contact_tracker.motion.tick_grid import EMPTY_PER_TICK, EMPTY_TICKS
 from contact_tracker.motion.window import EMPTY_WINDOW, advance_window, advance_windows
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.saved_state import is_same
@@ -31,6 +32,25 @@ def with_gaps(count: int, gap_s: float, steady: int = 0) -> Poses:
     poses = recorded(FACE_TO_EDGE).poses[: 10 * count : 10]
     periods_ns = np.where(np.arange(count) < steady, SECOND // 20, int(gap_s * SECOND))
     return Poses(np.cumsum(periods_ns), poses.position_m, poses.quat_xyzw)
+
+
+def test_thousands_of_gaps_are_not_all_filled() -> None:
+    """A pair of poses every 5 s: a file of hours, nearly all of whose ticks are empty."""
+    count = 600
+    stamp_ns = (np.arange(count) // 2 * 5 * SECOND) + np.arange(count) % 2 * (SECOND // 50)
+    position_m = 1e-3 * np.cumsum(np.random.default_rng(1).normal(size=(count, 3)), axis=0)
+    poses = Poses(stamp_ns, position_m, np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    state, ticks = tracker.accumulate_poses(tracker.start(MODEL), poses)
+    filled, used = sum(not tick.count for tick in ticks), sum(tick.count > 0 for tick in ticks)
+    assert used == count // 2 - 1
+    assert EMPTY_TICKS < filled <= EMPTY_TICKS + EMPTY_PER_TICK * used
+    _, whole = tracker.accumulate_poses(tracker.start(MODEL), poses[:40])
+    assert sum(not tick.count for tick in whole) == 19 * 49  # the gaps of an ordinary recording are filled
+    state, one_by_one = tracker.start(MODEL), list[int]()
+    for pose in poses:
+        state, closed = tracker.accumulate_pose(state, pose)
+        one_by_one += [tick.stamp_ns for tick in closed]
+    assert one_by_one == [tick.stamp_ns for tick in ticks]
 
 
 @pytest.mark.parametrize("window_s", [1.0, 3.0, 30.0])

@@ -1,6 +1,7 @@
 """Ground truth: labelled intervals, as in simulated recordings."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -14,6 +15,10 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Pl
 from contact_tracker.states import Contact
 
 UNSCORED = "?"
+_RANGE_NS = 2**62
+"""Largest stamp, as of poses."""
+_LONGEST_LABEL = 40
+"""Characters of a label that are read, and quoted where it is none."""
 _GAP_NS = 100_000_000
 """Shorter gaps between intervals count as the step between two poses."""
 
@@ -73,7 +78,7 @@ class Truth:
     def changes(self) -> list[tuple[int, Contact | None]]:
         """Stamps of changes with the contact from there on; None for gaps of over 0.1 s."""
         found: list[tuple[int, Contact | None]] = []
-        for interval, following in zip(self.intervals, (*self.intervals[1:], None), strict=True):
+        for interval, following in zip(self.intervals, (*self.intervals, None)[1:], strict=True):
             found.append((interval.start_ns, interval.contact))
             if following is not None and following.start_ns - interval.end_ns > _GAP_NS:
                 found.append((interval.end_ns + 1, None))
@@ -100,9 +105,10 @@ class Truth:
         """Intervals from labels at each change; the last one lasts until ``end_ns``."""
         ends = [*(s - 1 for s in stamp_ns[1:]), end_ns]
         try:
-            contacts = [None if label == UNSCORED else Contact(label) for label in labels]
+            stamp_ns = [_stamp(one) for one in stamp_ns]
+            contacts = [None if label == UNSCORED else Contact(label[:_LONGEST_LABEL]) for label in labels]
         except ValueError as error:
-            raise NoTruth(f"a truth message is no contact: {error}") from error
+            raise NoTruth(f"a truth message is no contact at a time: {error}") from error
         rows = zip(stamp_ns, ends, contacts, strict=True)
         return cls(tuple(TruthInterval(start, end, contact) for start, end, contact in rows))
 
@@ -142,15 +148,18 @@ def _geometry_from_dict(row: dict[str, Any]) -> ContactGeometry | None:
 
 def _interval_from_dict(row: dict[str, Any]) -> TruthInterval:
     return TruthInterval(
-        int(row["start_ns"]),
-        int(row["end_ns"]),
+        _stamp(row["start_ns"]),
+        _stamp(row["end_ns"]),
         None if row["contact"] == UNSCORED else Contact(row["contact"]),
         str(row.get("motion", "normal")),
         bool(row.get("singular", False)),
         _geometry_from_dict(row),
         tuple(
             FurtherTruth(
-                int(one["start_ns"]), int(one["end_ns"]), Contact(one["contact"]), _geometry_from_dict(one)
+                _stamp(one["start_ns"]),
+                _stamp(one["end_ns"]),
+                Contact(one["contact"]),
+                _geometry_from_dict(one),
             )
             for one in row.get("further", ())
         ),
@@ -169,7 +178,27 @@ def _element_to_dict(element: Element) -> dict[str, Any]:
 
 def _element_from_dict(row: dict[str, Any]) -> Element:
     if row["type"] == "face":
-        return Plane(np.array(row["normal"], float), float(row["offset_m"]))
+        return Plane(_vector(row["normal"]), _number(row["offset_m"]))
     if row["type"] == "edge":
-        return Line(np.array(row["direction"], float), np.array(row["point_m"], float))
-    return Point(np.array(row["point_m"], float))
+        return Line(_vector(row["direction"]), _vector(row["point_m"]))
+    return Point(_vector(row["point_m"]))
+
+
+def _stamp(value: Any) -> int:
+    stamp_ns = int(value)
+    if abs(stamp_ns) > _RANGE_NS:
+        raise ValueError("a stamp is more than 146 years from zero")
+    return stamp_ns
+
+
+def _number(value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"an element has a number that is {number}")
+    return number
+
+
+def _vector(values: Any) -> NDArray[np.float64]:
+    if not isinstance(values, list) or len(values) != 3:
+        raise ValueError("an element has a direction or point that is not of three numbers")
+    return np.array([_number(value) for value in values])

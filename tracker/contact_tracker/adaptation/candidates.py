@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
+from contact_tracker.motion.free_motion import LONGEST_COAST_S
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import begin, estimate_noise
 from contact_tracker.motion.tick_averaging import tick_variances
@@ -62,6 +63,12 @@ def with_ticks_for(model: Model, period_s: float) -> Model:
     return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
 
 
+def can_be_compared(model: Model) -> bool:
+    """Whether poses with ticks of this model follow each other closely enough for free motion to be
+    predicted; otherwise no tick has evidence."""
+    return model.tick_s < max(model.poses_per_tick, 1.0) * LONGEST_COAST_S
+
+
 class Candidate(NamedTuple):
     """A model with its log prior odds (nats) against the first."""
 
@@ -81,7 +88,7 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
     poses : the first of the stream.
     """
     unchanged = Candidate(model, 0.0)
-    if not model.noise.estimated:
+    if not model.noise.estimated or not can_be_compared(model):
         return (unchanged,)
     sigma = np.array(estimate_noise(poses))
     known = np.isfinite(sigma).all() and sigma[0] > 0.0

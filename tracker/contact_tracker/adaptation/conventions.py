@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from contact_tracker.adaptation.candidates import can_be_compared
 from contact_tracker.adaptation.explained import Explained, follow
 from contact_tracker.adaptation.rest import KEPT_TICKS
 from contact_tracker.config.parameters import Model
@@ -67,11 +68,12 @@ NOTHING_KNOWN: Final = Conventions((), False, "", NO_POSES)
 def advance(
     known: Conventions, model: Model, knowledge: PriorMap, poses: Poses, rests: bool = False
 ) -> Conventions:
-    """Advance by poses; ``model`` has the ticks of the stream. With ``knowledge`` nothing is compared.
+    """Advance by poses; ``model`` has the ticks of the stream. With ``knowledge``, or without any evidence,
+    nothing is compared.
 
     Of poses in which the object ``rests`` only the latest are used, since they carry no information.
     """
-    if knowledge:
+    if knowledge or not can_be_compared(model):
         return known._replace(is_settled=True)
     if known.is_settled or not len(poses):
         return known

@@ -1,7 +1,8 @@
 """Rest of the object, as found by the first of several trackers, during which the others wait.
 
 The first tracker usually has the least noise: where it finds no motion the others find none, and would only
-append such ticks to their windows. Where another has less, as in slow streams, the others wait in gaps only.
+append such ticks to their windows. Where another has less, as in slow streams, that one takes the noise of
+any rest for motion: there the others wait in gaps, and once the object has not gone anywhere for longer.
 """
 
 from typing import Final, NamedTuple
@@ -24,6 +25,8 @@ LASTING_TICKS: Final = 3
 REST_S: Final = LONGEST_COAST_S
 """Time without motion after which the other trackers wait. After a gap of that length the filters of free
 motion start again in any case."""
+LONG_REST_S: Final = 10.0
+"""Time without displacement after which they wait in slow streams, whatever they take for motion."""
 KEPT_TICKS: Final = 20
 """Number of the latest ticks that the other trackers take in when the object moves again: enough for their
 filters of free motion to settle before."""
@@ -37,6 +40,7 @@ class Rest(NamedTuple):
     lifted_poses : (n, 25) zeta of the latest ticks with frames.
     moves : whether the newest has frames and unpredictable motion, and the object moves in it.
     ticks_at_rest : number of ticks since the last motion.
+    ticks_in_place : number of ticks since the last displacement beyond the noise, as the poses show it.
     ticks_with_excess : number of consecutive ticks with frames in which some tracker may find motion. Noise
         leads to single ones, which are averaged over ``NOW_TICKS``.
     waiting_since_ns : stamp of the tick since which the trackers but the first wait; None if they do not.
@@ -47,6 +51,7 @@ class Rest(NamedTuple):
     lifted_poses: Array
     moves: bool = False
     ticks_at_rest: int = 0
+    ticks_in_place: int = 0
     ticks_with_excess: int = 0
     waiting_since_ns: int | None = None
     skipped: int = 0
@@ -70,6 +75,12 @@ class Rest(NamedTuple):
         """The latest poses only: no rest so far."""
         return Rest(self.lifted_poses, self.moves)
 
+    def lasts(self, tick_s: float, is_quietest: bool) -> bool:
+        """Whether the object has rested for long enough for the others to wait, see ``advance``."""
+        in_place_s = 0.0 if is_quietest else self.ticks_in_place * tick_s
+        is_long = self.ticks_at_rest * tick_s > REST_S or in_place_s > LONG_REST_S
+        return is_long and max(self.ticks_at_rest, self.ticks_in_place) >= SPAN_TICKS + LASTING_TICKS
+
 
 NO_REST: Final = Rest(np.zeros((0, 25)))
 
@@ -81,18 +92,20 @@ def advance(rest: Rest, tick: Tick, tick_s: float, can_wait: bool, is_quietest: 
     ----------
     tick_s : length of a tick.
     can_wait : whether other trackers may wait at all.
-    is_quietest : whether the first tracker has the least noise; otherwise the others wait in gaps only.
+    is_quietest : whether the first tracker has the least noise; otherwise the others wait in gaps, and after
+        ``LONG_REST_S``.
     """
     lifted_poses, ticks_with_excess = rest.lifted_poses, rest.ticks_with_excess
     if tick.count:
         lifted_poses = np.concatenate([lifted_poses[1 - SPAN_TICKS - LASTING_TICKS :], tick.zeta[None]])
         may_move = tick.innovation_excess != NO_EXCESS or not is_quietest
         ticks_with_excess = ticks_with_excess + 1 if may_move else 0
-    moves = tick.innovation_excess != NO_EXCESS and is_moving(lifted_poses)
+    is_displaced = bool(tick.count) and is_moving(lifted_poses)
+    moves = is_displaced and tick.innovation_excess != NO_EXCESS
     ticks_at_rest = 0 if moves or (tick.count and ticks_with_excess > NOW_TICKS) else rest.ticks_at_rest + 1
-    now = Rest(lifted_poses, moves, ticks_at_rest, ticks_with_excess)
-    is_short = ticks_at_rest * tick_s <= REST_S or ticks_at_rest < SPAN_TICKS + LASTING_TICKS
-    if not can_wait or is_short:
+    ticks_in_place = 0 if is_displaced else rest.ticks_in_place + 1
+    now = Rest(lifted_poses, moves, ticks_at_rest, ticks_in_place, ticks_with_excess)
+    if not can_wait or not now.lasts(tick_s, is_quietest):
         return now
     if not rest.is_waiting:
         return now._replace(waiting_since_ns=tick.stamp_ns)

@@ -138,6 +138,9 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
 
     names = recordings(args.logs, "calibrate")
+    for name in names:
+        if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
+            raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
     chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args), args.relative_to, args.time_unit
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():

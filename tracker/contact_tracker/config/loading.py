@@ -20,7 +20,7 @@ _RANGES: Final = {
     "prior_predictive_share": (0.0, 1.0),
     "likelihood_exponent": (0.0, 1.01),
     "initial_autocorrelation": (0.0, 1.0),
-    "reach_m": (1e-6, 1e6),
+    "reach_m": (1e-4, 1e3),
     "revisit_prior": (0.0, 1.0),
     "posterior_power": (0.0, 1.01),
     "estimate_share": (0.0, 1.01),

@@ -21,11 +21,15 @@ from contact_tracker.motion.tick_averaging import (
 
 LONGEST_GAP_S: Final = 5.0
 """A gap in the stream is filled with empty ticks up to this time; a longer rest is skipped."""
+EMPTY_TICKS: Final = 1000
+EMPTY_PER_TICK: Final = 10
+"""Gaps are filled with so many empty ticks in any case, and with so many for each tick with frames: a small
+file can have thousands of gaps."""
 
 
 class TickState(NamedTuple):
     """State of the averaging: frames of the current tick, its ``number`` on the grid, the ``last`` tick
-    before it, and the estimates of the stream."""
+    before it, the estimates of the stream, and how many ticks before it were ``empty``."""
 
     origin_ns: int
     origin_m: Array
@@ -33,6 +37,7 @@ class TickState(NamedTuple):
     frames: tuple[Poses | Pose, ...]
     last: Tick | None
     stream: StreamState
+    empty: int = 0
 
 
 def begin(model: Model, poses: Poses) -> TickState:
@@ -114,6 +119,7 @@ def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, l
     step_ns = model.tick_ns
     number = (stamp_ns - state.origin_ns) // step_ns
     missed = max(min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1, 0)
+    missed = min(missed, max(EMPTY_TICKS + EMPTY_PER_TICK * (state.number - state.empty) - state.empty, 0))
     empty = list[Tick]()
     if missed:
         assert state.last is not None
@@ -122,4 +128,4 @@ def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, l
     if number - state.number - 1 > missed:  # skip the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)
-    return state._replace(number=number), empty
+    return state._replace(number=number, empty=state.empty + missed), empty

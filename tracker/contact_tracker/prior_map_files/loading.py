@@ -2,7 +2,7 @@
 (docs/knowledge.md)."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, Final
@@ -11,9 +11,11 @@ import numpy as np
 
 from contact_tracker.config.loading import MOST_BYTES
 from contact_tracker.config.toml_text import parse_toml
+from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
+from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.prior_map import (
     Accuracy,
     NamedElement,
@@ -30,6 +32,10 @@ from contact_tracker.regular_file import read_regular
 
 Note = Callable[[str], None]
 MOST_ELEMENTS: Final = 200
+"""Most elements of the object, and of its surroundings."""
+MOST_PAIRS: Final = 4000
+"""Most pairs of an element of the object and one of its surroundings, over all contacts. Each is a hypothesis
+in every tick: these take about 0.5 GB of memory, and ten times as long as the recording lasts."""
 
 
 def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
@@ -74,7 +80,13 @@ def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note =
     keys.finish()
     object, object_complete = _elements(object_keys, folder, note)
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
-    return PriorMap(environment, object, up, environment_complete, object_complete)
+    known = PriorMap(environment, object, up, environment_complete, object_complete)
+    pairs = sum(len(element_pairs(known, model)) for model in CONTACT_MODELS)
+    if pairs > MOST_PAIRS:
+        raise KnowledgeError(
+            "", f"{pairs} pairs of elements are too many; {MOST_PAIRS} are allowed: list those that may touch"
+        )
+    return known
 
 
 def _up(keys: Keys) -> Up:
@@ -88,31 +100,28 @@ def _elements(
     keys: Keys, folder: Path, note: Note, solid_is_all: bool = True
 ) -> tuple[tuple[NamedElement, ...], bool]:
     """The elements of one frame, and whether they are complete."""
-    found = [
-        *(_plane(row, i) for i, row in enumerate(keys.tables("plane"), start=1)),
-        *(_line(row, i) for i, row in enumerate(keys.tables("line"), start=1)),
-        *(_point(row, i) for i, row in enumerate(keys.tables("point"), start=1)),
-    ]
-    solids = [_box(row) for row in keys.tables("box")]
-    complete = bool(solids)
-    for row in keys.tables("mesh"):
-        elements, convex_mesh = _mesh(row, folder, note)
-        solids.append(elements)
-        complete = convex_mesh
-        _refuse_many(sum(map(len, solids)), keys)
-    found += [element for elements in solids for element in elements]
-    complete = keys.flag("complete", complete and len(solids) == 1 and solid_is_all)
+    found, complete, solids = list[NamedElement](), False, 0
+    for kind, read in (("plane", _plane), ("line", _line), ("point", _point)):
+        for number, row in enumerate(keys.tables(kind), start=1):
+            found.append(read(row, number))
+            _refuse_many(found, keys, kind)
+    for kind in ("box", "mesh"):
+        for row in keys.tables(kind):
+            elements, complete = (_box(row), True) if kind == "box" else _mesh(row, folder, note)
+            found += elements
+            solids += 1
+            _refuse_many(found, keys, kind)
+    complete = keys.flag("complete", complete and solids == 1 and solid_is_all)
     if complete and not found:
         raise keys.wrong("complete", "true, but nothing is listed: it could touch nothing")
     keys.finish()
-    _refuse_many(len(found), keys)
     _refuse_same(found, keys)
     return tuple(found), complete
 
 
-def _refuse_many(found: int, keys: Keys) -> None:
-    if found > MOST_ELEMENTS:
-        raise keys.wrong("mesh", f"{found} elements are too many; {MOST_ELEMENTS} are allowed")
+def _refuse_many(found: Sequence[NamedElement], keys: Keys, kind: str) -> None:
+    if len(found) > MOST_ELEMENTS:
+        raise keys.wrong(kind, f"{len(found)} elements are too many; {MOST_ELEMENTS} are allowed")
 
 
 def _refuse_same(found: list[NamedElement], keys: Keys) -> None:

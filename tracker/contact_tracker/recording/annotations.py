@@ -49,6 +49,8 @@ def need_truth(path: str, topic: str | None = None, frame: str | None = None) ->
     UnreadableRecording
         Poses cannot be read either; this error is raised instead.
     """
+    if not _is_rereadable(path):
+        raise NoTruth(f"{path}: it is not a regular file: a recording is read twice, once for its truth")
     truth = read_truth(path)
     if truth is None:
         next(iter(open_log(path, topic, frame)), None)

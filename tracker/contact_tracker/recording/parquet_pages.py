@@ -17,6 +17,12 @@ _END: Final = struct.Struct("<I4s")
 _PAGE_HEADER: Final = 2**16
 """Longest page header (bytes); it may contain statistics of long texts."""
 _DEEPEST: Final = 16
+_TEXTS: Final = (6, 7)
+"""Physical types of columns of texts."""
+_WHOLE: Final = (0, 6)
+"""Encodings in which each text is there in full; in others many values may share a long one."""
+_MOST_SHARED: Final = 2**28
+"""Most bytes that texts in other encodings may become."""
 _BOOLEANS, _NUMBERS, _DOUBLE, _BINARY, _LISTS, _STRUCT = (1, 2), (3, 4, 5, 6), 7, 8, (9, 10), 12
 _Struct = Mapping[int, Any]
 """The fields of a Thrift struct by number."""
@@ -76,7 +82,7 @@ def _pages(file: IO[bytes], column: _Struct, rows: int, size: int) -> Iterator[t
     end = at + column[7]
     if not 0 < at <= end <= size or column[5] > rows:
         raise ValueError("a column is elsewhere, or has more values than there are rows")
-    values = 0
+    values = longest = shared = 0
     while at < end:
         file.seek(at)
         header = _Thrift(file.read(min(_PAGE_HEADER, end - at)))
@@ -87,6 +93,13 @@ def _pages(file: IO[bytes], column: _Struct, rows: int, size: int) -> Iterator[t
         if plain < 0 or packed < 0 or (of_data or page.get(7) or {1: 0})[1] < 0 or values > column[5]:
             raise ValueError("a page has more values than its column")
         at += header.at + packed
+        longest = max(longest, plain)
+        if column[1] in _TEXTS and of_data and of_data[2 if page.get(5) else 4] not in _WHOLE:
+            shared += of_data[1] * longest
+        if shared > _MOST_SHARED:
+            raise UnreadableRecording(
+                f"its column {column[3][0].decode(errors='replace')} is text: write numbers"
+            )
         yield header.at + packed, plain
     if at != end:
         raise ValueError("a page is longer than its column")

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from glob import has_magic
 from itertools import pairwise
 from typing import Final
@@ -19,7 +19,7 @@ from contact_tracker.recording.file_index import place_of, summary_of
 from contact_tracker.recording.items import MAGIC, Channel, Item
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.log_order import in_log_order
-from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table
+from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table, refuse_other_text
 
 STDIN: Final = "-"
 _PATTERN: Final = "; it looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
@@ -66,10 +66,11 @@ def parts_of(path: str) -> list[str]:
         raise UnreadableRecording(f"{path}: {error.strerror}") from error
     if not names:
         raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{_packed_in(path)}")
-    return [os.path.join(path, n) for n in names if not _is_there_twice(n, names)]
+    every = frozenset(names)
+    return [os.path.join(path, n) for n in names if not _is_there_twice(n, every)]
 
 
-def _is_there_twice(name: str, names: Sequence[str]) -> bool:
+def _is_there_twice(name: str, names: Set[str]) -> bool:
     """Whether a part also exists decompressed or converted to MCAP."""
     plain = _plain(name)
     if plain != name:
@@ -239,6 +240,7 @@ class Reading:
                 raise ChoiceError(f"{_shown(part)}: only an MCAP file can be followed")
             yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text), self.budget)
             return
+        refuse_other_text(part, begin)
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
             loop = RecordLoop(stream, self._wanted, summary)
@@ -285,13 +287,16 @@ class Reading:
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether each is the only one; when following, new ones, too."""
         single = not os.path.isdir(self.path)
-        done: list[str] = []
+        if self._follow is None:
+            yield from ((part, single) for part in parts_of(self.path))
+            return
+        done = set[str]()
         while not (single and done):
             new = [part for part in parts_of(self.path) if part not in done]
             if new:
                 yield new[0], single
-                done.append(new[0])
-            elif self._follow is None or self._is_finished() or not self._follow.wait():
+                done.add(new[0])
+            elif self._is_finished() or not self._follow.wait():
                 return
 
     def _is_finished(self) -> bool:

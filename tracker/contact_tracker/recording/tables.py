@@ -37,6 +37,7 @@ _MOST_NS: Final = 2.0**62
 OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 _ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
 """First bytes of files that polars would decompress."""
+_UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _HEAD_BYTES: Final = 4096
 _ENDINGS: Final = (".csv", ".tsv", ".txt", ".tum", ".dat", ".parquet", ".pq")
 """Usual ends of the names of tables; other text may be one as well."""
@@ -50,6 +51,15 @@ def is_table(path: str, begin: bytes) -> bool:
     if begin[:2] in _ZLIB:
         return False
     return is_text(begin) and not path.lower().endswith((".mcap", ".mcap.zst", ".mcap.zstd"))
+
+
+def refuse_other_text(path: str, begin: bytes) -> None:
+    """Raise UnreadableRecording if a file with these first bytes is text, but not in UTF-8, or is named as a
+    table and is none."""
+    if begin.startswith(_UTF_16):
+        raise UnreadableRecording("it is text in UTF-16: save it as UTF-8")
+    if begin and not is_table(path, begin) and path.lower().endswith(_ENDINGS):
+        raise UnreadableRecording("it is named as a table, but is not text in UTF-8: save it as that")
 
 
 def has_poses(path: str) -> bool:
