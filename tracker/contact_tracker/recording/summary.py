@@ -284,24 +284,32 @@ class _Tally:
     def add(self, observed: Poses | list[Pose], log_times_ns: list[int], keep: bool) -> None:
         """Add poses; the first are buffered until their stamping is determined."""
         self.observed += len(observed)
-        if isinstance(observed, Poses) and self._stamping is not None:
+        if isinstance(observed, Poses):
             self._note_offsets(observed.stamp_ns, log_times_ns)
-            if not self._stamping.by_log_time and observed.stamp_ns.all():
-                admitted = self._gate.admit_all(observed)
-                if admitted is not None:
-                    self._note(admitted, keep)
-                    return
         else:
             self._note_offsets(np.array([_clipped(pose.stamp_ns) for pose in observed]), log_times_ns)
-        noted = list[Pose]()
-        for logged in zip(observed, log_times_ns, strict=True):
-            if self._stamping is not None:
-                noted += self._admit(self._stamping, *logged)
-                continue
-            self._prefix.append(logged)
-            if len(self._prefix) == PREFIX_MESSAGES or logged[1] - self._prefix[0][1] >= PREFIX_NS:
-                noted += self._admit_prefix()
+        noted, at = list[Pose](), 0
+        while self._stamping is None and at < len(observed):
+            (pose,) = observed[at : at + 1]
+            self._prefix.append((pose, log_times_ns[at]))
+            at += 1
+            if len(self._prefix) == PREFIX_MESSAGES or log_times_ns[at - 1] - self._prefix[0][1] >= PREFIX_NS:
+                noted = self._admit_prefix()
         self._note(Poses.collect(noted), keep)
+        if self._stamping is not None and at < len(observed):
+            self._note(self._admit_all(self._stamping, observed[at:], log_times_ns[at:]), keep)
+
+    def _admit_all(
+        self, stamping: Stamping, observed: Poses | list[Pose], log_times_ns: Sequence[int]
+    ) -> Poses:
+        """The valid ones of some poses: in columns if nothing has to be decided for single ones."""
+        columns = _in_columns(observed)
+        if columns is not None and not stamping.by_log_time and columns.stamp_ns.all():
+            admitted = self._gate.admit_all(columns)
+            if admitted is not None:
+                return admitted
+        logged = zip(observed, log_times_ns, strict=True)
+        return Poses.collect(pose for one in logged for pose in self._admit(stamping, *one))
 
     def _note_offsets(self, stamp_ns: NDArray[np.int64], log_times_ns: list[int]) -> None:
         log_ns = np.array([_clipped(time) for time in log_times_ns], np.int64)
@@ -360,6 +368,13 @@ class _Tally:
             extent_m=(x, y, z),
             beginning=Poses.join(self._beginning),
         )
+
+
+def _in_columns(poses: Poses | list[Pose]) -> Poses | None:
+    """The poses in columns; None where a stamp is beyond those of poses."""
+    if isinstance(poses, Poses):
+        return poses
+    return Poses.collect(poses) if all(abs(pose.stamp_ns) <= _MOST_NS for pose in poses) else None
 
 
 def _clipped(time_ns: int) -> int:
