@@ -13,8 +13,8 @@ _MARKS: Final = "-/"
 
 
 def suggestion(word: str, names: Iterable[str]) -> str:
-    """``; did you mean NAME?``, or empty if no name is similar."""
-    bare = {name.lstrip(_MARKS).casefold(): name for name in names}
+    """``; did you mean NAME?``, or empty if no other name is similar."""
+    bare = {name.lstrip(_MARKS).casefold(): name for name in names if name != word}
     given = word.lstrip(_MARKS).casefold()
     longer = [name for name in bare if len(given) >= _BEGINNING and name.startswith(given)]
     near = longer if len(longer) == 1 else get_close_matches(given, list(bare), 1, _CLOSE)

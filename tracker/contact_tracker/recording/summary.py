@@ -1,6 +1,5 @@
 """Summary of a recording for ``contact-tracker info``."""
 
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -133,7 +132,7 @@ def summarise(path: str, time_unit: str | None = None) -> RecordingSummary:
         tallies.undecodable,
         reading.damage,
         tallies.more_sources,
-        (*tallies.assumptions, *_assumed(reading)),
+        (*tallies.assumptions, *filter(None, [reading.assumption])),
     )
 
 
@@ -144,11 +143,6 @@ def summarise_log(log: PoseLog) -> SourceSummary:
         tallies.add(message)
     (found,) = (one for one in tallies.finish() if one.source == log.source)
     return replace(found, source=log.source, counts=Counter(found.counts) + Counter(log.counts))
-
-
-def _assumed(reading: Reading) -> tuple[str, ...]:
-    text = reading.assumption
-    return () if text is None else (f"{os.path.basename(reading.path)}: {text}",)
 
 
 class _Tallies:
