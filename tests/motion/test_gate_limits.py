@@ -7,10 +7,10 @@ from math import inf, nan, sqrt
 import numpy as np
 import pytest
 
+from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
 from contact_tracker.motion.pose_validation import RANGE_M, PoseGate, gate, is_valid, require_valid
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import RANGE_NS
 
 MS = 1_000_000
 UNIT = (0.5, -0.5, 0.5, 0.5)

@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE, RANGE_M, PoseGate
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import FOLLOWERS, HELD, PERIODS_KEPT, RANGE_NS, RESET_RUN
+from contact_tracker.motion.stamp_order import FOLLOWERS, HELD, PERIODS_KEPT, RESET_RUN
 
 MS = 1_000_000
 UNIT = (0.1, -0.7, 0.1, 0.7)

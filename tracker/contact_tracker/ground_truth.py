@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import NoTruth
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.states import Contact
 
 UNSCORED = "?"
-_RANGE_NS = 2**62
-"""Largest stamp, as of poses."""
 _LONGEST_LABEL = 40
 """Characters of a label that are read, and quoted where it is none."""
 _GAP_NS = 100_000_000
@@ -186,7 +185,7 @@ def _element_from_dict(row: dict[str, Any]) -> Element:
 
 def _stamp(value: Any) -> int:
     stamp_ns = int(value)
-    if abs(stamp_ns) > _RANGE_NS:
+    if abs(stamp_ns) > RANGE_NS:
         raise ValueError("a stamp is more than 146 years from zero")
     return stamp_ns
 

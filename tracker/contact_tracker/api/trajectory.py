@@ -11,12 +11,11 @@ from typing import Any, Final, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact_tracker.config.quantities import TIMES_NS
+from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import RANGE_NS
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.named_columns import metres_of, time_ns_of
 from contact_tracker.recording.time_units import doubt_of_unit

@@ -4,6 +4,7 @@ import argparse
 import math
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -93,7 +94,7 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--accuracy",
-        type=_accuracy,
+        type=partial(_deviations, may_be_zero=True),
         metavar="MM,DEG",
         help="standard deviations of systematic errors of the poses, as of calibration: 0.5mm,0.1deg. They "
         "do not show in the stream, and increase the deviations of elements (default: those of the model)",
@@ -113,22 +114,12 @@ def model_of(args: argparse.Namespace) -> "Model":
     return model if args.accuracy is None else model.with_systematic_errors(*args.accuracy)
 
 
-def _deviations(text: str) -> tuple[float, float]:
+def _deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
     """A length and an angle with their units, in metres and radians."""
     from contact_tracker.config.quantities import deviations
 
     try:
-        return deviations(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _accuracy(text: str) -> tuple[float, float]:
-    """As ``_deviations``; one of the two or both may be zero."""
-    from contact_tracker.config.quantities import deviations
-
-    try:
-        return deviations(text, may_be_zero=True)
+        return deviations(text, may_be_zero)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 

@@ -8,6 +8,8 @@ LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 ANGLES: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
 TIMES_NS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """In nanoseconds."""
+RANGE_NS: Final = 2**62
+"""Largest stamp, in either direction: 146 years from zero."""
 _UNITS: Final = LENGTHS | ANGLES
 _QUANTITY: Final = re.compile(r"([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-z]+)")
 _LEAST: Final = 1e-9

@@ -7,12 +7,15 @@ name of an element that is not in the prior map.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+ANYWHERE_M: Final = 1e3
+"""Standard deviation of the offset of a face of which only the direction is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +137,14 @@ class ContactGeometry:
 
     def to_json(self) -> dict[str, Any]:
         return {"object": self.object.to_json(), "environment": self.environment.to_json()}
+
+
+def face_towards(normal: Array, spread_rad: float) -> Plane:
+    """A face of which only the direction is known: its unit ``normal`` (3,), with a deviation."""
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3] = spread_rad**2 * (np.eye(3) - np.outer(normal, normal))
+    covariance[3, 3] = ANYWHERE_M**2
+    return Plane(normal, 0.0, covariance)
 
 
 def element_from_json(data: Mapping[str, Any]) -> Element:

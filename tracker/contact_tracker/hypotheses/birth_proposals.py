@@ -47,8 +47,12 @@ def propose_births(
 
     ``recognised`` is the share of the proposals from the landmark memory, if there are any.
     """
-    near_m = frame.near_m if model.contact.value[2] == "e" else None
-    return _propose_births(model, knowledge, memory, recognised, frame.origin_m, near_m)
+    return _propose_births(model, knowledge, memory, recognised, frame.origin_m, _near_lines(model, frame))
+
+
+def _near_lines(model: ContactModel, frame: Frame) -> tuple[float, ...] | None:
+    """Where lines of the surroundings are parametrised; None for contacts without one."""
+    return frame.near_m if model.contact.value[2] == "e" else None
 
 
 def propose_measured(
@@ -62,15 +66,15 @@ def propose_measured(
     ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
     if knowledge.up is not None and theirs is not None and not _is_surer_than_up(theirs, knowledge.up):
         theirs = None
-    pairs = [_with(known, ours, theirs) for known in element_pairs(knowledge, model)]
+    known, near_m = element_pairs(knowledge, model), _near_lines(model, frame)
     return make_proposals(
         model,
-        [one.pair(frame.origin_m) for one in pairs],
-        np.array(frame.near_m) if model.contact.value[2] == "e" else None,
-        [one.log_share for one in pairs],
-        range(len(pairs)),
-        [one.certain for one in element_pairs(knowledge, model)],
-        [False] * len(pairs),
+        [_with(one, ours, theirs).pair(frame.origin_m) for one in known],
+        None if near_m is None else np.array(near_m),
+        [one.log_share for one in known],
+        range(len(known)),
+        [one.certain for one in known],
+        [False] * len(known),
     )
 
 

@@ -48,8 +48,7 @@ def distance_of_planes_m(first: Plane, second: Plane) -> float:
     assert first.covariance is not None
     assert second.covariance is not None
     sense = np.sign(first.normal @ second.normal) or 1.0
-    flip = np.array([1.0, 1.0, 1.0, 1.0]) * sense
-    covariance = first.covariance + flip[:, None] * second.covariance * flip
+    covariance = first.covariance + second.covariance  # it is the same for the opposite normal
     place = np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3]
     off = (first.normal - sense * second.normal) @ place - (first.offset_m - sense * second.offset_m)
     return abs(float(off))

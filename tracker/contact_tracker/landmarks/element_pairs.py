@@ -6,13 +6,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.geometry.elements import Element, Pair, Plane, by_foot, shifted
+from contact_tracker.geometry.elements import Element, Pair, by_foot, face_towards, shifted
 from contact_tracker.landmarks.prior_map import NamedElement, PriorMap, Up
 
 UNLISTED: Final = 0.5
 """Prior probability that the touching element is not listed, where the list is not complete."""
-_ANYWHERE_M: Final = 1e3
-"""Standard deviation of the offset of a face of which only the direction is known."""
 
 
 class ElementPair(NamedTuple):
@@ -95,7 +93,4 @@ def _name(known: NamedElement | None) -> str | None:
 
 @lru_cache(maxsize=8)
 def _facing(up: Up) -> Element:
-    covariance = np.zeros((4, 4))
-    covariance[:3, :3] = up.spread_rad**2 * (np.eye(3) - np.outer(up.direction, up.direction))
-    covariance[3, 3] = _ANYWHERE_M**2
-    return Plane(up.direction, 0.0, covariance)
+    return face_towards(up.direction, up.spread_rad)

@@ -41,12 +41,13 @@ from typing import Final
 
 import numpy as np
 
+from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
 from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Steps
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import RANGE_NS, Ordered, StampOrder
+from contact_tracker.motion.stamp_order import Ordered, StampOrder
 
 ROUNDING: Final = 1e-3
 NORM_TOLERANCE: Final = 0.05

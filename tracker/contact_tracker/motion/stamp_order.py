@@ -19,10 +19,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.motion.pose_steps import Step, step_between
 from contact_tracker.motion.poses import Pose, Poses
 
-RANGE_NS: Final = 2**62
 GAP_NS: Final = 500_000_000
 GAP_PERIODS: Final = 10
 LEAD_PERIODS: Final = 5

@@ -71,10 +71,14 @@ class WorkBudget:
         """Bytes read from the disk."""
         return self._read
 
+    @property
+    def _explained_records(self) -> int:
+        return _RECORDS + self._read // _BYTES_PER_RECORD
+
     def count_records(self, many: int) -> None:
         """Count records, or poses in them; raises TooMuchWork, then nothing is counted: only what takes too
         long is left out."""
-        if self._records + many > _RECORDS + self._read // _BYTES_PER_RECORD:
+        if self._records + many > self._explained_records:
             raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
         self._records += many
 
@@ -83,7 +87,7 @@ class WorkBudget:
         TooMuchWork, then nothing is counted."""
         work = _RECORDS_PER_DEFINITION + size // _DEFINITION_BYTES_PER_RECORD
         work += lines**2 // _SQUARED_LINES_PER_RECORD
-        if self._defined + work > _RECORDS + self._read // _BYTES_PER_RECORD:
+        if self._defined + work > self._explained_records:
             raise TooMuchWork(f"longer definitions than {self._read} bytes explain; {_ADVICE}")
         self._defined += work
 

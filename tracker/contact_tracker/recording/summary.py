@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
 from contact_tracker.recording.decoding import (
@@ -30,7 +31,6 @@ BEGINNING_POSES: Final = 20_000
 KEPT_POSES: Final = 200_000
 """Limit for all sources together."""
 _SAMPLE: Final = 50_000
-_MOST_NS: Final = 2**62
 _MAD_TO_SIGMA: Final = 1.4826
 
 
@@ -307,7 +307,7 @@ class _Tally:
 
     def _note_offsets(self, stamp_ns: NDArray[np.int64], log_times_ns: list[int]) -> None:
         log_ns = np.array([_clipped(time) for time in log_times_ns], np.int64)
-        self._offsets_ns.add(log_ns - np.clip(stamp_ns, -_MOST_NS, _MOST_NS))
+        self._offsets_ns.add(log_ns - np.clip(stamp_ns, -RANGE_NS, RANGE_NS))
 
     def _admit_prefix(self) -> list[Pose]:
         self._stamping = Stamping(() if self._of_rows else self._prefix)
@@ -368,8 +368,8 @@ def _in_columns(poses: Poses | list[Pose]) -> Poses | None:
     """The poses in columns; None where a stamp is beyond those of poses."""
     if isinstance(poses, Poses):
         return poses
-    return Poses.collect(poses) if all(abs(pose.stamp_ns) <= _MOST_NS for pose in poses) else None
+    return Poses.collect(poses) if all(abs(pose.stamp_ns) <= RANGE_NS for pose in poses) else None
 
 
 def _clipped(time_ns: int) -> int:
-    return max(min(time_ns, _MOST_NS), -_MOST_NS)
+    return max(min(time_ns, RANGE_NS), -RANGE_NS)

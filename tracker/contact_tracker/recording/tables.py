@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.quantities import TIMES_NS
+from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
@@ -33,7 +33,6 @@ PARQUET: Final = "Parquet"
 """The kind of a layout."""
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 _NEVER: Final = np.iinfo(np.int64).min
-_MOST_NS: Final = 2.0**62
 OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 _ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
 """First bytes of files that polars would decompress."""
@@ -306,7 +305,7 @@ def _stamps_ns(polars: Any, batch: "pl.DataFrame", scale: float) -> NDArray[np.i
     """Stamps of the rows, exact to the written nanosecond; ``_NEVER`` for other text."""
     seconds = batch["time"]
     floats = seconds.cast(polars.Float64, strict=False).fill_null(np.nan).to_numpy() * scale
-    known = np.isfinite(floats) & (np.abs(floats) < _MOST_NS)
+    known = np.isfinite(floats) & (np.abs(floats) < RANGE_NS)
     stamps = np.where(known, np.round(np.where(known, floats, 0.0)), 0.0).astype(np.int64)
     if scale in (1e9, 1e6, 1e3, 1.0):
         exact = seconds.cast(polars.Decimal(38, 9), strict=False)

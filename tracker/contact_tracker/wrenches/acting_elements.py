@@ -10,15 +10,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import Element, Line, Pair, Plane, Point
+from contact_tracker.geometry.elements import Element, Line, Pair, Point, face_towards
 from contact_tracker.geometry.vectors import EYE, unit
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.line_of_action import REACH_M, LineFits, PointFit
 
 Array = NDArray[np.float64]
 
-ANYWHERE_M: Final = 1e3
-"""Standard deviation of the offset of a face, on which forces do not depend."""
 FRICTION_RAD: Final = float(np.radians(10.0))
 """Standard deviation of the mean force from the normal, by friction: a hand that drags an object to one side
 with a coefficient of 0.3 turns it by 17 deg."""
@@ -43,7 +41,11 @@ def acting_elements(
     exponent : power of the likelihoods, as consecutive ticks are correlated.
     """
     ours, theirs = (
-        {"f": _face(face), "e": _line(line, origin_m, exponent), "v": _point(point, origin_m, exponent)}
+        {
+            "f": face_towards(unit(face), FRICTION_RAD),
+            "e": _line(line, origin_m, exponent),
+            "v": _point(point, origin_m, exponent),
+        }
         for face, line, point, origin_m in zip((-faces[0], faces[1]), lines, points, origins_m, strict=True)
     )
     return {
@@ -51,14 +53,6 @@ def acting_elements(
         for contact in Contact
         if contact is not Contact.FREE
     }
-
-
-def _face(outward: Array) -> Element:
-    """Friction turns forces from the normal."""
-    normal, covariance = unit(outward), np.zeros((4, 4))
-    covariance[:3, :3] = FRICTION_RAD**2 * (EYE - np.outer(normal, normal))
-    covariance[3, 3] = ANYWHERE_M**2
-    return Plane(normal, 0.0, covariance)
 
 
 def _line(fits: LineFits, origin_m: Array, exponent: float) -> Element | None:

@@ -51,7 +51,7 @@ class WrenchEvidence:
 
     wrenches: ContactWrenches
 
-    def of_window(self, first_ns: int, last_ns: int) -> "WindowEvidence | None":
+    def of_window(self, first_ns: int, last_ns: int) -> WindowEvidence | None:
         """The evidence from ``first_ns`` to ``last_ns``; None if there are too few measurements, or no
         contact fits them.
 
