@@ -817,6 +817,25 @@ def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path
     assert_one_line_error(refused, 2, f"is of {there}, not of {here}: name another file")
 
 
+@pytest.mark.parametrize("later_s", [0.0, 0.1, 40.0])
+def test_the_state_of_another_recording_is_refused_unless_that_ended_before(
+    tmp_path: Path, later_s: float
+) -> None:
+    state, poses = tmp_path / "s.state", smooth_poses(60)
+    log = write_log(tmp_path / "a.mcap", [poses_topic(poses)])
+    shift_ns, shift_m = round(later_s * 1e9), [0.0, 0.0, 0.1]
+    other = Poses(poses.stamp_ns + shift_ns, poses.position_m + shift_m, poses.quat_xyzw)
+    ends_before = poses.stamp_ns[-1] < other.stamp_ns[0]
+    second = write_log(tmp_path / "b.mcap", [poses_topic(other)])
+    run("live", log, "--state", state)
+    before, done = state.read_bytes(), run("live", second, "--state", state)
+    if ends_before:
+        assert (done.returncode, done.stderr.count("120 poses")) == (0, 1), done.stderr
+    else:
+        assert_one_line_error(done, 2, f"is of another recording, which does not end before {second} begins")
+        assert state.read_bytes() == before
+
+
 def test_a_state_has_a_folder(tmp_path: Path) -> None:
     nowhere = run("live", RECORDING, "--state", tmp_path / "none" / "s.state")
     assert_one_line_error(nowhere, 2, "no folder")

@@ -36,7 +36,8 @@ class SavedStream:
     StateError
         The file is not a state.
     UsageError
-        It was saved of another source, or with another model, lag or prior map, or has no folder.
+        It was saved of another source or recording, or with another model, lag or prior map, or has no
+        folder.
     """
 
     def __init__(
@@ -84,7 +85,8 @@ class SavedStream:
         progress = Progress(
             self._initial,
             state,
-            self._named(),
+            self._names,
+            log.first,
             log.taken,
             log.gate,
             log.released,
@@ -99,10 +101,10 @@ class SavedStream:
         )
         save(self._path, progress)
 
-    def _named(self) -> tuple[str, str, str, str, int]:
+    @property
+    def _names(self) -> tuple[str, str, str, str]:
         source = self._log.source
-        frames = source.frame_id, source.child_frame_id
-        return source.topic, source.type, *frames, self._log.first_log_time_ns
+        return source.topic, source.type, source.frame_id, source.child_frame_id
 
     def _carry_on(self, saved: object) -> None:
         if not isinstance(saved, Progress):
@@ -112,14 +114,19 @@ class SavedStream:
                 f"{self._path} was saved with another model, --lag or known geometry: give the same, or "
                 "another file"
             )
-        if saved.log[:4] != self._named()[:4]:
+        log, name, is_stdin = self._log, self._source.name, self._source.is_stdin
+        if saved.source != self._names:
             raise UsageError(
-                f"{self._path} is of {PoseSource(*saved.log[:4])}, not of {self._log.source}: "
-                "name another file"
+                f"{self._path} is of {PoseSource(*saved.source)}, not of {log.source}: name another file"
             )
-        is_same_log = saved.log == self._named() and not self._source.is_stdin
+        is_same_log = is_same(saved.first, log.first) and not is_stdin
+        if not is_same_log and not is_stdin and log.first_stamp_ns <= saved.last_ns:
+            raise UsageError(
+                f"{self._path} is of another recording, which does not end before {name} begins: name "
+                "another file"
+            )
         stamping = Stamping.of(saved.stamping)
-        self._log.carry_on(saved.gate, stamping, saved.taken, saved.released, is_same_log)
+        log.carry_on(saved.gate, stamping, saved.taken, saved.released, is_same_log)
         self._source.carry_on(saved.origin_ns, saved.first_ns, saved.last_ns, saved.used)
         changes, formation = self._shown
         changes.label, changes.settled, formation.before = saved.label, saved.settled, saved.further

@@ -66,6 +66,11 @@ class Source:
         self._used_some(any_pose)
 
     @property
+    def name(self) -> str:
+        """The recording as given by the user."""
+        return self._name
+
+    @property
     def is_stdin(self) -> bool:
         """Whether the input is standard input, which cannot be read again."""
         return self._name == "-"

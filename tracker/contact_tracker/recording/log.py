@@ -58,8 +58,8 @@ class PoseLog:
     Attributes
     ----------
     source : the source of the poses.
-    taken : number of poses read from the source, valid or not; the first was logged at
-        ``first_log_time_ns``.
+    first : the first pose of the source, valid or not, with its log time.
+    taken : number of poses read from the source, valid or not.
     note : one line if the parent frame of the poses may itself move.
     late_sources : matching sources that appeared after this one was chosen.
     counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
@@ -92,7 +92,7 @@ class PoseLog:
         self.late_sources: tuple[PoseSource, ...] = ()
         self._taken = 0
         self.released: tuple[Pose, ...] = ()
-        self.first_log_time_ns = prefix[0][1]
+        self.first = prefix[0]
         self._skipped = 0
         self._why: str | None = None
         self._counts: Counter[str] = Counter()
@@ -134,6 +134,13 @@ class PoseLog:
     def gate(self) -> PoseGate:
         """The gate that validates its poses."""
         return self._gate
+
+    @property
+    def first_stamp_ns(self) -> int:
+        """The stamp of the first pose."""
+        pose, log_time_ns = self.first
+        is_unset = self._stamping.lacks_stamp(pose.stamp_ns, log_time_ns)
+        return self._stamping.from_log_time(log_time_ns) if is_unset else pose.stamp_ns
 
     @property
     def stamping(self) -> Stamping:

@@ -13,7 +13,8 @@ class Progress(NamedTuple):
     """A stream between two poses.
 
     ``initial`` is the initial state, which model, lag and prior map determine.
-    ``log`` are the topic, type and frames of its source, with the log time of the first pose there (ns);
+    ``source`` are the topic, type and frames of the poses; ``first`` is the first pose of the log, with its
+    log time (ns);
     ``taken`` poses were read, with the ``gate`` and the ``stamping`` (see ``recording.stamping``); those that
     the gate has ``released`` are still to be tracked.
     ``origin_ns``, ``first_ns`` and ``last_ns`` are stamps, ``used`` the number of valid poses; ``label`` is
@@ -22,7 +23,8 @@ class Progress(NamedTuple):
 
     initial: AdaptiveState
     now: AdaptiveState
-    log: tuple[str, str, str, str, int]
+    source: tuple[str, str, str, str]
+    first: tuple[Pose, int]
     taken: int
     gate: PoseGate
     released: tuple[Pose, ...]
