@@ -9,10 +9,13 @@ from typing import Final, NamedTuple
 
 from contact_tracker.adaptation.explained import Explained, follow
 from contact_tracker.config.parameters import Model
+from contact_tracker.hypotheses.evidence import AS_WELL
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Belief, Detail
 
 WRONG_NATS: Final = 8.0
 """Lead of the tracker without the prior map above which the prior map is reported as wrong. Correct
@@ -27,12 +30,13 @@ class Contradiction(NamedTuple):
     """State of the comparison.
 
     The trackers with the prior map (``given``) and without (``nothing``), None before the rate is known and
-    once the comparison ``is_settled``; the ``lead`` (nats) of the second, and whether a contradiction
-    ``is_found``.
+    once the comparison ``is_settled``; the evidence of the second over the first (``difference``, nats) and
+    the part of it that counts (``lead``); and whether a contradiction ``is_found``.
     """
 
     given: Explained | None = None
     nothing: Explained | None = None
+    difference: float = 0.0
     lead: float = 0.0
     is_settled: bool = False
     is_found: bool = False
@@ -50,13 +54,28 @@ def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Pose
     if not len(poses):
         return known
     given, with_it = follow(known.given or Explained(tracker.start(model, knowledge=knowledge)), poses)
-    nothing, without = follow(known.nothing or Explained(tracker.start(model)), poses)
-    lead = known.lead
+    nothing, without = follow(known.nothing or Explained(tracker.start(model)), poses, Detail.SHARED)
+    difference, lead = known.difference, known.lead
     for one, other in zip(with_it, without, strict=True):
-        lead = other.log_evidence - one.log_evidence
+        before, difference = difference, other.log_evidence - one.log_evidence
+        if not _is_undecided(one.belief, other.belief):
+            lead += difference - before
         if lead > WRONG_NATS or other.moved_s > LONGEST_S:
-            return Contradiction(lead=lead, is_settled=True, is_found=lead > WRONG_NATS)
-    return Contradiction(given, nothing, lead)
+            return Contradiction(None, None, difference, lead, is_settled=True, is_found=lead > WRONG_NATS)
+    return Contradiction(given, nothing, difference, lead)
+
+
+def _is_undecided(given: Belief, nothing: Belief) -> bool:
+    """Whether motion in few directions does not decide between the contacts of the two trackers: that of
+    ``nothing`` has more evidence because something else, such as the hand, keeps a constraint (T24)."""
+    if not nothing.p_restricted or given.contact not in nothing.inseparable:
+        return False
+    return not _residual(given) >= AS_WELL * max(1.0, _residual(nothing))  # unknown ones do not decide
+
+
+def _residual(belief: Belief) -> float:
+    """Whitened residual of the label; nan if it is not known yet."""
+    return 1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])
 
 
 def findings(known: Contradiction, knowledge: PriorMap) -> tuple[Finding, ...]:

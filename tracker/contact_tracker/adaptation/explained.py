@@ -4,15 +4,16 @@ from typing import NamedTuple
 
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.state import TrackerState
 
 
 class AfterTick(NamedTuple):
-    """``log_evidence`` of contacts against free motion (nats), and the seconds of motion so far."""
+    """``log_evidence`` of contacts against free motion (nats), seconds of motion so far, and the belief."""
 
     log_evidence: float
     moved_s: float
+    belief: Belief
 
 
 class Explained(NamedTuple):
@@ -22,12 +23,16 @@ class Explained(NamedTuple):
     moved_s: float = 0.0
 
 
-def follow(one: Explained, poses: Poses) -> tuple[Explained, list[AfterTick]]:
-    """Advance by poses; returns the evidence after each tick that they close."""
+def follow(
+    one: Explained, poses: Poses, detail: Detail = Detail.WEIGHTS
+) -> tuple[Explained, list[AfterTick]]:
+    """Advance by poses; returns the evidence after each tick that they close, and a belief of this
+    ``detail``."""
     state, closed = tracker.accumulate_poses(one.state, poses)
     moved_s, after = one.moved_s, list[AfterTick]()
-    for now, count in tracker.update_through_gaps(state, closed, Detail.WEIGHTS):
+    for now, count in tracker.update_through_gaps(state, closed, detail):
         state = now
         moved_s += state.model.tick_s * state.window.latest_motion_ratio  # none in a gap
-        after += [AfterTick(state.log_evidence, moved_s)] * count
+        assert state.belief is not None
+        after += [AfterTick(state.log_evidence, moved_s, state.belief)] * count
     return Explained(state, moved_s), after
