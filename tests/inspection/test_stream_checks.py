@@ -150,6 +150,22 @@ def test_other_units_are_found_at_once(recordings, name, factor, unit):
     assert is_in_doubt(state)
 
 
+@each_recording
+@pytest.mark.parametrize("factor", [1e-2, 1e-3])
+def test_metres_in_columns_of_smaller_units_are_reported(recordings, name, factor):
+    (finding,) = findings(inspected(scaled(recordings[name], factor)))
+    assert finding.kind == "units"
+    assert finding.text.startswith("positions look too small for metres")
+    assert not finding.doubts_labels
+
+
+@pytest.mark.parametrize("sigma_m", [5e-5, 3e-4])
+def test_an_object_that_turns_about_its_origin_is_in_metres(sigma_m):
+    """As in the calibration of a tip."""
+    poses = moving(np.random.default_rng(0), 20.0, 100.0, sigma_m, np.radians(0.15), rms_m=1e-4)
+    assert kinds(poses) == []
+
+
 @pytest.mark.parametrize("rate_hz", [5, 10, 30, 50, 200])
 @pytest.mark.parametrize(("sigma_m", "sigma_rad"), [(0.003, 1e-4), (0.005, 1e-5), (0.003, 2e-3), (0.0, 0.0)])
 def test_a_mobile_robot_is_in_metres(rate_hz, sigma_m, sigma_rad):

@@ -35,6 +35,10 @@ COARSE_M: Final = 0.01
 FAST_M_PER_S: Final = 15.0
 TOSSED_CM_PER_S: Final = 500.0
 USUAL_LEVER_M: Final = 0.12
+SMALL_LEVER_M: Final = 0.0025
+"""Such a ratio below, at a speed below ``SLOW_M_PER_S``, occurs only where positions are divided by 100 or
+1000: orientation comes from markers or features that are centimetres apart."""
+SLOW_M_PER_S: Final = 0.01
 ENOUGH_NOISE: Final = 40
 """Third differences that are needed for the noise."""
 
@@ -129,6 +133,8 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
     found = list[Finding]()
     if inspection.units:
         found.append(Finding("units", _units_text(inspection), True))
+    elif _are_too_small(inspection):
+        found.append(Finding("units", _too_small_text(inspection), False))
     if inspection.bodies:
         share = f" ({100.0 * inspection.share:.0f} % of the frames)" if inspection.share else ""
         text = (
@@ -180,6 +186,15 @@ def _units_text(inspection: Inspection) -> str:
         f"positions look like {unit} (noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
         f"speed up to {inspection.top_m_per_s:.2g} m/s): convert to metres, or in a table "
         f"give the unit in the names of columns, as in x [{short}]"
+    )
+
+
+def _too_small_text(inspection: Inspection) -> str:
+    position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+    return (
+        f"positions look too small for metres (noise {1e6 * position:.2g} um, "
+        f"{180.0 / pi * rotation:.2g} deg; speed up to {1e3 * inspection.top_m_per_s:.2g} mm/s): check their "
+        "unit, which in a table is in the names of columns, as in x [m]"
     )
 
 
@@ -235,6 +250,13 @@ def _are_other_units(inspection: Inspection) -> bool:
     if position <= LEVER_M * rotation:
         return False
     return inspection.top_m_per_s > FAST_M_PER_S or (rotation > 0.0 and position > COARSE_M)
+
+
+def _are_too_small(inspection: Inspection) -> bool:
+    if inspection.total < ENOUGH_CONSTANT or not all(inspection.moved):
+        return False
+    position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+    return 0.0 < position < SMALL_LEVER_M * rotation and inspection.top_m_per_s < SLOW_M_PER_S
 
 
 def _speed(position: Array, time_s: Array) -> float:
