@@ -1,0 +1,98 @@
+"""How often ``--up`` is reported as wrong, by its error, on recordings whose faces all have one direction.
+
+    python tests/benchmarks/directions.py
+    python tests/benchmarks/directions.py recordings/all_states.mcap --errors 0 3 15
+
+Recordings whose faces differ in direction by more than a degree are left out. An error turns the true
+direction about a random axis across it. At 0 and 3 degrees none should be reported: the standard deviation of
+``--up`` is 2.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker import adaptation
+from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.geometry.elements import Plane
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.prior_map_files import knowledge_from
+from contact_tracker.recording import need_truth, open_log
+from shared_recordings import SHARED_RECORDINGS
+
+Array = NDArray[np.float64]
+
+ERRORS_DEG: Final = (0.0, 3.0, 15.0, 30.0, 60.0, 90.0)
+PARALLEL_DEG: Final = 1.0
+
+
+def direction_of_faces(path: Path) -> Array | None:
+    """The normal (3,) of all faces of the surroundings that are touched; None without one direction."""
+    elements = [i.geometry.environment for i in need_truth(str(path)).intervals if i.geometry is not None]
+    normals = np.array([element.normal for element in elements if isinstance(element, Plane)])
+    if not len(normals):
+        return None
+    angles_deg = np.degrees(np.arccos(np.clip(normals @ normals[0], -1.0, 1.0)))
+    return None if angles_deg.max() > PARALLEL_DEG else np.asarray(normals[0])
+
+
+def is_reported(poses: Poses, direction: Array) -> bool:
+    """Whether ``direction`` is reported as wrong."""
+    knowledge = knowledge_from({"up": {"direction": [float(part) for part in direction]}})
+    tracker = adaptation.OfflineTracker(load_model(), knowledge)
+    for _ in tracker.pieces(poses):
+        pass
+    assert tracker.report is not None
+    return any(finding.kind == "knowledge" for finding in tracker.report.findings)
+
+
+def turned(direction: Array, angle_deg: float, rng: np.random.Generator) -> Array:
+    """``direction`` (3,), turned about a random axis across it."""
+    axis = np.cross(direction, rng.normal(size=3))
+    turn = Rotation.from_rotvec(np.radians(angle_deg) * axis / np.linalg.norm(axis))
+    return np.asarray(turn.apply(direction))
+
+
+def row(path: Path, errors_deg: Iterable[float]) -> list[str] | None:
+    """A row of the table; None for a recording without one direction."""
+    direction = direction_of_faces(path)
+    if direction is None:
+        return None
+    poses, rng = gate(Poses.collect(open_log(str(path)))), np.random.default_rng(0)
+    cells = [is_reported(poses, turned(direction, error_deg, rng)) for error_deg in errors_deg]
+    return [path.stem, *("reported" if cell else "-" for cell in cells)]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "recordings", nargs="*", type=Path, help="default: the physics-engine recordings that are shared"
+    )
+    parser.add_argument("--errors", nargs="+", type=float, default=list(ERRORS_DEG), metavar="DEG")
+    args = parser.parse_args(argv)
+    paths = args.recordings or sorted(SHARED_RECORDINGS.glob("physics/*/*.mcap"))
+    rows = [found for path in paths if (found := row(path, args.errors)) is not None]
+    if not rows:
+        parser.error("no recording has faces of one direction only")
+    share = [number(float(np.mean([one[i] != "-" for one in rows]))) for i in range(1, len(args.errors) + 1)]
+    print(
+        table(
+            ("recording", *(f"{error_deg:g} deg off" for error_deg in args.errors)),
+            [*rows, ["share", *share]],
+        )
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
