@@ -250,7 +250,13 @@ def test_round_bodies_and_wrong_units_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("text", "key", "reason"),
     [
-        ("[upp]", "upp", "known are up, object, environment"),
+        ("[upp]", "upp", "did you mean up?"),
+        ("[gravity]", "gravity", "known are up, object, environment"),
+        (
+            "[[environment.plane]]\nnormal = [0, 0, 1]\nofset_m = 0",
+            "environment.plane[1].offset_m",
+            "is ofset_m meant for",
+        ),
         ("up = 3", "up", "table"),
         ("[up]", "up.direction", "missing"),
         ("[up]\ndirection = [0, 0]", "up.direction", "3 numbers"),

@@ -307,7 +307,7 @@ def test_known_definitions_along_a_chain_are_counted(tmp_path: Path) -> None:
     log = open_log(str(path), frame="world->cup")
     Poses.collect(log)
     assert log.counts["known_definition"] == 41
-    assert log.assumption == f"41 poses are read by the known definition of {TF}: the file does not define it"
+    assert log.remarks == (f"41 poses are read by the known definition of {TF}: the file does not define it",)
 
 
 def test_ambiguous_sources_come_with_a_hint_on_composition(tmp_path: Path) -> None:

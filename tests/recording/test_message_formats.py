@@ -194,7 +194,7 @@ def test_a_known_type_needs_no_definition(
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
         log = open_log(str(path))
         collect(log)
-        assert (log.counts, log.assumption) == (counts, line)
+        assert (log.counts, log.remarks) == (counts, (line,) if line else ())
     summary = summarise(str(path))
     assert summary.sources[0].poses == COUNT
     assert summary.sources[0].counts == counts

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contact_tracker import Trajectory
 from contact_tracker.cli.main import run
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
@@ -164,8 +165,8 @@ def test_units_and_times_of_many_names(tmp_path: Path, time: str, unit: str, met
 def test_times_of_impossible_rates_are_reported(tmp_path: Path, name: str, step: float, text: str) -> None:
     log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(300), name)))
     Poses.collect(log)
-    assert log.assumption is not None
-    assert text in log.assumption
+    (remark,) = log.remarks
+    assert text in remark
 
 
 def test_info_doubts_the_unit_beside_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -411,7 +412,7 @@ def test_rows_that_are_separated_otherwise_are_damage_with_a_remedy(
     log = open_log(str(path))
     assert len(Poses.collect(log)) == 1
     assert log.damage is not None
-    assert "2 rows have no time that is a number: give each a time" in log.damage
+    assert "2 rows have no time that is a number or a date: give each a time" in log.damage
     assert said in log.damage
 
 
@@ -420,7 +421,7 @@ def test_rows_of_parquet_have_no_separators(tmp_path: Path) -> None:
     pytest.importorskip("polars").DataFrame(rows).write_parquet(tmp_path / "a.parquet")
     log = open_log(str(tmp_path / "a.parquet"))
     assert len(Poses.collect(log)) == 2
-    assert log.damage == "1 row has no time that is a number: give each a time"
+    assert log.damage == "1 row has no time that is a number or a date: give each a time"
 
 
 def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
@@ -439,7 +440,7 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     log = open_log(str(path))
     assert len(Poses.collect(log)) == 2
     assert log.damage is not None
-    assert log.damage.startswith("1 row has no time that is a number: give each a time")
+    assert log.damage.startswith("1 row has no time that is a number or a date: give each a time")
     assert log.counts["nonfinite"] == 1
 
 
@@ -702,11 +703,11 @@ def test_times_whose_steps_are_no_seconds_are_in_the_unit_that_fits(
     times = first + step * np.arange(300)
     log = open_log(str(write_times(tmp_path / "a.csv", times)))
     np.testing.assert_array_equal(Poses.collect(log).stamp_ns, times * unit_ns)
-    assert log.assumption is not None
-    assert f"its times have no unit and are taken as {unit}" in log.assumption
-    assert "--time-unit s, ms, us or ns" in log.assumption
+    (remark,) = log.remarks
+    assert f"its times have no unit and are taken as {unit}" in remark
+    assert "--time-unit s, ms, us or ns" in remark
     assert log.damage is None
-    assert summarise(str(tmp_path / "a.csv")).assumptions == (log.assumption,)
+    assert summarise(str(tmp_path / "a.csv")).assumptions == (remark,)
 
 
 @pytest.mark.parametrize(("first", "step"), [(0, 0.005), (1.7e9, 0.25), (50_000.0, 0.1)])
@@ -714,15 +715,15 @@ def test_times_in_seconds_need_no_note(tmp_path: Path, first: float, step: float
     times = first + step * np.arange(300)
     log = open_log(str(write_times(tmp_path / "a.csv", times)))
     Poses.collect(log)
-    assert log.assumption is None
+    assert log.remarks == ()
 
 
 @pytest.mark.parametrize("step", [0.5, 300, 3e5, 1e9])
 def test_times_that_fit_no_unit_are_reported_as_seconds(tmp_path: Path, step: float) -> None:
     log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(30))))
     Poses.collect(log)
-    assert log.assumption is not None
-    assert "its times have no unit and are taken as seconds" in log.assumption
+    (remark,) = log.remarks
+    assert "its times have no unit and are taken as seconds" in remark
 
 
 @pytest.mark.parametrize(("unit", "unit_ns"), [("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1)])
@@ -731,7 +732,7 @@ def test_the_given_unit_is_used(tmp_path: Path, unit: str, unit_ns: int, name: s
     times = 5 * np.arange(300)
     log = open_log(str(write_times(tmp_path / "a.csv", times, name)), time_unit=unit)
     np.testing.assert_array_equal(Poses.collect(log).stamp_ns, times * unit_ns)
-    assert log.assumption is None
+    assert log.remarks == ()
 
 
 def test_a_unit_cannot_be_given_for_formats_with_their_own(tmp_path: Path) -> None:
@@ -739,6 +740,69 @@ def test_a_unit_cannot_be_given_for_formats_with_their_own(tmp_path: Path) -> No
     for name in [*names, str(SHIPPED)]:
         with pytest.raises(ChoiceError, match="its times have a unit: leave out --time-unit"):
             open_log(name, frame="cup", time_unit="ms")
+
+
+@pytest.mark.parametrize("form", ["{}T{}", "{} {}", "{}T{}Z", "{}T{}+00:00", "{} {}+0000"])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_times_may_be_dates(tmp_path: Path, form: str, separator: str) -> None:
+    path = tmp_path / "a.csv"
+    days, times = zip(
+        *(str(np.datetime64(int(stamp), "ns")).split("T") for stamp in POSES.stamp_ns), strict=True
+    )
+    rows = zip(map(form.format, days, times), columns(POSES)[:, 1:].tolist(), strict=True)
+    lines = (separator.join([time, *map(repr, row)]) for time, row in rows)
+    header = separator.join(["timestamp", "x", "y", "z", "qx", "qy", "qz", "qw"])
+    path.write_text("\n".join([header, *lines, ""]))
+    assert_read(path)
+    with pytest.raises(ChoiceError, match="its times are dates: leave out --time-unit"):
+        Poses.collect(open_log(str(path), time_unit="s"))
+
+
+def test_dates_count_from_their_time_zone(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    times = [
+        "2026-03-01T10:00",
+        "2026-03-01 10:00:01,5",
+        "2026-03-01T12:00:02+02:00",
+        "2026-03-01T04:30:03-0530",
+    ]
+    rows = "".join(f"{one};0;0;{i};0;0;0;1\n" for i, one in enumerate(times))
+    path.write_text(f"time;x;y;z;qx;qy;qz;qw\n{rows}1500-01-01T00:00:00;0;0;0;0;0;0;1\nnever;0;0;0;0;0;0;1\n")
+    log = open_log(str(path))
+    found = Poses.collect(log)
+    assert ((found.stamp_ns - found.stamp_ns[0]) / 1e9).tolist() == [0.0, 1.5, 2.0, 3.0]
+    assert np.datetime64(int(found.stamp_ns[0]), "ns") == np.datetime64("2026-03-01T10:00:00", "ns")
+    assert log.damage is not None
+    assert log.damage.startswith("2 rows have no time that is a number or a date")
+
+
+@pytest.mark.parametrize("zone", [None, "UTC", "Europe/Berlin"])
+def test_dates_in_parquet(tmp_path: Path, zone: str | None) -> None:
+    polars = pytest.importorskip("polars")
+    time = polars.Series(POSES.stamp_ns).cast(polars.Datetime("ns"))
+    time = time if zone is None else time.dt.replace_time_zone("UTC").dt.convert_time_zone(zone)
+    names = ("x", "y", "z", "qx", "qy", "qz", "qw")
+    numbers = dict(zip(names, columns(POSES)[:, 1:].T, strict=True))
+    polars.DataFrame({"t": time, **numbers}).write_parquet(tmp_path / "a.parquet")
+    assert_read(tmp_path / "a.parquet")
+
+
+def test_rows_out_of_order_are_reported_with_the_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    rows = np.random.default_rng(0).permutation(columns(POSES))
+    np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
+    log = open_log(str(path))
+    kept = len(Poses.collect(log))
+    (remark,) = log.remarks
+    assert remark.endswith(
+        "sort them by time; if they are of several bodies, record each on a topic of its own"
+    )
+    run(["info", str(path)])
+    assert remark in capsys.readouterr().out
+    found = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
+    assert (len(found), found.notes) == (kept, (remark,))
 
 
 @pytest.mark.parametrize("separator", [";", "\t", " "])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.pose_validation import gate, remark_on_order
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.named_columns import metres_of, time_ns_of
@@ -95,7 +95,8 @@ class Trajectory:
             noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
             hint = ": is the unit of the stamps right?" if counts["out_of_range"] else ""
             raise NoPoses(f"no pose that can be used of {len(place)}{f' ({noted})' if noted else ''}{hint}")
-        return cls(passed, counts)
+        disorder = remark_on_order(counts, len(columns))
+        return cls(passed, counts, notes=() if disorder is None else (disorder,))
 
     @classmethod
     def from_dataframe(
@@ -136,7 +137,7 @@ class Trajectory:
         positions_m = _rows(np.column_stack(place), "positions_m", 3) * metres
         found = cls.from_arrays(time, positions_m, np.column_stack(turn), "xyzw", unit or named)
         doubt = None if time_ns is None else doubt_of_unit(time.astype(float), time_ns)
-        return found if doubt is None else replace(found, notes=(doubt,))
+        return found if doubt is None else replace(found, notes=(*found.notes, doubt))
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
@@ -226,7 +227,7 @@ def read(
         damage=log.damage,
         log_offset_ns=log.stamping.log_offset_ns,
         vertices_m=vertices_m,
-        notes=tuple(filter(None, (log.note, log.assumption))),
+        notes=(*(() if log.note is None else (log.note,)), *log.remarks),
         by_log_time=log.stamping.by_log_time,
     )
 

@@ -147,7 +147,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         _remove(folder, file, "ticks")
     adapted = tracker.report
     unused = () if wrenches is None else wrenches.warnings
-    notes = [*filter(None, (log.note, log.assumption)), *unused]
+    notes = [*filter(None, [log.note]), *log.remarks, *unused]
     notes += [] if adapted is None else warnings(adapted)
     return {
         **rows.base(name, settings),

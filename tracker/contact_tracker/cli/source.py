@@ -46,10 +46,10 @@ class Source:
 
     def __iter__(self) -> Iterator[Pose]:
         """The poses of the interval; raises NoPoses or ChoiceError at the end if there were none."""
-        any_pose, late = self.used > 0, 0
+        since_ns, late = 0 if self.used else None, 0
         for pose in self._log:
-            if not any_pose:
-                any_pose, self.origin_ns = True, pose.stamp_ns
+            if since_ns is None:
+                self.origin_ns = pose.stamp_ns
             since_ns = pose.stamp_ns - self.origin_ns
             if since_ns < self._start_ns:
                 continue
@@ -63,7 +63,7 @@ class Source:
                 late = self._warn_of_late(late)
             yield pose
         self._warn_of_late(late)
-        self._used_some(any_pose)
+        self._used_some(since_ns)
 
     @property
     def name(self) -> str:
@@ -90,13 +90,14 @@ class Source:
 
     def batches(self) -> Iterator[Poses]:
         """The poses in columns, of many at once; with more delay than iteration."""
-        any_pose = False
+        last_ns = None
         for poses in self._log.batches():
-            if not any_pose:
-                any_pose, self.origin_ns = True, int(poses.stamp_ns[0])
+            if last_ns is None:
+                self.origin_ns = int(poses.stamp_ns[0])
             since_ns = poses.stamp_ns - self.origin_ns
-            ended = self._end_ns is not None and since_ns[-1] >= self._end_ns
-            first, end = since_ns.searchsorted([self._start_ns, self._end_ns if ended else since_ns[-1] + 1])
+            last_ns = int(since_ns[-1])
+            ended = self._end_ns is not None and last_ns >= self._end_ns
+            first, end = since_ns.searchsorted([self._start_ns, self._end_ns if ended else last_ns + 1])
             if first < end:
                 stamps_ns = poses.stamp_ns[first:end].tolist()
                 if not self.used:
@@ -106,15 +107,18 @@ class Source:
                 yield poses[first:end]
             if ended:
                 break
-        self._used_some(any_pose)
+        self._used_some(last_ns)
 
-    def _used_some(self, any_pose: bool) -> None:
-        if not self.used:
-            if any_pose:
-                raise ChoiceError(
-                    f"{self._name}: no pose in the interval that --start and --duration leave{self._noted()}"
-                )
+    def _used_some(self, last_ns: int | None) -> None:
+        """Raise if no pose was used; the last was read at ``last_ns`` after the first, None without any."""
+        if self.used:
+            return
+        if last_ns is None:
             raise NoPoses(f"{self._name}: no pose that can be used{self._noted()}")
+        raise ChoiceError(
+            f"{self._name}: no pose in the interval that --start and --duration leave; poses were read until "
+            f"{last_ns * 1e-9:.2f} s{self._noted()}"
+        )
 
     def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
         """The pieces of ``found``, while outliers are counted."""
@@ -141,7 +145,7 @@ class Source:
         from contact_tracker.recording import read_metadata
         from contact_tracker.viewer.hull import vertices_from_metadata
 
-        notes = tuple(filter(None, (self._log.note, self._log.assumption, self._log.damage)))
+        notes = filter(None, (self._log.note, *self._log.remarks, self._log.damage))
         return Outcome(
             "standard input" if self.is_stdin else Path(self._name).name or self._name,
             poses,
@@ -163,8 +167,8 @@ class Source:
             say(noise_text(adapted))
             for line in warnings(adapted):
                 warn(line)
-        if self._log.assumption is not None:
-            warn(f"{self._name}: {self._log.assumption}")
+        for line in self._log.remarks:
+            warn(f"{self._name}: {line}")
         if self._log.counts.get("clock_reset") and Path(self._name).is_dir():
             warn(
                 f"{self._name}: time runs backward in it; if its files are recordings of their own, name one"

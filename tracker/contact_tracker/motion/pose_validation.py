@@ -52,6 +52,8 @@ from contact_tracker.motion.stamp_order import Ordered, StampOrder
 ROUNDING: Final = 1e-3
 NORM_TOLERANCE: Final = 0.05
 RANGE_M: Final = 1e6
+MANY_BACKWARD: Final = 0.2
+"""Share of poses out of order that single wrong stamps do not explain."""
 
 
 _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validation first"
@@ -66,6 +68,17 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
             admitted = Poses.collect([kept for pose in some for kept in passed.admit(pose)])
         parts.append(admitted)
     return Poses.join([*parts, Poses.collect(passed.finish())])
+
+
+def remark_on_order(counts: Mapping[str, int], total: int) -> str | None:
+    """One line if many of ``total`` poses were dropped since they are not in order of time."""
+    backward = counts.get("backward_stamp", 0)
+    if backward <= MANY_BACKWARD * total:
+        return None
+    return (
+        f"{backward} of {total} poses are earlier than one before them and are left out: sort them by time; "
+        "if they are of several bodies, record each on a topic of its own"
+    )
 
 
 def is_valid(pose: Pose, after_ns: int | None) -> bool:

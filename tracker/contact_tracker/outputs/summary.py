@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from contact_tracker.adaptation import Report
 from contact_tracker.errors import printable
+from contact_tracker.motion.pose_validation import remark_on_order
 from contact_tracker.outputs.adaptation import noise_text, report_json, warnings
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
 
@@ -73,6 +74,9 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
     if adapted is not None:
         yield "tracking", noise_text(adapted)
         yield from (("warning", line) for line in warnings(adapted))
+    disorder = remark_on_order(source.counts, source.observed)
+    if disorder is not None:
+        yield "warning", disorder
     if source.counts:
         yield "noted", ", ".join(f"{kind} {count}" for kind, count in source.counts.items())
 

@@ -1,6 +1,7 @@
 """Validated access to the keys of a TOML table; unknown keys are rejected."""
 
 import math
+from difflib import get_close_matches
 from typing import Any, Final
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Array
+from contact_tracker.suggestions import suggestion
 
 FARTHEST_M: Final = 1e6
 SIZES_M: Final = (1e-4, 1e3)
@@ -35,13 +37,17 @@ class Keys:
         return f"{self._name}.{key}" if self._name else key
 
     def wrong(self, key: str, reason: str) -> KnowledgeError:
-        return KnowledgeError(self.called(key), reason)
+        """The error of a key; of one that is not there, with the unknown key that may be meant for it."""
+        unknown = [] if key in self._table else [name for name in self._table if name not in self._asked]
+        near = get_close_matches(key, unknown, 1)
+        return KnowledgeError(self.called(key), f"{reason}; is {near[0]} meant for it?" if near else reason)
 
     def finish(self) -> None:
         """Reject keys that were not read."""
         for key in self._table:
             if key not in self._asked:
-                raise self.wrong(key, f"unknown; known are {', '.join(self._asked)}")
+                meant = suggestion(key, self._asked) or f"; known are {', '.join(self._asked)}"
+                raise self.wrong(key, f"unknown{meant}")
 
     def number(self, key: str, default: float | None, low: float, high: float) -> float:
         """A number from ``low`` to ``high``; it is required if ``default`` is None."""

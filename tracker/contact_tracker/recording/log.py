@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
-from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.pose_validation import PoseGate, remark_on_order
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer
@@ -115,12 +115,13 @@ class PoseLog:
         return self._reading.damage
 
     @property
-    def assumption(self) -> str | None:
-        """One line if the known definition of a type replaced that of the file, or the time unit is a
-        guess."""
+    def remarks(self) -> tuple[str, ...]:
+        """One line each: the known definition of a type replaced that of the file, or the time unit is a
+        guess; most poses are out of order."""
         count = self.counts.get("known_definition", 0)
         why = self._why or (self._composer.why if self._composer is not None else None)
-        return assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
+        assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
+        return tuple(filter(None, (assumed, remark_on_order(self.counts, self.taken))))
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses

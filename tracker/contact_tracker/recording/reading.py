@@ -19,7 +19,8 @@ from contact_tracker.recording.file_index import place_of, summary_of
 from contact_tracker.recording.items import MAGIC, Channel, Item
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.log_order import in_log_order
-from contact_tracker.recording.tables import OWN_UNIT, has_poses, is_table, read_table, refuse_other_text
+from contact_tracker.recording.table_times import OWN_UNIT
+from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_text
 
 STDIN: Final = "-"
 _PATTERN: Final = "; it looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
@@ -19,7 +18,7 @@ from contact_tracker.recording.named_columns import MOST_COLUMNS, layout_of_name
 from contact_tracker.recording.panics import without_panics
 from contact_tracker.recording.parquet_pages import PARQUET_MAGIC, check_pages
 from contact_tracker.recording.table_layouts import BLANKS, SEPARATORS, TableLayout
-from contact_tracker.recording.time_units import doubt_of_unit, unit_of
+from contact_tracker.recording.table_times import NEVER, TableTimes
 
 if TYPE_CHECKING:
     import polars as pl
@@ -32,8 +31,6 @@ _ROWS: Final = 10_000
 PARQUET: Final = "Parquet"
 """The kind of a layout."""
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
-_NEVER: Final = np.iinfo(np.int64).min
-OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 _ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
 """First bytes of files that polars would decompress."""
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
@@ -127,7 +124,7 @@ def read_table(
     UnreadableRecording
         It has no pose columns.
     ChoiceError
-        It says the unit of its times.
+        It says the unit of its times, or they are dates.
     """
     polars = need("polars", "a table")
     try:
@@ -146,10 +143,7 @@ def read_table(
     ]
     batches = _batches(polars, frame, groups) if chosen else iter(())
     batches = _without_last_row(batches) if is_cut else batches
-    if time_unit is not None and layout.has_own_unit:
-        raise ChoiceError(f"{path}: {OWN_UNIT}")
-    scale, lost = TIMES_NS[time_unit] if time_unit is not None else layout.time_ns, 0
-    is_checked = time_unit is not None or layout.has_own_unit  # the user's word needs no check
+    times, lost = TableTimes(path, layout, time_unit, assume), 0
     while True:
         try:
             with without_panics():
@@ -159,16 +153,8 @@ def read_table(
         except (Exception, polars.exceptions.PanicException) as error:
             report(f"it is damaged: {_line(error)}")
             break
-        if scale is None:
-            unit, assumption = unit_of(_times(polars, batch))
-            scale = TIMES_NS[unit]
-        else:
-            assumption = None if is_checked else doubt_of_unit(_times(polars, batch), scale)
-        is_checked = True
-        if assumption is not None:
-            assume(assumption)
-        stamps = _stamps_ns(polars, batch, scale)
-        good = stamps != _NEVER
+        stamps = times.stamps_ns(polars, batch["time"])
+        good = stamps != NEVER
         lost += int((~good).sum())
         rows = [(channel, _rows(batch, stamps, body)[good]) for channel, body in chosen]
         for i, stamp_ns in enumerate(stamps[good].tolist()):
@@ -182,7 +168,8 @@ def read_table(
 
 def _without_time(rows: int, layout: TableLayout) -> str:
     """One line on ``rows`` that have no time."""
-    counted = f"{rows} {'row has' if rows == 1 else 'rows have'} no time that is a number: give each a time"
+    have = "row has" if rows == 1 else "rows have"
+    counted = f"{rows} {have} no time that is a number or a date: give each a time"
     if layout.kind == PARQUET:
         return counted
     named = SEPARATORS[layout.separator or " "]
@@ -293,25 +280,6 @@ def _rows_of_section(path: str, skip: int) -> tuple[int, bool]:
                 return many, False
             many += 1
     return many, True
-
-
-def _times(polars: Any, batch: "pl.DataFrame") -> NDArray[np.float64]:
-    """The times of rows with one, in the unit of the table."""
-    floats = batch["time"].cast(polars.Float64, strict=False).drop_nulls().to_numpy()
-    return np.asarray(floats[np.isfinite(floats)], np.float64)
-
-
-def _stamps_ns(polars: Any, batch: "pl.DataFrame", scale: float) -> NDArray[np.int64]:
-    """Stamps of the rows, exact to the written nanosecond; ``_NEVER`` for other text."""
-    seconds = batch["time"]
-    floats = seconds.cast(polars.Float64, strict=False).fill_null(np.nan).to_numpy() * scale
-    known = np.isfinite(floats) & (np.abs(floats) < RANGE_NS)
-    stamps = np.where(known, np.round(np.where(known, floats, 0.0)), 0.0).astype(np.int64)
-    if scale in (1e9, 1e6, 1e3, 1.0):
-        exact = seconds.cast(polars.Decimal(38, 9), strict=False)
-        whole = (exact * round(scale)).cast(polars.Int64, strict=False)
-        stamps = np.where(whole.is_null().to_numpy(), stamps, whole.fill_null(0).to_numpy())
-    return np.asarray(np.where(known, stamps, _NEVER), np.int64)
 
 
 def _rows(batch: "pl.DataFrame", stamps: NDArray[np.int64], body: Any) -> NDArray[np.void]:
