@@ -1,7 +1,7 @@
 """Stamps of the rows of a table: their times are numbers in some unit, or dates (ISO 8601)."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,6 @@ from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import ChoiceError
 from contact_tracker.recording.table_layouts import TableLayout
 from contact_tracker.recording.time_units import doubt_of_unit, unit_of
-
-if TYPE_CHECKING:
-    import polars as pl
 
 NEVER: Final = np.iinfo(np.int64).min
 """The stamp of text that is no time."""
@@ -52,8 +49,8 @@ class TableTimes:
         self._is_certain = self._is_given or layout.has_own_unit
         self._are_dates: bool | None = None
 
-    def stamps_ns(self, polars: Any, times: "pl.Series") -> NDArray[np.int64]:
-        """Stamps (N,) of times as text; ``NEVER`` for other text.
+    def stamps_ns(self, polars: Any, times: Any) -> NDArray[np.int64]:
+        """Stamps (N,) of times, a series of ``polars`` with text; ``NEVER`` for other text.
 
         Raises
         ------
@@ -68,7 +65,7 @@ class TableTimes:
             return _stamps_of_dates(polars, times)
         return _stamps_of_numbers(polars, times, self._unit_ns(polars, times))
 
-    def _unit_ns(self, polars: Any, times: "pl.Series") -> float:
+    def _unit_ns(self, polars: Any, times: Any) -> float:
         """The unit of times that are numbers; the first are checked."""
         scale, doubt = self._scale, None
         if scale is None:
@@ -82,13 +79,13 @@ class TableTimes:
         return scale
 
 
-def _numbers(polars: Any, times: "pl.Series") -> NDArray[np.float64]:
+def _numbers(polars: Any, times: Any) -> NDArray[np.float64]:
     """The times that are finite numbers, in the unit of the table."""
     floats = times.cast(polars.Float64, strict=False).drop_nulls().to_numpy()
     return np.asarray(floats[np.isfinite(floats)], np.float64)
 
 
-def _stamps_of_numbers(polars: Any, times: "pl.Series", unit_ns: float) -> NDArray[np.int64]:
+def _stamps_of_numbers(polars: Any, times: Any, unit_ns: float) -> NDArray[np.int64]:
     """Stamps of numbers as text, exact to the written nanosecond."""
     floats = times.cast(polars.Float64, strict=False).fill_null(np.nan).to_numpy() * unit_ns
     known = np.isfinite(floats) & (np.abs(floats) < RANGE_NS)
@@ -100,7 +97,7 @@ def _stamps_of_numbers(polars: Any, times: "pl.Series", unit_ns: float) -> NDArr
     return np.asarray(np.where(known, stamps, NEVER), np.int64)
 
 
-def _stamps_of_dates(polars: Any, dates: "pl.Series") -> NDArray[np.int64]:
+def _stamps_of_dates(polars: Any, dates: Any) -> NDArray[np.int64]:
     """Nanoseconds since 1970 of dates as text; those without a time zone are taken as UTC, since only
     differences matter."""
     text = dates.str.strip_chars().str.replace(" ", "T", literal=True)
