@@ -120,9 +120,9 @@ def test_only_changed_recordings_are_done_again(tmp_path: Path, recordings: list
     dataset = tmp_path / "dataset"
 
     def done(**options: object) -> set[str]:
-        reported: list[rows.Row] = []
-        run(recordings, dataset, reported, **options)
-        return {Path(row["recording"]).stem for row in reported}
+        new: list[rows.Row] = []
+        run(recordings, dataset, new, **options)
+        return {Path(row["recording"]).stem for row in new}
 
     assert done() == {"0", "1", "2"}
     assert done() == set()

@@ -142,6 +142,11 @@ def test_names_come_on_standard_input_and_bad_ones_are_3(end: bytes, tmp_path: P
     assert all(line.startswith("contact-tracker: warning: ") for line in lines[:-1])
     assert f"of which {len(names)} new or changed, 0 unchanged; {BROKEN} unusable" in lines[-1]
     assert len(pl.read_parquet(tmp_path / "dataset" / "summary.parquet")) == len(names)
+    again = batch("-", "--output", tmp_path / "dataset", stdin=stdin)
+    lines = again.stderr.splitlines()
+    assert (again.returncode, len(lines)) == (3, BROKEN + 1)
+    assert all(any(str(name) in line for line in lines[:-1]) for name in names[1:])
+    assert any("as before: see the column error of the summary" in line for line in lines[:-1])
 
 
 @pytest.mark.parametrize(

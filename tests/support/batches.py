@@ -49,23 +49,24 @@ def settings(**options: Any) -> Settings:
 def run(
     names: Iterable[object],
     dataset: Path,
-    reported: list[Row] | None = None,
+    new: list[Row] | None = None,
     rehash: bool = False,
     **options: Any,
 ) -> Outcome:
-    """A batch in this process."""
+    """A batch in this process; ``new`` collects the new rows."""
+
+    def one_by_one(
+        function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]]
+    ) -> Iterator[tuple[tuple[Any, ...], Any]]:
+        for job in jobs:
+            answer = function(*job)
+            if new is not None and answer.row is not None:
+                new.append(answer.row)
+            yield job, answer
+
     with open_dataset(dataset) as opened:
-        batch = Batch(
-            settings(**options), opened, ([] if reported is None else reported).append, lambda _: None, rehash
-        )
+        batch = Batch(settings(**options), opened, lambda _: None, lambda _: None, rehash)
         return batch.run(find(map(str, names)), lambda: nullcontext(one_by_one))
-
-
-def one_by_one(
-    function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]]
-) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    for job in jobs:
-        yield job, function(*job)
 
 
 def contents(dataset: Path) -> dict[str, bytes]:

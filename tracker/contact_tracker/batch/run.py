@@ -37,7 +37,7 @@ class Batch:
 
     Parameters
     ----------
-    report : called with each new row.
+    report : called with one line for each recording that cannot be used or is damaged.
     set_done : called with the number of recordings that are done.
     compares_content : whether to compare contents even if the signatures are equal.
     """
@@ -46,7 +46,7 @@ class Batch:
         self,
         settings: Settings,
         dataset: Dataset,
-        report: Callable[[rows.Row], None],
+        report: Callable[[str], None],
         set_done: Callable[[int], None],
         compares_content: bool = False,
     ) -> None:
@@ -91,20 +91,26 @@ class Batch:
             if found.is_missing:
                 self._take(segment_recording(found.name, known, self._settings, folder))
             elif known is not None and found.signature and known.signature == found.signature:
-                self._count(found.name, False)
+                self._count(found.name, None)
             else:
                 yield found.name, known, self._settings, folder
 
     def _take(self, answer: Answer) -> None:
         self._dataset.record(answer)
-        if answer.row is not None:
-            self._report(answer.row)
-        self._count(answer.name, answer.row is not None)
+        self._count(answer.name, answer.row)
 
-    def _count(self, name: str, is_new: bool) -> None:
+    def _count(self, name: str, new: rows.Row | None) -> None:
+        """Count a recording with a ``new`` row, or an unchanged one, and report what is wrong with it."""
         outcome, code = self.outcome, self._dataset.exit_code(name)
-        outcome.done += is_new
-        outcome.unchanged += not is_new
-        outcome.damaged += code == exit_codes.DAMAGED
-        outcome.bad += code not in (exit_codes.DONE, exit_codes.DAMAGED)
+        is_damaged = code == exit_codes.DAMAGED
+        is_bad = not is_damaged and code != exit_codes.DONE
+        outcome.done += new is not None
+        outcome.unchanged += new is None
+        outcome.damaged += is_damaged
+        outcome.bad += is_bad
+        if new is None and (is_bad or is_damaged):
+            column = "damage" if is_damaged else "error"
+            self._report(f"{rows.shown(name)}: as before: see the column {column} of the summary")
+        elif new is not None and (is_bad or is_damaged):
+            self._report(new["error"] or f"{new['recording']}: {new['damage']}")
         self._set_done(outcome.total)

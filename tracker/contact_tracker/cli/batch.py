@@ -17,7 +17,6 @@ from contact_tracker.exports.suffixes import require_library
 from contact_tracker.extras import extra
 
 if TYPE_CHECKING:
-    from contact_tracker.batch.rows import Row
     from contact_tracker.processes import Jobs
 
 HELP: Final = "segment many recordings into one dataset of Parquet files"
@@ -97,13 +96,11 @@ def run(args: argparse.Namespace) -> int:
     recordings = list(find(_names(args.logs)))
     shown = 0
 
-    def report(row: "Row") -> None:
+    def report(line: str) -> None:
         nonlocal shown
-        text = row["error"] or (row["damage"] and f"{row['recording']}: {row['damage']}")
-        if text:
-            shown += 1
-            if shown <= _MOST_SHOWN:
-                warn(text)
+        shown += 1
+        if shown <= _MOST_SHOWN:
+            warn(line)
 
     with (
         open_dataset(Path(os.path.abspath(args.output))) as dataset,
