@@ -37,6 +37,9 @@ MOST_DRAWN: Final = 60
 _PROBABLE: Final = 0.5
 _UNOBSERVED: Final = 2
 """Elements with this many unobserved directions may be far off."""
+_LEFT_PX: Final = 50
+_RIGHT_PX: Final = 10
+"""Margins of the plot of the posteriors, and of the ribbon above it, so that their times are aligned."""
 _STYLE: Final = (
     "body{font:15px/1.45 system-ui,sans-serif;max-width:1180px;margin:24px auto;padding:0 16px;color:#222}"
     "h1{font-size:22px;margin:0 0 4px}h2{font-size:17px;margin:26px 0 6px}table{border-collapse:collapse}"
@@ -60,7 +63,8 @@ def write_report(outcome: Outcome, path: Path) -> None:
         file.write(f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>')
         file.write(f"<style>{_STYLE}</style><script>{_plotly_js()}</script></head><body><h1>{title}</h1>")
         file.write(f"<p>{escape(printable(facts))}</p>{notes_html(outcome.counts, outcome.warnings)}")
-        file.write(f"<h2>Labels</h2>{ribbon_html(found.segments)}<p>{legend}</p>")
+        ribbon = f'<div style="margin:0 {_RIGHT_PX}px 0 {_LEFT_PX}px">{ribbon_html(found.segments)}</div>'
+        file.write(f"<h2>Labels</h2>{ribbon}<p>{legend}</p>")
         file.write("<h2>Probabilities</h2>" + _posteriors(outcome).to_html(**settings))
         file.write(_ABOUT_GEOMETRY + _geometry(outcome).to_html(**settings))
         file.write(f"<h2>Segments</h2>{table_html(found.segments, origin_ns)}")
@@ -74,7 +78,7 @@ def _plotly_js() -> str:
 
 
 def _posteriors(outcome: Outcome) -> Figure:
-    beliefs = outcome.found.beliefs
+    beliefs, segments = outcome.found.beliefs, outcome.found.segments
     every = 1 + len(beliefs) // MOST_TICKS
     seconds = ((beliefs.stamp_ns - outcome.origin_ns) * 1e-9)[::every]
     figure = Figure()
@@ -84,13 +88,16 @@ def _posteriors(outcome: Outcome) -> Figure:
         figure.add_trace(Scatter(x=seconds, y=share.round(4), name=state.value, mode="lines", line=line))
     figure.update_layout(
         height=300,
-        margin={"l": 50, "r": 10, "t": 10, "b": 45},
-        xaxis_title="time (s)",
-        yaxis={"title": "probability", "range": [0.0, 1.02]},
+        margin={"l": _LEFT_PX, "r": _RIGHT_PX, "t": 40, "b": 45},
+        xaxis={"title": "time (s)", "automargin": False},
+        yaxis={"title": "probability", "range": [0.0, 1.02], "automargin": False},
         hovermode="x",
-        legend={"y": 0.85},
+        legend={"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom"},
         template="plotly_white",
     )
+    if segments:
+        ends_ns = np.array([segments[0].start_ns, segments[-1].end_ns]) - outcome.origin_ns
+        figure.update_xaxes(range=(ends_ns * 1e-9).tolist())
     return figure
 
 
