@@ -166,6 +166,18 @@ def test_an_object_that_turns_about_its_origin_is_in_metres(sigma_m):
     assert kinds(poses) == []
 
 
+@pytest.mark.parametrize("batch", [1, 7, 100])
+def test_a_pose_that_never_changes_is_reported_until_it_does(batch):
+    """As of a static transform, or of an object that is not tracked."""
+    poses = moving(np.random.default_rng(0), 3.0, 100.0, 3e-4, 1e-3)
+    before = Poses(
+        poses.stamp_ns - 10**10, poses.position_m[:1].repeat(300, 0), poses.quat_xyzw[:1].repeat(300, 0)
+    )
+    (finding,) = findings(still := inspected(before, batch))
+    assert finding.text.startswith("the pose never changes")
+    assert findings(inspected(poses, batch, still)) == ()
+
+
 @pytest.mark.parametrize("rate_hz", [5, 10, 30, 50, 200])
 @pytest.mark.parametrize(("sigma_m", "sigma_rad"), [(0.003, 1e-4), (0.005, 1e-5), (0.003, 2e-3), (0.0, 0.0)])
 def test_a_mobile_robot_is_in_metres(rate_hz, sigma_m, sigma_rad):

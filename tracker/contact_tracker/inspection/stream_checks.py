@@ -48,6 +48,8 @@ LONGEST_TICK_S: Final = 0.05
 IMPACT_M_PER_S: Final = 0.7
 """An object that touches known elements at this speed bounces; its contacts are shorter than usual ticks."""
 ENOUGH_CONSTANT: Final = 100
+STILL: Final = "still"
+"""The kind of the finding that the pose never changes."""
 
 # Histogram of squared third differences: four bins to a factor of 4, from 1e-15 to 3e6.
 BINS: Final = 285
@@ -66,7 +68,8 @@ class Inspection(NamedTuple):
     """Running statistics of a stream of poses; bounded in size.
 
     ``recent`` are the last KEPT poses of the ``blocks`` before, and those of the incomplete block. ``first``
-    is the first of ``total`` poses; ``moved`` says whether position and orientation have changed since.
+    is the first of ``total`` poses, ``repeats`` the number of others; ``moved`` says whether position and
+    orientation have changed since.
     ``noise`` (2, BINS) is a histogram of squared third differences of both; ``top_m_per_s`` the speed of the
     fastest block. ``page`` is the sum of Page's test, ``share`` the share of returns in the last block.
     ``turning`` has the points of rotation. ``units``, ``bodies`` and ``filtered`` say what was found at any
@@ -77,6 +80,7 @@ class Inspection(NamedTuple):
     recent: Poses
     first: Poses
     total: int
+    repeats: int
     blocks: int
     moved: tuple[bool, bool]
     noise: Array
@@ -95,6 +99,7 @@ NOTHING_INSPECTED: Final = Inspection(
     recent=NO_POSES,
     first=NO_POSES,
     total=0,
+    repeats=0,
     blocks=0,
     moved=(False, False),
     noise=np.zeros((2, BINS)),
@@ -114,6 +119,7 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     """Advance by the next poses (at least one) that have passed the gate."""
     last = inspection.recent[-1:]
     new = Poses.join([last, poses]).fresh[len(last) :]
+    inspection = inspection._replace(repeats=inspection.repeats + len(poses) - len(new))
     if not len(new):
         return inspection
     first = inspection.first if inspection.total else new[np.zeros(1, int)]
@@ -142,7 +148,11 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
             "choose one with --topic or --frame, or record them on topics of their own"
         )
         found.append(Finding("bodies", text, True))
-    if inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
+    if inspection.repeats >= ENOUGH_CONSTANT and not any(inspection.moved):
+        found.append(
+            Finding(STILL, "the pose never changes: is the object tracked, and is this its frame?", True)
+        )
+    elif inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
         # With known elements (--known) either half of the poses alone gives labels that are sure and wrong.
         what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
         found.append(Finding("orientation", f"the {what} never changes: is it recorded? {hint}", True))

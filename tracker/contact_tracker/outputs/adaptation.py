@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from contact_tracker.adaptation import Report
+from contact_tracker.inspection.stream_checks import STILL
 
 
 def noise_text(report: Report) -> str:
@@ -27,7 +28,7 @@ def warnings(report: Report) -> Iterator[str]:
             f"few poses: ticks of {chosen.tick_s:.2f} s instead of {asked.tick_s:g} s, to hold "
             f"{asked.poses_per_tick:g} poses each; shorter contacts are not found: record more poses a second"
         )
-    elif report.poses_per_tick < asked.poses_per_tick:
+    elif report.poses_per_tick < asked.poses_per_tick and not any(f.kind == STILL for f in report.findings):
         yield (
             f"few poses: {report.poses_per_tick:g} in a tick of {chosen.tick_s:g} s; "
             "if the unit of their times is right, record more poses a second, or take a model with "
