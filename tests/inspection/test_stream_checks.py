@@ -175,6 +175,7 @@ def test_a_pose_that_never_changes_is_reported_until_it_does(batch):
     )
     (finding,) = findings(still := inspected(before, batch))
     assert finding.text.startswith("the pose never changes")
+    assert not finding.doubts_labels, "no label is certain without motion"
     assert findings(inspected(poses, batch, still)) == ()
 
 
@@ -275,7 +276,7 @@ def test_an_orientation_or_position_that_never_changes(recordings):
         assert f"the {word} never changes" in finding.text
         assert kinds(stream[:99]) == []
         assert kinds(merged(stream, shifted(poses, [0.0, 0.0, 0.0], 10**10))) == []
-    assert kinds(Poses(unturned.stamp_ns, unmoved.position_m, unturned.quat_xyzw)) == []
+    assert kinds(Poses(unturned.stamp_ns, unmoved.position_m, unturned.quat_xyzw)) == ["still"]
 
 
 @each_filter

@@ -149,9 +149,7 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
         )
         found.append(Finding("bodies", text, True))
     if inspection.repeats >= ENOUGH_CONSTANT and not any(inspection.moved):
-        found.append(
-            Finding(STILL, "the pose never changes: is the object tracked, and is this its frame?", True)
-        )
+        found.append(Finding(STILL, "the pose never changes: is the object tracked, in this frame?", False))
     elif inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
         # With known elements (--known) either half of the poses alone gives labels that are sure and wrong.
         what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
