@@ -497,7 +497,12 @@ def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path
 
 @pytest.mark.parametrize(
     ("change", "text"),
-    [("replaced", "replaced by another"), ("shorter", "became shorter"), ("gone", "removed")],
+    [
+        ("replaced", "replaced by another"),
+        ("shorter", "became shorter"),
+        ("gone", "removed"),
+        ("anew", "written anew"),
+    ],
 )
 def test_a_file_that_changes_while_it_is_followed_ends_the_stream(
     tmp_path: Path, change: str, text: str
@@ -514,6 +519,10 @@ def test_a_file_that_changes_while_it_is_followed_ends_the_stream(
         other.replace(path)
     elif change == "shorter":
         os.truncate(path, 3000)
+    elif change == "anew":  # as by a recorder that is started again
+        path.write_bytes(
+            write_log(tmp_path / "b.mcap", [poses_topic(smooth_poses(400, seed=1))], **SMALL).read_bytes()
+        )
     else:
         path.unlink()
     rest = list(log)

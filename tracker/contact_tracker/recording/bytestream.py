@@ -17,6 +17,8 @@ from contact_tracker.recording.limits import TooMuchWork, WorkBudget
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _BLOCK: Final = 2**20
+_TAIL: Final = 64
+"""Last bytes read of a followed file, by which it is recognised when it has been written to."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ class ByteStream:
         self._plain = file
         self._follow = follow
         self._path = path
+        self._tail = b""
+        self._written_ns = 0
         self._inflated: IO[bytes] | None = None
         self._size = None if compressed or follow is not None else _size_of(file)
         if compressed:
@@ -107,6 +111,7 @@ class ByteStream:
         """Go to ``position``; returns False where the input does not allow it."""
         try:
             self.position = (self._inflated or self._plain).seek(position)
+            self._tail = b""
         except (OSError, ValueError, OverflowError):  # a pipe, or a position from a damaged index
             return False
         return True
@@ -114,8 +119,12 @@ class ByteStream:
     def _read_some(self, count: int) -> bytes:
         try:
             if self._inflated is None:
+                if self._has_other_content():
+                    return b""
                 data = self._plain.read(count)
                 self.budget.count_read(len(data))
+                if self._follow is not None:
+                    self._tail = (self._tail + data)[-_TAIL:]
                 return data
             self.budget.check_record(self.budget.bytes_read, count)
             part = self._inflated.read(min(count, _BLOCK))
@@ -140,6 +149,25 @@ class ByteStream:
         elif stat.S_ISREG(now.st_mode) and now.st_size < self._plain.tell():
             self.error = "it became shorter while it was followed"
         return self.error is not None
+
+    def _has_other_content(self) -> bool:
+        """Whether the followed file was written anew in place: the bytes that were read last are others."""
+        if not is_regular(self._path):
+            return False
+        try:
+            written_ns = os.fstat(self._plain.fileno()).st_mtime_ns
+            if written_ns == self._written_ns:
+                return False
+            self._written_ns = written_ns
+            with open(self._path, "rb") as again:
+                again.seek(self._plain.tell() - len(self._tail))
+                there = again.read(len(self._tail))
+        except OSError:
+            return False
+        if there == self._tail or len(there) < len(self._tail):
+            return False  # or it is removed, replaced or shorter, which is seen at its end
+        self.error = "it was written anew while it was followed"
+        return True
 
 
 def _size_of(file: IO[bytes]) -> int | None:
@@ -200,4 +228,4 @@ def _starts_compressed(file: BufferedReader) -> bool:
 
 def is_regular(path: str) -> bool:
     """Whether ``path`` can be read repeatedly and at any position."""
-    return path != "-" and os.path.isfile(path)
+    return path not in ("", "-") and os.path.isfile(path)
