@@ -513,6 +513,7 @@ def test_exports_of_motion_capture_that_are_cut_off_are_damaged(tmp_path: Path) 
         ("a", b"\xff\xfet\0i\0", "it is text in UTF-16: save it as UTF-8"),
         ("a.csv", b"Zeit,\xe4\xf6\xfc\n" * 9, "it is named as a table, but is not text in UTF-8"),
         ("a.CSV", b"\0" * 99, "it is named as a table, but is not text in UTF-8"),
+        ("a.csv", b"t,x,y,z,qx,qy,qz,qw\r0,0,0,0,0,0,0,1\r", "its lines end with carriage returns alone"),
     ],
 )
 def test_tables_in_other_encodings_are_named_as_such(

@@ -235,13 +235,14 @@ class Reading:
         prefix = "" if single else f"{os.path.basename(part)}: "
         begin = _begin(part)
         _refuse_packed(part, begin)
+        if not is_bag(begin):
+            refuse_other_text(part, begin)
         read = read_bag if is_bag(begin) else self._table if is_table(part, begin) else None
         if read is not None:
             if self._follow:
                 raise ChoiceError(f"{_shown(part)}: only an MCAP file can be followed")
             yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text), self.budget)
             return
-        refuse_other_text(part, begin)
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
             loop = RecordLoop(stream, self._wanted, summary)

@@ -50,10 +50,12 @@ def is_table(path: str, begin: bytes) -> bool:
 
 
 def refuse_other_text(path: str, begin: bytes) -> None:
-    """Raise UnreadableRecording if a file with these first bytes is text, but not in UTF-8, or is named as a
-    table and is none."""
+    """Raise UnreadableRecording if a file with these first bytes is text, but not in UTF-8 or without line
+    feeds, or is named as a table and is none."""
     if begin.startswith(_UTF_16):
         raise UnreadableRecording("it is text in UTF-16: save it as UTF-8")
+    if is_text(begin) and b"\r" in begin and b"\n" not in begin:
+        raise UnreadableRecording("its lines end with carriage returns alone: save it with usual line ends")
     if begin and not is_table(path, begin) and path.lower().endswith(_ENDINGS):
         raise UnreadableRecording("it is named as a table, but is not text in UTF-8: save it as that")
 
