@@ -38,6 +38,8 @@ SAFE_AFTER_S: Final = 2.0
 WRONG_NATS: Final = 30.0
 WRONG_FACTOR: Final = 1.5
 """The poses are wrong if another reading leads by this much, and has this many times their log evidence."""
+TIED_NATS: Final = 5.0
+"""Readings this far behind the best are named as well: turns about one axis are alike in some of them."""
 USUAL_S: Final = 15.0
 """Motion (s) after which poses are assumed to be right, unless another reading leads by ``DOUBT_NATS``."""
 DOUBT_NATS: Final = 5.0
@@ -103,7 +105,8 @@ def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
     explained, moved_s = np.array([one.state.log_evidence for one in after]), after[0].moved_s
     other, lead = int(explained.argmax()), float(explained[0] - explained[1:].max())
     if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * explained[0]:
-        return Conventions((), True, READINGS[other][0], NO_POSES)
+        near = (explained[1:] > explained[other] - TIED_NATS).nonzero()[0] + 1
+        return Conventions((), True, "; or ".join(READINGS[i][0] for i in near), NO_POSES)
     is_safe = moved_s > SAFE_AFTER_S and lead > SAFE_NATS
     if is_safe or (moved_s > USUAL_S and lead > -DOUBT_NATS) or moved_s > LONGEST_S:
         return Conventions((), True, "", NO_POSES)

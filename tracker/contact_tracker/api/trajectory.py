@@ -1,9 +1,10 @@
 """Validated poses from a recording, arrays or a table."""
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, Literal, Self, get_args
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.pose_validation import gate, remark_on_order
+from contact_tracker.motion.pose_validation import gate, remark_on_times
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.named_columns import metres_of, time_ns_of
@@ -69,7 +70,8 @@ class Trajectory:
 
         Parameters
         ----------
-        stamps : (N,) times in ``unit``, from any origin; or numpy ``datetime64``, which has its own unit.
+        stamps : (N,) times in ``unit``, from any origin; or ``datetime64`` or ``timedelta64``, which have
+            their own unit.
         positions_m : (N, 3) positions of the body's origin in the world (m).
         quaternions : (N, 4) rotations from body to world, their components in ``order``.
 
@@ -95,8 +97,12 @@ class Trajectory:
             noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
             hint = ": is the unit of the stamps right?" if counts["out_of_range"] else ""
             raise NoPoses(f"no pose that can be used of {len(place)}{f' ({noted})' if noted else ''}{hint}")
-        disorder = remark_on_order(counts, len(columns))
-        return cls(passed, counts, notes=() if disorder is None else (disorder,))
+        doubt = (
+            None
+            if _has_own_unit(stamps)
+            else doubt_of_unit(stamp_ns[usable] / TIMES_NS[unit], TIMES_NS[unit])
+        )
+        return cls(passed, counts, notes=tuple(filter(None, (doubt, remark_on_times(counts, len(columns))))))
 
     @classmethod
     def from_dataframe(
@@ -130,14 +136,12 @@ class Trajectory:
         time = _column(table, stamp)
         try:
             metres = metres_of(position_m)
-            time_ns = None if unit or time.dtype.kind == "M" else time_ns_of(stamp)
+            time_ns = None if unit or _has_own_unit(time) else time_ns_of(stamp)
         except UnreadableRecording as error:
             raise UsageError(str(error)) from error
         named: Unit = next((name for name in get_args(Unit) if TIMES_NS[name] == time_ns), "s")
         positions_m = _rows(np.column_stack(place), "positions_m", 3) * metres
-        found = cls.from_arrays(time, positions_m, np.column_stack(turn), "xyzw", unit or named)
-        doubt = None if time_ns is None else doubt_of_unit(time.astype(float), time_ns)
-        return found if doubt is None else replace(found, notes=(*found.notes, doubt))
+        return cls.from_arrays(time, positions_m, np.column_stack(turn), "xyzw", unit or named)
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
@@ -245,13 +249,13 @@ def _nanoseconds(
     given = np.asarray(stamps)
     if given.ndim != 1:
         raise UsageError(f"stamps have the shape (N,), not {given.shape}")
-    if given.dtype.kind == "M":
+    if _has_own_unit(given):
         is_time = ~np.isnat(given)
-        return given.astype("datetime64[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
+        return given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
     try:
         numbers = given if given.dtype.kind in "iu" else given.astype(float)
     except (TypeError, ValueError) as error:
-        raise UsageError("stamps are no numbers") from error
+        raise UsageError("stamps are no numbers or dates: convert text, as by pandas.to_datetime") from error
     with np.errstate(all="ignore"):
         is_time = np.isfinite(numbers)
         in_range = is_time & (np.abs(numbers.astype(float)) * TIMES_NS[unit] <= RANGE_NS)
@@ -261,6 +265,11 @@ def _nanoseconds(
     whole = np.floor(sound)  # keeps the precision of seconds since 1970
     rest_ns = np.round((sound - whole) * TIMES_NS[unit]).astype(np.int64)
     return whole.astype(np.int64) * TIMES_NS[unit] + rest_ns, is_time, in_range
+
+
+def _has_own_unit(stamps: ArrayLike) -> bool:
+    """Whether stamps are dates or durations of numpy."""
+    return np.asarray(stamps).dtype.kind in "mM"
 
 
 def _rows(values: ArrayLike, name: str, width: int) -> Array:
@@ -276,7 +285,9 @@ def _rows(values: ArrayLike, name: str, width: int) -> Array:
 def _column(table: Any, name: str) -> NDArray[Any]:
     names = [str(one) for one in getattr(table, "columns", table)]
     if name not in names:
-        near = get_close_matches(name, names, 1)
+        near = [one for one in names if re.match(rf"{re.escape(name)}\W", one)] or get_close_matches(
+            name, names, 1
+        )
         meant = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(names[:20])}"
         raise UsageError(f"no column {name!r}{meant}")
     column = table[name]

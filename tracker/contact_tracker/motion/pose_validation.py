@@ -54,6 +54,8 @@ NORM_TOLERANCE: Final = 0.05
 RANGE_M: Final = 1e6
 MANY_BACKWARD: Final = 0.2
 """Share of poses out of order that single wrong stamps do not explain."""
+MOST_REPEATED: Final = 0.6
+"""Share of poses with the time of another from which on it is not that each is published twice."""
 
 
 _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validation first"
@@ -70,9 +72,15 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     return Poses.join([*parts, Poses.collect(passed.finish())])
 
 
-def remark_on_order(counts: Mapping[str, int], total: int) -> str | None:
-    """One line if many of ``total`` poses were dropped since they are not in order of time."""
-    backward = counts.get("backward_stamp", 0)
+def remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
+    """One line if many of ``total`` poses were dropped since they are not in order of time, or most have the
+    time of another."""
+    backward, repeated = counts.get("backward_stamp", 0), counts.get("repeated_stamp", 0)
+    if repeated > MOST_REPEATED * total:
+        return (
+            f"{repeated} of {total} poses have the time of the one before and are left out: write times with "
+            "more digits, if they are rounded"
+        )
     if backward <= MANY_BACKWARD * total:
         return None
     return (

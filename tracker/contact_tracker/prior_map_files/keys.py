@@ -92,7 +92,8 @@ class Keys:
         value = self.vector(key, size, default)
         length = math.hypot(*value)
         if abs(length - 1.0) > UNIT_TOLERANCE:
-            raise self.wrong(key, f"must have length 1, not {length:.4g}")
+            unit = f": write {(value / length).round(4).tolist()}" if length > 0.0 else ""
+            raise self.wrong(key, f"must have length 1, not {length:.4g}{unit}")
         return value / length
 
     def pose(self) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
-from contact_tracker.motion.pose_validation import PoseGate, remark_on_order
+from contact_tracker.motion.pose_validation import PoseGate, remark_on_times
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer
@@ -121,7 +121,7 @@ class PoseLog:
         count = self.counts.get("known_definition", 0)
         why = self._why or (self._composer.why if self._composer is not None else None)
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
-        return tuple(filter(None, (assumed, remark_on_order(self.counts, self.taken))))
+        return tuple(filter(None, (assumed, remark_on_times(self.counts, self.taken))))
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses

@@ -23,7 +23,7 @@ _YEARS: Final = (1900, 2110)
 
 
 class TableTimes:
-    """Stamps of the times in a table, some rows after others; the first ones decide what they are.
+    """Stamps of the times in a table, some rows after others; most of the first ones decide what they are.
 
     Parameters
     ----------
@@ -58,7 +58,9 @@ class TableTimes:
             The user gives a unit, but they are dates.
         """
         if self._are_dates is None:
-            self._are_dates = bool(len(times)) and bool(times[:1].str.contains(_DATE)[0])
+            dates = int(times.str.contains(_DATE).sum() or 0)
+            if dates or len(_numbers(polars, times)):
+                self._are_dates = dates > len(_numbers(polars, times))
             if self._are_dates and self._is_given:
                 raise ChoiceError(f"{self._name}: {DATES}")
         if self._are_dates:

@@ -2,13 +2,14 @@
 
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.errors import ChoiceError, UnreadableRecording
+from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
 from contact_tracker.recording.items import Channel, RawMessage
@@ -27,6 +28,7 @@ _HEAD_LINES: Final = 64
 _LONGEST_LINE: Final = 120
 """Longest text of an error of polars, which may list all columns."""
 _LINE: Final = 2**18
+_LONGEST_TIME: Final = 40
 _ROWS: Final = 10_000
 PARQUET: Final = "Parquet"
 """The kind of a layout."""
@@ -145,7 +147,7 @@ def read_table(
     ]
     batches = _batches(polars, frame, groups) if chosen else iter(())
     batches = _without_last_row(batches) if is_cut else batches
-    times, lost = TableTimes(path, layout, time_unit, assume), 0
+    times, lost, why = TableTimes(path, layout, time_unit, assume), 0, ""
     while True:
         try:
             with without_panics():
@@ -157,36 +159,41 @@ def read_table(
             break
         stamps = times.stamps_ns(polars, batch["time"])
         good = stamps != NEVER
-        lost += int((~good).sum())
+        if not good.all():
+            why = why or _without_time(batch[int(good.argmin())], layout)
+            lost += int((~good).sum())
         rows = [(channel, _rows(batch, stamps, body)[good]) for channel, body in chosen]
         for i, stamp_ns in enumerate(stamps[good].tolist()):
             for channel, values in rows:
                 yield RawMessage(channel, max(stamp_ns, 0), values[i].tobytes())
     if lost:
-        report(_without_time(lost, layout))
+        report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
     if is_cut:
         report(CUT_OFF)
 
 
-def _without_time(rows: int, layout: TableLayout) -> str:
-    """One line on ``rows`` that have no time."""
-    have = "row has" if rows == 1 else "rows have"
-    counted = f"{rows} {have} no time that is a number or a date: give each a time"
-    if layout.kind == PARQUET:
-        return counted
-    named = SEPARATORS[layout.separator or " "]
-    return f"{counted}, and separate its values by {named}, as in the first row"
+def _without_time(row: "pl.DataFrame", layout: TableLayout) -> str:
+    """What a row without a time lacks: a time, or, if it has nothing but text in its first cell, the
+    separators of the others."""
+    text, *numbers = row.row(0)
+    lacks = "no time that is a number or a date"
+    if layout.kind != PARQUET and text and all(number is None for number in numbers):
+        named = SEPARATORS[layout.separator or " "]
+        return f"{lacks}: separate their values by {named}, as in the first row"
+    shown = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
+    return f"{lacks}{shown}: give each a number, or a date as 2026-03-01T10:00:00.25"
 
 
 def _batches(polars: Any, frame: "pl.LazyFrame", groups: list[int] | None) -> "Iterator[pl.DataFrame]":
-    """Rows with a time; of Parquet by row groups, so that no thread reads ahead between two calls."""
+    """Rows that are not empty; of Parquet by row groups, so that no thread reads ahead between two calls."""
     has_time = polars.col("time").is_not_null() & (polars.col("time") != "")
+    is_row = has_time | polars.any_horizontal(polars.exclude("time").is_not_null())
     if groups is None:
-        yield from frame.filter(has_time).collect_batches(chunk_size=_ROWS, maintain_order=True)
+        yield from frame.filter(is_row).collect_batches(chunk_size=_ROWS, maintain_order=True)
         return
     first = 0
     for rows in groups:
-        yield from frame.slice(first, rows).filter(has_time).collect().iter_slices(_ROWS)
+        yield from frame.slice(first, rows).filter(is_row).collect().iter_slices(_ROWS)
         first += rows
 
 
@@ -216,6 +223,9 @@ def _opened(
         layout = layout_of_names(names, PARQUET, None, 0)
         places = {layout.time, *(place for body in layout.bodies for place in body.columns)}
         groups = check_pages(path, {names[place] for place in places}, len(layout.bodies), budget)
+        if isinstance(frame.collect_schema()[names[layout.time]], polars.Duration):
+            frame = frame.with_columns(polars.col(names[layout.time]).dt.total_nanoseconds())
+            layout = replace(layout, time_ns=1, has_own_unit=True)
         frame = frame.select(polars.col(name).alias(str(i)) for i, name in enumerate(names))
         return layout, _chosen(polars, frame, layout), groups, False
     budget.count_read(os.path.getsize(path))

@@ -78,7 +78,7 @@ def load(path: Path) -> Any:
     except OSError as error:
         raise StateError(f"{path}: {error.strerror or error}") from error
     except _PARSE_ERRORS as error:
-        raise StateError(f"{path}: it is no saved state: delete it, or name another file") from error
+        raise StateError(f"{path}: it is no saved state: name another file") from error
 
 
 def _head(parts: dict[str, bytes]) -> dict[str, Any]:
