@@ -836,6 +836,21 @@ def test_the_state_of_another_recording_is_refused_unless_that_ended_before(
         assert state.read_bytes() == before
 
 
+def test_the_next_part_of_a_recording_whose_clock_was_reset_goes_on(tmp_path: Path) -> None:
+    state, poses = tmp_path / "s.state", smooth_poses(85)
+    time_s = 0.005 * np.where(np.arange(85) < 40, np.arange(85) + 1000, np.arange(85) - 40)
+    rows, errors = np.column_stack([time_s, poses.position_m, poses.quat_xyzw]), list[str]()
+    for name, part in ("1", rows[:75]), ("2", rows[75:]):
+        (tmp_path / name).mkdir()
+        log = tmp_path / name / "a.csv"
+        np.savetxt(log, part, delimiter=",", header="time_s,x,y,z,qx,qy,qz,qw", comments="")
+        done = run("live", log, "--state", state)
+        assert done.returncode == 0, done.stderr
+        errors.append(done.stderr)
+    assert "65 poses" in errors[1]
+    assert "earlier than one before" not in "".join(errors)
+
+
 def test_a_state_has_a_folder(tmp_path: Path) -> None:
     nowhere = run("live", RECORDING, "--state", tmp_path / "none" / "s.state")
     assert_one_line_error(nowhere, 2, "no folder")

@@ -120,7 +120,8 @@ class SavedStream:
                 f"{self._path} is of {PoseSource(*saved.source)}, not of {log.source}: name another file"
             )
         is_same_log = is_same(saved.first, log.first) and not is_stdin
-        if not is_same_log and not is_stdin and log.first_stamp_ns <= saved.last_ns:
+        first_ns = log.first_stamp_ns + saved.gate.shift_ns
+        if not is_same_log and not is_stdin and first_ns <= saved.last_ns:
             raise UsageError(
                 f"{self._path} is of another recording, which does not end before {name} begins: name "
                 "another file"

@@ -47,7 +47,7 @@ from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Steps
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import Ordered, StampOrder
+from contact_tracker.motion.stamp_order import RESET_RUN, Ordered, StampOrder
 
 ROUNDING: Final = 1e-3
 NORM_TOLERANCE: Final = 0.05
@@ -75,7 +75,8 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
 def remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
     """One line if many of ``total`` poses were dropped since they are not in order of time, or most have the
     time of another."""
-    backward, repeated = counts.get("backward_stamp", 0), counts.get("repeated_stamp", 0)
+    backward = counts.get("backward_stamp", 0) - RESET_RUN * counts.get("clock_reset", 0)
+    repeated = counts.get("repeated_stamp", 0)
     if repeated > MOST_REPEATED * total:
         return (
             f"{repeated} of {total} poses have the time of the one before and are left out: write times with "
@@ -166,6 +167,11 @@ class PoseGate:
     def own_counts(self) -> Counter[str]:
         """The same, for adding to."""
         return self._counts
+
+    @property
+    def shift_ns(self) -> int:
+        """What is added to stamps since the last reset of the clock."""
+        return self._order.shift_ns
 
     def admit(self, pose: Pose) -> Sequence[Pose]:
         """The poses to go on with now: this one, none, or several that were held until it came.

@@ -72,6 +72,11 @@ class StampOrder:
         self._follows_other = False
         self._periods = Periods()
 
+    @property
+    def shift_ns(self) -> int:
+        """What is added to stamps since the last reset of the clock."""
+        return self._offset_ns
+
     def admit(self, pose: Pose) -> Sequence[Ordered]:
         """The poses to go on with now: this one, none, or several that were held."""
         stamp_ns = pose.stamp_ns + self._offset_ns

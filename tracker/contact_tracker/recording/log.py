@@ -94,6 +94,7 @@ class PoseLog:
         self.released: tuple[Pose, ...] = ()
         self.first = prefix[0]
         self._skipped = 0
+        self._is_resumed = False
         self._why: str | None = None
         self._counts: Counter[str] = Counter()
         self._gate = PoseGate(self._counts)
@@ -117,11 +118,12 @@ class PoseLog:
     @property
     def remarks(self) -> tuple[str, ...]:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
-        guess; most poses are out of order."""
+        guess; many poses are out of order (unknown of a log that was carried on)."""
         count = self.counts.get("known_definition", 0)
         why = self._why or (self._composer.why if self._composer is not None else None)
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
-        return tuple(filter(None, (assumed, remark_on_times(self.counts, self.taken))))
+        disorder = None if self._is_resumed else remark_on_times(self.counts, self.taken)
+        return tuple(filter(None, (assumed, disorder)))
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses
@@ -162,6 +164,7 @@ class PoseLog:
         the gate has ``released``, but that were not iterated over yet, come first.
         """
         self._gate, self._counts, self.released = gate, gate.own_counts, tuple(released)
+        self._is_resumed = True
         if is_same_log:
             self._stamping, self._skipped = stamping, taken
 
