@@ -909,3 +909,29 @@ def test_names_in_a_comment_hold_for_values_with_blanks_and_tabs(tmp_path: Path,
     np.testing.assert_array_equal(found.quat_xyzw, [[0, 0, 0, 1]] * 2)
     np.testing.assert_array_equal(found.position_m, [[1, 2, 3]] * 2)
     np.testing.assert_array_equal(found.stamp_ns, [5 * 10**9, 6 * 10**9])
+
+
+@pytest.mark.parametrize("zone", ["+00", " UTC", " +00:00"])
+def test_dates_after_a_row_that_is_none_with_the_zones_of_databases(tmp_path: Path, zone: str) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"2026-03-01 10:00:0{i}{zone},0,0,{i},0,0,0,1\n" for i in range(4))
+    path.write_text(f"time,x,y,z,qx,qy,qz,qw\n[iso],,,,,,,\n{rows}")
+    found = Poses.collect(open_log(str(path)))
+    assert ((found.stamp_ns - found.stamp_ns[0]) / 1e9).tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_a_time_with_too_many_digits_is_damage(tmp_path: Path) -> None:
+    path = write_times(tmp_path / "a.csv", 0.01 * np.arange(20))
+    lines = path.read_text().splitlines()
+    lines[5] = "9" * 29 + lines[5][lines[5].index(",") :]
+    path.write_text("\n".join([*lines, ""]))
+    assert len(Poses.collect(open_log(str(path)))) == 19
+
+
+def test_a_reset_of_the_clock_is_not_disorder(tmp_path: Path) -> None:
+    rows = np.concatenate([columns(POSES)[:35]] * 2)
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
+    log = open_log(str(tmp_path / "a.csv"))
+    Poses.collect(log)
+    assert log.counts["clock_reset"] == 1
+    assert log.remarks == ()

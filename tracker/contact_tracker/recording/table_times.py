@@ -16,7 +16,7 @@ NEVER: Final = np.iinfo(np.int64).min
 OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 DATES: Final = "its times are dates: leave out --time-unit, which is for tables whose times are numbers"
 _DATE: Final = r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d"
-_ZONE: Final = r"(Z|[+-]\d\d:?\d\d)$"
+_ZONE: Final = r"[+-]\d\d:?\d\d$"
 _FORMAT: Final = "%Y-%m-%dT%H:%M:%S%.f%:z"
 _YEARS: Final = (1900, 2110)
 """Years that stamps in nanoseconds can have."""
@@ -58,9 +58,10 @@ class TableTimes:
             The user gives a unit, but they are dates.
         """
         if self._are_dates is None:
-            dates = int(times.str.contains(_DATE).sum() or 0)
-            if dates or len(_numbers(polars, times)):
-                self._are_dates = dates > len(_numbers(polars, times))
+            dates, numbers = int(times.str.contains(_DATE).sum() or 0), len(_numbers(polars, times))
+            if not dates and not numbers:
+                return np.full(len(times), NEVER)
+            self._are_dates = dates > numbers
             if self._are_dates and self._is_given:
                 raise ChoiceError(f"{self._name}: {DATES}")
         if self._are_dates:
@@ -93,7 +94,8 @@ def _stamps_of_numbers(polars: Any, times: Any, unit_ns: float) -> NDArray[np.in
     known = np.isfinite(floats) & (np.abs(floats) < RANGE_NS)
     stamps = np.where(known, np.round(np.where(known, floats, 0.0)), 0.0).astype(np.int64)
     if unit_ns in (1e9, 1e6, 1e3, 1.0):
-        exact = times.cast(polars.Decimal(38, 9), strict=False)
+        usual = times.set(~polars.Series(known, dtype=polars.Boolean), None)  # others may overflow
+        exact = usual.cast(polars.Decimal(38, 9), strict=False)
         whole = (exact * round(unit_ns)).cast(polars.Int64, strict=False)
         stamps = np.where(whole.is_null().to_numpy(), stamps, whole.fill_null(0).to_numpy())
     return np.asarray(np.where(known, stamps, NEVER), np.int64)
@@ -103,9 +105,10 @@ def _stamps_of_dates(polars: Any, dates: Any) -> NDArray[np.int64]:
     """Nanoseconds since 1970 of dates as text; those without a time zone are taken as UTC, since only
     differences matter."""
     text = dates.str.strip_chars().str.replace(" ", "T", literal=True)
-    text = text.str.replace(r"(T\d\d:\d\d)($|[Z+-])", "${1}:00${2}")  # without seconds
+    text = text.str.replace(r" ?(?:Z|UTC)$", "+00:00").str.replace(r"(T.*[+-]\d\d)$", "${1}:00")
+    text = text.str.replace(r"(T\d\d:\d\d)($|[+-])", "${1}:00${2}")  # without seconds
     has_zone = text.str.contains(_ZONE).fill_null(value=False)
-    zoned = text.str.replace("Z$", "+00:00").zip_with(has_zone, text + "+00:00")
+    zoned = text.zip_with(has_zone, text + "+00:00")
     stamps = zoned.str.to_datetime(_FORMAT, time_unit="ns", strict=False).dt.timestamp("ns")
     is_usual = text.str.slice(0, 4).cast(polars.Int32, strict=False).is_between(*_YEARS, closed="left")
     return np.where(is_usual.fill_null(value=False).to_numpy(), stamps.fill_null(NEVER).to_numpy(), NEVER)
