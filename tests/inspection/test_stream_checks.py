@@ -179,6 +179,15 @@ def test_a_pose_that_never_changes_is_reported_until_it_does(batch):
     assert findings(inspected(poses, batch, still)) == ()
 
 
+@pytest.mark.parametrize("rate_hz", [5, 10])
+def test_an_object_that_turns_fast_about_its_origin_at_a_low_rate_is_in_metres(rate_hz):
+    rng, time_s = np.random.default_rng(0), np.arange(0.0, 60.0, 1.0 / rate_hz)
+    turns = np.stack([0.4 * np.sin(2.0 * np.pi * hz * time_s) for hz in (1.5, 1.1, 0.7)], axis=1)
+    position_m = 5e-5 * rng.normal(size=(len(time_s), 3))
+    stamps_ns = 10**18 + np.round(1e9 * time_s).astype(np.int64)
+    assert kinds(Poses(stamps_ns, position_m, Rotation.from_rotvec(turns).as_quat())) == []
+
+
 @pytest.mark.parametrize("rate_hz", [5, 10, 30, 50, 200])
 @pytest.mark.parametrize(("sigma_m", "sigma_rad"), [(0.003, 1e-4), (0.005, 1e-5), (0.003, 2e-3), (0.0, 0.0)])
 def test_a_mobile_robot_is_in_metres(rate_hz, sigma_m, sigma_rad):

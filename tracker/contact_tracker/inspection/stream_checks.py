@@ -39,6 +39,8 @@ SMALL_LEVER_M: Final = 0.0025
 """Such a ratio below, at a speed below ``SLOW_M_PER_S``, occurs only where positions are divided by 100 or
 1000: orientation comes from markers or features that are centimetres apart."""
 SLOW_M_PER_S: Final = 0.01
+COARSE_RAD: Final = 0.03
+"""Larger third differences of orientation are motion between poses at a low rate, not noise."""
 ENOUGH_NOISE: Final = 40
 """Third differences that are needed for the noise."""
 
@@ -202,7 +204,8 @@ def _too_small_text(inspection: Inspection) -> str:
     return (
         f"positions look too small for metres (noise {1e6 * position:.2g} um, "
         f"{180.0 / pi * rotation:.2g} deg; speed up to {1e3 * inspection.top_m_per_s:.2g} mm/s): check their "
-        "unit, which in a table is in the names of columns, as in x [m]"
+        "unit, which in a table is in the names of columns, as in x [m]; if that is right, orientations are "
+        "rounded: record more of their digits"
     )
 
 
@@ -264,7 +267,8 @@ def _are_too_small(inspection: Inspection) -> bool:
     if inspection.total < ENOUGH_CONSTANT or not all(inspection.moved):
         return False
     position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
-    return 0.0 < position < SMALL_LEVER_M * rotation and inspection.top_m_per_s < SLOW_M_PER_S
+    is_small = 0.0 < position < SMALL_LEVER_M * rotation and rotation < COARSE_RAD
+    return is_small and inspection.top_m_per_s < SLOW_M_PER_S
 
 
 def _speed(position: Array, time_s: Array) -> float:
