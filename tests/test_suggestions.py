@@ -14,6 +14,7 @@ from contact_tracker.suggestions import suggestion
         ("base", ["base", "bases"], "; did you mean bases?"),
         ("camera", ["/tf", "world"], ""),
         ("--uo", ["-o", "--up"], ""),
+        ("A", ["a"], "; did you mean a?"),
     ],
 )
 def test_another_name_that_is_similar_is_suggested(word: str, names: list[str], meant: str) -> None:

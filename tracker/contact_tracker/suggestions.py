@@ -16,7 +16,7 @@ def suggestion(word: str, names: Iterable[str]) -> str:
     """``; did you mean NAME?``, or empty if no other name is similar."""
     bare = {name.lstrip(_MARKS).casefold(): name for name in names if name != word}
     given = word.lstrip(_MARKS).casefold()
-    words = [name for name in bare if len(name) > 1]  # one letter is in many words
+    words = [name for name in bare if len(name) > 1 or name == given]  # one letter is in many words
     longer = [name for name in bare if len(given) >= _BEGINNING and name.startswith(given)]
     near = longer if len(longer) == 1 else get_close_matches(given, words, 1, _CLOSE)
     return f"; did you mean {bare[near[0]]}?" if near else ""
