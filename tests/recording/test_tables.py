@@ -165,8 +165,7 @@ def test_units_and_times_of_many_names(tmp_path: Path, time: str, unit: str, met
 def test_times_of_impossible_rates_are_reported(tmp_path: Path, name: str, step: float, text: str) -> None:
     log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(300), name)))
     Poses.collect(log)
-    (remark,) = log.remarks
-    assert text in remark
+    assert text in log.remarks[0]
 
 
 def test_info_doubts_the_unit_beside_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -399,9 +398,9 @@ def test_missing_columns_are_reported(tmp_path: Path, text: str, message: str) -
 @pytest.mark.parametrize(
     ("first", "other", "said"),
     [
-        ("0 1 2 3 0 0 0 1", "0.1,1,2,3,0,0,0,1", "separate its values by blanks, as in the first row"),
-        ("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1", "0.1 1 2 3 0 0 0 1", "separate its values by commas"),
-        ("t;x;y;z;qx;qy;qz;qw\n0;1;2;3;0;0;0;1", "0.1,1,2,3,0,0,0,1", "separate its values by semicolons"),
+        ("0 1 2 3 0 0 0 1", "0.1,1,2,3,0,0,0,1", "separate their values by blanks, as in the first row"),
+        ("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1", "0.1 1 2 3 0 0 0 1", "separate their values by commas"),
+        ("t;x;y;z;qx;qy;qz;qw\n0;1;2;3;0;0;0;1", "0.1,1,2,3,0,0,0,1", "separate their values by semicolons"),
     ],
 )
 def test_rows_that_are_separated_otherwise_are_damage_with_a_remedy(
@@ -412,7 +411,7 @@ def test_rows_that_are_separated_otherwise_are_damage_with_a_remedy(
     log = open_log(str(path))
     assert len(Poses.collect(log)) == 1
     assert log.damage is not None
-    assert "2 rows have no time that is a number or a date: give each a time" in log.damage
+    assert "2 rows have no time that is a number or a date: separate" in log.damage
     assert said in log.damage
 
 
@@ -421,7 +420,36 @@ def test_rows_of_parquet_have_no_separators(tmp_path: Path) -> None:
     pytest.importorskip("polars").DataFrame(rows).write_parquet(tmp_path / "a.parquet")
     log = open_log(str(tmp_path / "a.parquet"))
     assert len(Poses.collect(log)) == 2
-    assert log.damage == "1 row has no time that is a number or a date: give each a time"
+    assert log.damage is not None
+    assert log.damage.startswith(
+        "1 row has no time that is a number or a date ('NaN'): give each a number, or"
+    )
+
+
+def test_rows_with_a_pose_and_no_time_are_counted(tmp_path: Path) -> None:
+    """But not empty lines."""
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y,z,qx,qy,qz,qw\n,1,2,3,0,0,0,1\n0,1,2,3,0,0,0,1\n\n,,,,,,,\n0.1,1,2,3,0,0,0,1\n")
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == 2
+    assert log.damage is not None
+    assert log.damage.startswith("1 row has no time that is a number or a date: give each a number")
+
+
+def test_durations_in_parquet(tmp_path: Path) -> None:
+    polars = pytest.importorskip("polars")
+    since = polars.Series(POSES.stamp_ns - POSES.stamp_ns[0]).cast(polars.Duration("ns"))
+    numbers = dict(zip(NAMES, columns(POSES)[:, 1:].T, strict=True))
+    polars.DataFrame({"t": since, **numbers}).write_parquet(tmp_path / "a.parquet")
+    found = Poses.collect(open_log(str(tmp_path / "a.parquet")))
+    np.testing.assert_array_equal(found.stamp_ns, POSES.stamp_ns - POSES.stamp_ns[0])
+
+
+def test_times_that_are_rounded_to_seconds_are_reported(tmp_path: Path) -> None:
+    rounded = np.floor(columns(POSES)[:, 0])
+    log = open_log(str(write_times(tmp_path / "a.csv", rounded)))
+    Poses.collect(log)
+    assert "poses have the time of the one before and are left out" in log.remarks[-1]
 
 
 def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
@@ -440,7 +468,9 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     log = open_log(str(path))
     assert len(Poses.collect(log)) == 2
     assert log.damage is not None
-    assert log.damage.startswith("1 row has no time that is a number or a date: give each a time")
+    assert log.damage.startswith(
+        "1 row has no time that is a number or a date ('x'): give each a number, or a date"
+    )
     assert log.counts["nonfinite"] == 1
 
 

@@ -19,7 +19,7 @@ _DATE: Final = r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d"
 _ZONE: Final = r"[+-]\d\d:?\d\d$"
 _FORMAT: Final = "%Y-%m-%dT%H:%M:%S%.f%:z"
 _YEARS: Final = (1900, 2110)
-"""Years that stamps in nanoseconds can have."""
+"""Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
 
 
 class TableTimes:
