@@ -19,7 +19,7 @@ from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking.segmentation import Segmentation
 from short_recordings import MODEL
-from smooth_motion import moving
+from smooth_motion import moving, slid_and_tilted
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 UP = [0.5657, 0.5557, 0.6092]
@@ -95,6 +95,20 @@ def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edg
     assert list(tracker.pieces(tilting(np.random.default_rng(seed), normal)))
     assert tracker.report is not None
     assert [one.text for one in tracker.report.findings if one.kind == "knowledge"] == []
+
+
+@needs_kernels
+@pytest.mark.parametrize(("width_m", "fits"), [(0.12, True), (0.02, False)])
+def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, fits: bool) -> None:
+    size_m = np.array([0.2, 0.12, 0.08])
+    table = {"normal": [0.0, 0.0, 1.0], "offset_m": 0.0, "name": "table"}
+    box = {"size_m": [0.2, width_m, 0.08]}
+    known = knowledge_from({"environment": {"plane": [table]}, "object": {"box": box}})
+    tracker = adaptation.OfflineTracker(MODEL, known)
+    found = Segmentation.join(list(tracker.pieces(slid_and_tilted(np.random.default_rng(0), size_m))))
+    assert tracker.report is not None
+    assert (tracker.report.findings == ()) == fits, tracker.report.findings
+    assert (found.beliefs.probability.max() > 0.9) == fits
 
 
 @needs_kernels

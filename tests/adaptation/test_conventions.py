@@ -19,6 +19,7 @@ from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log
 from contact_tracker.tracking.segmentation import Segmentation
 from short_recordings import MODEL
+from smooth_motion import slid_and_tilted
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 SIGMA = {"sigma_position_m": 5e-4, "sigma_rotation_deg": 0.2}
@@ -58,6 +59,16 @@ def tracked(poses: Poses) -> tuple[list[str], Segmentation]:
     found = Segmentation.join(list(tracker.pieces(poses)))
     assert tracker.report is not None
     return [finding.text for finding in tracker.report.findings], found
+
+
+@needs_kernels
+@pytest.mark.parametrize("mistake", ["w first", "w last in fields of w first"])
+def test_orders_of_quaternions_that_explain_the_motion_alike_are_all_named(mistake: str) -> None:
+    """Turns about few axes are alike but for half turns, which put a face or an edge on the wrong side."""
+    right = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
+    (text,), _ = tracked(MISTAKES[mistake][1](right))
+    assert text.startswith("quaternions look like w x y z in fields that are x y z w: reorder them; or ")
+    assert "x y z w in fields that are w x y z: reorder them" in text
 
 
 @needs_kernels

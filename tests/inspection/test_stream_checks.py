@@ -159,6 +159,11 @@ def test_metres_in_columns_of_smaller_units_are_reported(recordings, name, facto
     assert not finding.doubts_labels
 
 
+def test_places_that_are_measured_much_better_than_turns_are_in_metres():
+    """Fast motion is that of metres."""
+    assert kinds(moving(np.random.default_rng(0), 20.0, 100.0, 1e-6, np.radians(0.5))) == []
+
+
 @pytest.mark.parametrize("sigma_m", [5e-5, 3e-4])
 def test_an_object_that_turns_about_its_origin_is_in_metres(sigma_m):
     """As in the calibration of a tip."""

@@ -836,6 +836,16 @@ def test_rows_out_of_order_are_reported_with_the_remedy(
     assert (len(found), found.notes) == (kept, (remark,))
 
 
+def test_a_few_rows_out_of_order_are_only_counted(tmp_path: Path) -> None:
+    path, rows = tmp_path / "a.csv", columns(POSES)
+    rows[[50, 51, 120, 121, 200, 201]] = rows[[51, 50, 121, 120, 201, 200]]
+    np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
+    log = open_log(str(path))
+    Poses.collect(log)
+    assert log.counts["backward_stamp"] == 3
+    assert log.remarks == ()
+
+
 @pytest.mark.parametrize("separator", [";", "\t", " "])
 def test_decimal_commas(tmp_path: Path, separator: str) -> None:
     path = tmp_path / "a.csv"

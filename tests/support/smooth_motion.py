@@ -35,3 +35,18 @@ def moving(
     noise = Rotation.from_rotvec(rng.normal(size=(len(time_s), 3)) * sigma_rad)
     stamp_ns = START_NS + np.rint(time_s * 1e9).astype(np.int64)
     return Poses(stamp_ns, position, (turn * noise).as_quat())
+
+
+def slid_and_tilted(rng: np.random.Generator, size_m: Array) -> Poses:
+    """A box that slides and turns on the table z = 0, for 8 s on a face and then on an edge; poses of its
+    middle."""
+    time_s = np.arange(0.0, 18.0, 1.0 / 150.0)
+    yaw, (x, y, roll) = 0.8 * np.sin(0.9 * time_s), smooth(rng, time_s, 0.08, 0.4).T
+    begun = np.clip(time_s - 8.0, 0.0, 1.0)
+    tilt = begun**2 * (3.0 - 2.0 * begun) * (0.45 + roll)
+    turn = Rotation.from_euler("ZX", np.column_stack([yaw, tilt]))
+    edge_m = -0.5 * size_m * [0.0, 1.0, 1.0]
+    place_m = np.column_stack([x, y, 0.0 * x]) - turn.apply(edge_m)
+    error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=place_m.shape))
+    place_m += 3e-4 * rng.normal(size=place_m.shape)
+    return Poses(START_NS + np.rint(time_s * 1e9).astype(np.int64), place_m, (turn * error).as_quat())

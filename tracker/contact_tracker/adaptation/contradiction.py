@@ -19,7 +19,10 @@ from contact_tracker.tracking.belief import Belief, Detail
 
 WRONG_NATS: Final = 8.0
 """Lead of the tracker without the prior map above which the prior map is reported as wrong. Correct
-directions cost up to 5 nats: if they are off by 2.5 standard deviations, or while a wrong contact fits."""
+directions cost up to 7 nats: if they are off by 2.5 standard deviations, or while a wrong contact fits."""
+LOST_NATS: Final = 15.0
+"""The same for the lead since any tick: one part of the prior map may be wrong after another has fitted.
+Correct ones lose up to 8 nats."""
 DOUBTED_NATS: Final = 6.0
 """Lead above which probabilities are reduced."""
 LONGEST_S: Final = 60.0
@@ -30,14 +33,16 @@ class Contradiction(NamedTuple):
     """State of the comparison.
 
     The trackers with the prior map (``given``) and without (``nothing``), None before the rate is known and
-    once the comparison ``is_settled``; the evidence of the second over the first (``difference``, nats) and
-    the part of it that counts (``lead``); and whether a contradiction ``is_found``.
+    once the comparison ``is_settled``; the evidence of the second over the first (``difference``, nats), the
+    part of it that counts (``lead``), and the largest increase of this part until now since any tick
+    (``lost``); and whether a contradiction ``is_found``.
     """
 
     given: Explained | None = None
     nothing: Explained | None = None
     difference: float = 0.0
     lead: float = 0.0
+    lost: float = 0.0
     is_settled: bool = False
     is_found: bool = False
 
@@ -55,14 +60,16 @@ def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Pose
         return known
     given, with_it = follow(known.given or Explained(tracker.start(model, knowledge=knowledge)), poses)
     nothing, without = follow(known.nothing or Explained(tracker.start(model)), poses, Detail.SHARED)
-    difference, lead = known.difference, known.lead
+    difference, lead, lost = known.difference, known.lead, known.lost
     for one, other in zip(with_it, without, strict=True):
         before, difference = difference, other.log_evidence - one.log_evidence
         if not _is_undecided(one.belief, other.belief):
             lead += difference - before
-        if lead > WRONG_NATS or other.moved_s > LONGEST_S:
-            return Contradiction(None, None, difference, lead, is_settled=True, is_found=lead > WRONG_NATS)
-    return Contradiction(given, nothing, difference, lead)
+            lost = max(lost + difference - before, 0.0)
+        is_found = lead > WRONG_NATS or lost > LOST_NATS
+        if is_found or other.moved_s > LONGEST_S:
+            return Contradiction(None, None, difference, lead, lost, is_settled=True, is_found=is_found)
+    return Contradiction(given, nothing, difference, lead, lost)
 
 
 def _is_undecided(given: Belief, nothing: Belief) -> bool:

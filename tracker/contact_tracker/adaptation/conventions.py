@@ -19,19 +19,19 @@ from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.tracking import tracker
 
-_W_FIRST: Final = "quaternions look like w x y z in fields that are x y z w"
-_W_LAST: Final = "quaternions look like x y z w in fields that are w x y z"
+_W_FIRST: Final = "like w x y z in fields that are x y z w"
+_W_LAST: Final = "like x y z w in fields that are w x y z"
 _INVERTED: Final = "and inverted (rotation of the world in the body): reorder and conjugate them"
 READINGS: Final = (
     ("", np.arange(4), 1.0),
     (f"{_W_FIRST}: reorder them", np.array([1, 2, 3, 0]), 1.0),
-    ("quaternions look inverted (rotation of the world in the body): conjugate them", np.arange(4), -1.0),
+    ("inverted (rotation of the world in the body): conjugate them", np.arange(4), -1.0),
     (f"{_W_FIRST}, {_INVERTED}", np.array([1, 2, 3, 0]), -1.0),
     (f"{_W_LAST}: reorder them", np.array([3, 0, 1, 2]), 1.0),
     (f"{_W_LAST}, {_INVERTED}", np.array([3, 0, 1, 2]), -1.0),
 )
-"""The mistake, the fields of x y z w, and the sign of x y z. The first leaves poses as they are; its tracker
-is none of those side by side, since all that are compared here must have the same noise."""
+"""What quaternions look, the fields of x y z w, and the sign of x y z. The first leaves poses as they are; its
+tracker is none of those side by side, since all that are compared here must have the same noise."""
 SAFE_NATS: Final = 15.0
 SAFE_AFTER_S: Final = 2.0
 """The poses are right after this much motion, if they lead all other readings by this much."""
@@ -106,7 +106,8 @@ def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
     other, lead = int(explained.argmax()), float(explained[0] - explained[1:].max())
     if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * explained[0]:
         near = (explained[1:] > explained[other] - TIED_NATS).nonzero()[0] + 1
-        return Conventions((), True, "; or ".join(READINGS[i][0] for i in near), NO_POSES)
+        found = "; or ".join(READINGS[i][0] for i in near)
+        return Conventions((), True, f"quaternions look {found}", NO_POSES)
     is_safe = moved_s > SAFE_AFTER_S and lead > SAFE_NATS
     if is_safe or (moved_s > USUAL_S and lead > -DOUBT_NATS) or moved_s > LONGEST_S:
         return Conventions((), True, "", NO_POSES)

@@ -20,12 +20,14 @@ _GIVEN_UP: Final = "the process that segmented it was ended twice, as happens wh
 @dataclass
 class Outcome:
     """Numbers of recordings with a new row (``done``) and of ``unchanged`` ones; of both, those without a
-    result (``bad``) and those with a partial one (``damaged``)."""
+    result (``bad``) and those with a partial one (``damaged``); of the new ones, those with warnings
+    (``warned``)."""
 
     done: int = 0
     unchanged: int = 0
     bad: int = 0
     damaged: int = 0
+    warned: int = 0
 
     @property
     def total(self) -> int:
@@ -113,4 +115,5 @@ class Batch:
             self._report(f"{rows.shown(name)}: as before: see the column {column} of the summary")
         elif new is not None and (is_bad or is_damaged):
             self._report(new["error"] or f"{new['recording']}: {new['damage']}")
+        outcome.warned += new is not None and bool(new["warnings"])
         self._set_done(outcome.total)

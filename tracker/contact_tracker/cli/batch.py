@@ -115,6 +115,8 @@ def run(args: argparse.Namespace) -> int:
         f"{outcome.unchanged} unchanged; {outcome.bad} unusable, {outcome.damaged} damaged; "
         f"{args.output / 'summary.parquet'}"
     )
+    if outcome.warned:
+        say(f"warnings: {outcome.warned} of the new ones have some: see the column warnings of the summary")
     return DAMAGED if outcome.bad or outcome.damaged else DONE
 
 
