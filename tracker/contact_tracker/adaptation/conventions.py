@@ -30,8 +30,8 @@ READINGS: Final = (
     (f"{_W_LAST}: reorder them", np.array([3, 0, 1, 2]), 1.0),
     (f"{_W_LAST}, {_INVERTED}", np.array([3, 0, 1, 2]), -1.0),
 )
-"""What quaternions look, the fields of x y z w, and the sign of x y z. The first leaves poses as they are; its
-tracker is none of those side by side, since all that are compared here must have the same noise."""
+"""What quaternions look, the fields of x y z w, and the sign of x y z. The first leaves poses as they
+are; its tracker is none of those side by side, since all that are compared here must have the same noise."""
 SAFE_NATS: Final = 15.0
 SAFE_AFTER_S: Final = 2.0
 """The poses are right after this much motion, if they lead all other readings by this much."""
