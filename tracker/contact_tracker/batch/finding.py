@@ -127,7 +127,8 @@ def recordings_in(name: str) -> list[str]:
 def _require_recordings(folder: str, inside: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
     if not inside:
         raise UnreadableRecording(
-            f"{folder}: this folder holds no recording ({', '.join(SUFFIXES)}); name others, as '{folder}/*.csv'"
+            f"{folder}: this folder holds no recording ({', '.join(SUFFIXES)}); name others, "
+            f"as '{folder}/*.csv'"
         )
     return inside
 
