@@ -96,6 +96,20 @@ def test_quaternions_may_start_with_w_and_dates_are_stamps(poses: Poses) -> None
     np.testing.assert_allclose(trajectory.quat_xyzw, poses.quat_xyzw, atol=1e-15)
 
 
+def test_durations_are_stamps_and_text_is_none(poses: Poses) -> None:
+    since_us = (poses.stamp_ns - poses.stamp_ns[0]) // 1000
+    trajectory = Trajectory.from_arrays(since_us.astype("timedelta64[us]"), poses.position_m, poses.quat_xyzw)
+    np.testing.assert_array_equal(trajectory.stamp_ns, 1000 * since_us)
+    with pytest.raises(UsageError, match=r"convert text, as by pandas\.to_datetime"):
+        Trajectory.from_arrays(poses.stamp_ns.astype("datetime64[ns]").astype(str), *arrays(poses)[1:])
+
+
+def test_stamps_of_an_impossible_rate_are_a_warning(poses: Poses) -> None:
+    seconds = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
+    trajectory = Trajectory.from_arrays(seconds, poses.position_m, poses.quat_xyzw, unit="us")
+    assert "they look like seconds" in trajectory.notes[0]
+
+
 def test_invalid_poses_are_counted(poses: Poses) -> None:
     stamps, places, turns = (column[:600].astype(float) for column in arrays(poses))
     stamps = (stamps - stamps[0]) * 1e-9
@@ -135,6 +149,8 @@ def test_names_of_columns_have_units_as_in_files(poses: Poses) -> None:
     assert not trajectory.notes
     wrong = Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
     assert "they look like seconds" in wrong.notes[0]
+    with pytest.raises(UsageError, match=r"no column 'x'; did you mean 'x \[mm\]'"):
+        Trajectory.from_dataframe(columns, "time [ms]")
     columns["x [inch]"] = columns["x [mm]"]
     with pytest.raises(UsageError, match=r"the unit 'inch' of column 'x \[inch\]' is not known"):
         Trajectory.from_dataframe(columns, "time [ms]", ["x [inch]", *names[1:]])

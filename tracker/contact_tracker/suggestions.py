@@ -14,9 +14,15 @@ _MARKS: Final = "-/"
 
 def suggestion(word: str, names: Iterable[str]) -> str:
     """``; did you mean NAME?``, or empty if no other name is similar."""
+    name = closest(word, names)
+    return "" if name is None else f"; did you mean {name}?"
+
+
+def closest(word: str, names: Iterable[str]) -> str | None:
+    """The other name that is most similar to a word; None if none is."""
     bare = {name.lstrip(_MARKS).casefold(): name for name in names if name != word}
     given = word.lstrip(_MARKS).casefold()
     words = [name for name in bare if len(name) > 1 or name == given]  # one letter is in many words
     longer = [name for name in bare if len(given) >= _BEGINNING and name.startswith(given)]
     near = longer if len(longer) == 1 else get_close_matches(given, words, 1, _CLOSE)
-    return f"; did you mean {bare[near[0]]}?" if near else ""
+    return bare[near[0]] if near else None

@@ -33,14 +33,13 @@ class Contradiction(NamedTuple):
     """State of the comparison.
 
     The trackers with the prior map (``given``) and without (``nothing``), None before the rate is known and
-    once the comparison ``is_settled``; the evidence of the second over the first (``difference``, nats), the
-    part of it that counts (``lead``), and the largest increase of this part until now since any tick
-    (``lost``); and whether a contradiction ``is_found``.
+    once the comparison ``is_settled``; the part that counts of the evidence of the second over the first
+    (``lead``, nats), and its largest increase until now since any tick (``lost``); and whether a
+    contradiction ``is_found``.
     """
 
     given: Explained | None = None
     nothing: Explained | None = None
-    difference: float = 0.0
     lead: float = 0.0
     lost: float = 0.0
     is_settled: bool = False
@@ -58,9 +57,12 @@ def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Pose
         return known._replace(is_settled=True)
     if not len(poses):
         return known
-    given, with_it = follow(known.given or Explained(tracker.start(model, knowledge=knowledge)), poses)
-    nothing, without = follow(known.nothing or Explained(tracker.start(model)), poses, Detail.SHARED)
-    difference, lead, lost = known.difference, known.lead, known.lost
+    given = known.given or Explained(tracker.start(model, knowledge=knowledge))
+    nothing = known.nothing or Explained(tracker.start(model))
+    difference = nothing.state.log_evidence - given.state.log_evidence
+    given, with_it = follow(given, poses)
+    nothing, without = follow(nothing, poses, Detail.SHARED)
+    lead, lost = known.lead, known.lost
     for one, other in zip(with_it, without, strict=True):
         before, difference = difference, other.log_evidence - one.log_evidence
         if not _is_undecided(one.belief, other.belief):
@@ -68,8 +70,8 @@ def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Pose
             lost = max(lost + difference - before, 0.0)
         is_found = lead > WRONG_NATS or lost > LOST_NATS
         if is_found or other.moved_s > LONGEST_S:
-            return Contradiction(None, None, difference, lead, lost, is_settled=True, is_found=is_found)
-    return Contradiction(given, nothing, difference, lead, lost)
+            return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
+    return Contradiction(given, nothing, lead, lost)
 
 
 def _is_undecided(given: Belief, nothing: Belief) -> bool:

@@ -5,7 +5,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, Literal, Self, get_args
 
@@ -20,6 +19,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.named_columns import metres_of, time_ns_of
 from contact_tracker.recording.time_units import doubt_of_unit
+from contact_tracker.suggestions import closest
 from contact_tracker.viewer.hull import vertices_from_metadata
 
 Order = Literal["xyzw", "wxyz"]
@@ -285,10 +285,9 @@ def _rows(values: ArrayLike, name: str, width: int) -> Array:
 def _column(table: Any, name: str) -> NDArray[Any]:
     names = [str(one) for one in getattr(table, "columns", table)]
     if name not in names:
-        near = [one for one in names if re.match(rf"{re.escape(name)}\W", one)] or get_close_matches(
-            name, names, 1
-        )
-        meant = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(names[:20])}"
+        with_unit = (one for one in names if re.match(rf"{re.escape(name)}\W", one))
+        near = next(with_unit, None) or closest(name, names)
+        meant = f"; did you mean {near!r}?" if near else f"; there are {', '.join(names[:20])}"
         raise UsageError(f"no column {name!r}{meant}")
     column = table[name]
     if getattr(getattr(column, "dtype", None), "tz", None) is not None:  # pandas dates with a time zone

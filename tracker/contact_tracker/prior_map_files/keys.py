@@ -1,7 +1,6 @@
 """Validated access to the keys of a TOML table; unknown keys are rejected."""
 
 import math
-from difflib import get_close_matches
 from typing import Any, Final
 
 import numpy as np
@@ -9,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.suggestions import suggestion
+from contact_tracker.suggestions import closest, suggestion
 
 FARTHEST_M: Final = 1e6
 SIZES_M: Final = (1e-4, 1e3)
@@ -39,8 +38,8 @@ class Keys:
     def wrong(self, key: str, reason: str) -> KnowledgeError:
         """The error of a key; of one that is not there, with the unknown key that may be meant for it."""
         unknown = [] if key in self._table else [name for name in self._table if name not in self._asked]
-        near = get_close_matches(key, unknown, 1)
-        return KnowledgeError(self.called(key), f"{reason}; is {near[0]} meant for it?" if near else reason)
+        near = closest(key, unknown)
+        return KnowledgeError(self.called(key), f"{reason}; is {near} meant for it?" if near else reason)
 
     def finish(self) -> None:
         """Reject keys that were not read."""
