@@ -69,6 +69,7 @@ class ByteStream:
         self._path = path
         self._tail = b""
         self._written_ns = 0
+        self._may_be_rewritten = follow is not None and is_regular(path)
         self._inflated: IO[bytes] | None = None
         self._size = None if compressed or follow is not None else _size_of(file)
         if compressed:
@@ -123,7 +124,7 @@ class ByteStream:
                     return b""
                 data = self._plain.read(count)
                 self.budget.count_read(len(data))
-                if self._follow is not None:
+                if self._may_be_rewritten:
                     self._tail = (self._tail + data)[-_TAIL:]
                 return data
             self.budget.check_record(self.budget.bytes_read, count)
@@ -152,7 +153,7 @@ class ByteStream:
 
     def _has_other_content(self) -> bool:
         """Whether the followed file was written anew in place: the bytes that were read last are others."""
-        if not is_regular(self._path):
+        if not self._may_be_rewritten:
             return False
         try:
             written_ns = os.fstat(self._plain.fileno()).st_mtime_ns
