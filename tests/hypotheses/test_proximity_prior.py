@@ -11,7 +11,12 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.proximity_prior import FREE, proximity_evidence, reweight_transitions
+from contact_tracker.hypotheses.proximity_prior import (
+    FREE,
+    MOST_BIRTHS,
+    proximity_evidence,
+    reweight_transitions,
+)
 from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.landmark_memory import LandmarkMemory
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
@@ -129,3 +134,52 @@ def test_leaving_and_returning_gains_nothing():
         if away != home:
             assert change[home, away] + change[away, home] < 2 * stay[home]
     assert stay[home] > -0.1
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_uncertain_elements_count_by_the_errors_of_their_residuals(contact):
+    """The noise that the log odds of one pair imply is the spread over drawn elements."""
+    model, rng = CONTACT_MODELS[contact.column], np.random.default_rng(3)
+    side = {
+        "plane": [{"normal": [0, 0, 1], "offset_m": 0.1, "sigma_position_m": 0.02, "sigma_rotation_deg": 2}],
+        "line": [{"direction": [0, 1, 0], "point_m": [0.2, 0, 0.1], "sigma_position_m": 0.02}],
+        "point": [{"point_m": [0.1, 0.2, 0.05], "sigma_position_m": 0.02}],
+    }
+    knowledge = knowledge_from(
+        {"object": {**side, "complete": True}, "environment": {**side, "complete": True}}
+    )
+    newest = tick(Rotation.from_rotvec([0.3, 0.4, 0.2]).as_matrix(), 0.2)
+    begins = propose_births(
+        model, knowledge, LandmarkMemory(), 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12])
+    )
+    gain = proximity_evidence(model, begins, newest, SCALES).gain
+    rows = begins.rows
+    tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))[0]
+    covariance = np.linalg.inv(tangent.T @ rows.prior_information[0] @ tangent)
+    drawn = (
+        rows.prior_mean[0]
+        + rng.multivariate_normal(np.zeros(len(covariance)), covariance, 40_000) @ tangent.T
+    )
+    spread = model.measure(drawn, newest.zeta[-1:]).residual[:, :, 0].var(axis=0)
+    expected = 0.5 * np.log1p(np.array([1.0 / 3.0] * (len(spread) - 1) + [SCALES.reach_m**2]) / spread)
+    sine_counts_as_certain = contact is Contact.EE
+    assert gain[1] == pytest.approx(expected[-1], abs=0.1 if sine_counts_as_certain else 0.03)
+    if len(spread) > 1:
+        assert gain[0] == pytest.approx(expected[:-1].mean(), abs=0.03)
+
+
+def test_of_many_pairs_the_most_probable_begin():
+    """Of 150 known vertices at the table, and the unknown ones."""
+    heights_m = CUBE_M / 2 * (1.0 + 0.001 * np.arange(150))
+    points = [{"point_m": [0.0, 0.0, -height_m]} for height_m in heights_m]
+    knowledge = knowledge_from({"environment": {"plane": [TABLE]}, "object": {"point": points}})
+    pairs, evidence = proximity(tick(np.eye(3), CUBE_M / 2), knowledge)[Contact.VF.column]
+    model = CONTACT_MODELS[Contact.VF.column]
+    begins = propose_births(model, knowledge, LandmarkMemory(), 0.0, Frame.around(np.zeros(3), np.zeros(3)))
+    kept = evidence.of(begins)
+    certain = kept.rows.elements_known
+    assert certain.sum() == MOST_BIRTHS
+    known = [number for number, pair in enumerate(pairs) if pair.certain]
+    assert kept.rows.known_pair_index[certain].tolist() == known[:MOST_BIRTHS]  # the nearest ones
+    assert (~certain).sum() == sum(not pair.certain for pair in pairs) > 0
+    assert log_sum_exp(kept.log_share) == pytest.approx(0.0, abs=1e-12)

@@ -17,7 +17,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.shipped import shipped
 from contact_tracker.errors import KnowledgeError, ModelError
 from contact_tracker.geometry import polyhedron
-from contact_tracker.prior_map_files import load_knowledge
+from contact_tracker.prior_map_files import knowledge_from, load_knowledge
 from contact_tracker.prior_map_files.triangles import triangles_of_obj, triangles_of_stl
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -251,17 +251,38 @@ def test_many_boxes_are_refused_before_all_are_made(tmp_path: Path, monkeypatch:
     assert len(made) == 8
 
 
-@pytest.mark.parametrize(("boxes", "allowed"), [(2, True), (7, False)])
-def test_elements_of_both_sides_have_a_limit_of_pairs(tmp_path: Path, boxes: int, allowed: bool) -> None:
-    """A file of 600 bytes would make 21 000 hypotheses in every tick."""
-    sides = [(side, i) for side in ("object", "environment") for i in range(boxes)]
+@pytest.mark.parametrize(
+    ("ours", "theirs", "refused"),
+    [
+        (1, 7, None),
+        (2, 3, None),
+        (7, 7, "1849 pairs of elements for f-f are too many; 1100 are allowed"),
+        (2, 4, "1225 pairs of elements for e-e are too many; 1100 are allowed"),
+    ],
+)
+def test_elements_of_both_sides_have_a_limit_of_pairs(
+    tmp_path: Path, ours: int, theirs: int, refused: str | None
+) -> None:
+    """Without one, a file of 600 bytes would make 21 000 hypotheses in every tick."""
+    sides = [*(("object", i) for i in range(ours)), *(("environment", i) for i in range(theirs))]
     rows = "".join(f'[[{side}.box]]\nname = "{i}"\nsize_m = [1, 1, 1]\n' for side, i in sides)
     (tmp_path / "known.toml").write_text(rows)
-    if allowed:
+    if refused is None:
         assert load_knowledge(str(tmp_path / "known.toml")).object
         return
-    with pytest.raises(KnowledgeError, match="21286 pairs of elements are too many; 4000 are allowed"):
+    with pytest.raises(KnowledgeError, match=refused):
         load_knowledge(str(tmp_path / "known.toml"))
+
+
+def test_all_contacts_together_have_a_limit_of_pairs() -> None:
+    directions = [[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0.0, 3.0, 30)]
+    side = {
+        "plane": [{"normal": direction, "offset_m": 0.1} for direction in directions],
+        "line": [{"direction": direction, "point_m": [0, 0, 0]} for direction in directions],
+        "point": [{"point_m": direction} for direction in directions],
+    }
+    with pytest.raises(KnowledgeError, match="5766 pairs of elements are too many; 4000 are allowed"):
+        knowledge_from({"object": side, "environment": side})
 
 
 def test_depths_are_those_under_the_nearest_face() -> None:

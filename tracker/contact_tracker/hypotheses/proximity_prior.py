@@ -6,12 +6,14 @@ anywhere.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker import hmm
-from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import Array
 from contact_tracker.hypotheses.birth import BirthProposals
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
@@ -22,6 +24,10 @@ ANY_DIRECTION: Final = 1.0 / 3.0
 """Variance of the cosine of the angle between independent, uniform directions."""
 _IMPOSSIBLE: Final = -1e3
 _HOPELESS: Final = -50.0
+MOST_BIRTHS: Final = 100
+"""Most known pairs of one contact that begin in a tick, the most probable ones. A box of known size beside
+another has some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
+gigabytes."""
 FREE: Final = Contact.FREE.column
 
 
@@ -36,8 +42,26 @@ class ProximityEvidence(NamedTuple):
     """(2,) part of it that one angle, and that the distance, contributes where it vanishes."""
 
     def of(self, begins: BirthProposals) -> BirthProposals:
-        """The proposals with their shares given the pose; negligible ones are left out."""
-        return begins.sharing(self.log_share).pick(self.log_share > _HOPELESS)
+        """The proposals with their shares given the pose; negligible ones, and known pairs beyond
+        ``MOST_BIRTHS``, are left out."""
+        kept = self.log_share > _HOPELESS
+        known = (kept & begins.rows.elements_known).nonzero()[0]
+        if len(known) > MOST_BIRTHS:
+            kept[known[self.log_share[known].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
+        log_share = self.log_share[kept]
+        return begins.pick(kept).sharing(log_share - hmm.log_sum_exp(log_share))
+
+
+class _KnownPairs(NamedTuple):
+    """The proposals of one contact whose elements are both known: m of n."""
+
+    is_known: NDArray[np.bool_]
+    """(n,) which they are."""
+    x: Array
+    """(m, S) their elements."""
+    deviation: Array
+    """(m, K, P, C) changes of the residuals' coefficients c by one standard deviation of the elements, in
+    each of P independent directions."""
 
 
 def proximity_evidence(
@@ -46,24 +70,24 @@ def proximity_evidence(
     """Weigh the birth proposals of one contact by the newest tick."""
     if not begins.count:
         return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2))
-    log_share, certain = begins.log_share.copy(), begins.rows.elements_known
+    log_share, pairs = begins.log_share.copy(), _known_pairs(model, begins)
     gain = np.zeros(2)
-    if certain.any():
-        row_gain, log_ratio = _touching_evidence(model, begins.pick(certain), newest, scales)
-        log_share[certain] += log_ratio
+    if len(pairs.x):
+        row_gain, log_ratio = _touching_evidence(model, pairs, newest, scales)
+        log_share[pairs.is_known] += log_ratio
         gain[:] = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[:, -1].mean()
     log_odds = float(hmm.log_sum_exp(log_share))
     return ProximityEvidence(log_share - log_odds, log_odds, gain)
 
 
 def _touching_evidence(
-    model: ContactModel, begins: BirthProposals, newest: Window, scales: EvidenceParameters
+    model: ContactModel, pairs: _KnownPairs, newest: Window, scales: EvidenceParameters
 ) -> tuple[Array, Array]:
-    """Gain (n, K) of each row if it vanishes, and the log-likelihood ratio (n,) of touching against
+    """Gain (m, K) of each row if it vanishes, and the log-likelihood ratio (m,) of touching against
     anywhere."""
     family, zeta = model.family, newest.zeta[-1]
-    measurement = model.measure(begins.rows.prior_mean, newest.zeta[-1:])
-    noise = residual_noise(measurement, newest.cut(-1, None))[..., 0] + _spread(model, begins, zeta)
+    measurement = model.measure(pairs.x, newest.zeta[-1:])
+    noise = residual_noise(measurement, newest.cut(-1, None))[..., 0] + _spread(model, pairs, zeta)
     anywhere = np.full(family.ROWS, ANY_DIRECTION)
     anywhere[-1] = scales.reach_m**2
     ratio = anywhere / noise
@@ -72,16 +96,25 @@ def _touching_evidence(
     return gain, (gain - misfit).sum(axis=1)
 
 
-def _spread(model: ContactModel, begins: BirthProposals, zeta: Array) -> Array:
-    """Variance (n, K) of the residuals due to the uncertainty of the known elements."""
-    family, lifted, x = model.family, model.lifted(zeta), begins.rows.prior_mean
-    anchors = np.where(np.isnan(begins.rows.line_anchor), model.anchors(zeta[9:12]), begins.rows.line_anchor)
-    tangent = family.tangent(x, anchors)
+def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
+    """Variance (m, K) of the residuals due to the uncertainty of the known elements."""
+    lifted = model.lifted(zeta)
+    variance = ((pairs.deviation @ lifted) ** 2).sum(axis=-1)
+    variance[:, -1] /= model.family.scale_sq(pairs.x, np.outer(lifted, lifted))
+    return np.asarray(variance)
+
+
+@lru_cache(maxsize=2 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
+def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
+    """What the evidence needs of the known pairs, apart from the pose."""
+    is_known = begins.rows.elements_known
+    rows = begins.rows.pick(is_known.nonzero()[0])
+    # known lines have anchors of their own, and other elements need none
+    tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))
     along = np.swapaxes(tangent, -1, -2)
-    jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None])[..., 0]
-    jacobian[:, -1] /= np.sqrt(family.scale_sq(x, np.outer(lifted, lifted)))[:, None]
-    covariance = np.linalg.inv(along @ begins.rows.prior_information @ tangent)
-    return np.asarray(np.einsum("bkp,bpq,bkq->bk", jacobian, covariance, jacobian))
+    root = np.linalg.cholesky(along @ rows.prior_information @ tangent)
+    by_tangent = along[:, None] @ model.family.rows_derivative(rows.prior_mean)
+    return _KnownPairs(is_known, rows.prior_mean, np.linalg.solve(root[:, None], by_tangent))
 
 
 def reweight_transitions(

@@ -34,8 +34,10 @@ Note = Callable[[str], None]
 MOST_ELEMENTS: Final = 200
 """Most elements of the object, and of its surroundings."""
 MOST_PAIRS: Final = 4000
-"""Most pairs of an element of the object and one of its surroundings, over all contacts. Each is a hypothesis
-in every tick: these take about 0.5 GB of memory, and ten times as long as the recording lasts."""
+"""Most pairs of an element of the object and one of its surroundings, over all contacts. Each is compared in
+every tick: these take up to 0.4 GB of memory, and up to three times as long as the recording lasts."""
+MOST_PAIRS_OF_CONTACT: Final = 1100
+"""Most of them that one contact may assume: many lines take the most time, since any two nearly cross."""
 
 
 def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
@@ -81,11 +83,14 @@ def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note =
     object, object_complete = _elements(object_keys, folder, note)
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
     known = PriorMap(environment, object, up, environment_complete, object_complete)
-    pairs = sum(len(element_pairs(known, model)) for model in CONTACT_MODELS)
-    if pairs > MOST_PAIRS:
-        raise KnowledgeError(
-            "", f"{pairs} pairs of elements are too many; {MOST_PAIRS} are allowed: list those that may touch"
-        )
+    pairs = {model.contact.value: len(element_pairs(known, model)) for model in CONTACT_MODELS}
+    for of, count, most in (
+        *((f" for {contact}", count, MOST_PAIRS_OF_CONTACT) for contact, count in pairs.items()),
+        ("", sum(pairs.values()), MOST_PAIRS),
+    ):
+        if count > most:
+            few = "list those that may touch"
+            raise KnowledgeError("", f"{count} pairs of elements{of} are too many; {most} are allowed: {few}")
     return known
 
 
