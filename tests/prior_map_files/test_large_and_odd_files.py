@@ -281,7 +281,7 @@ def test_all_contacts_together_have_a_limit_of_pairs() -> None:
         "line": [{"direction": direction, "point_m": [0, 0, 0]} for direction in directions],
         "point": [{"point_m": direction} for direction in directions],
     }
-    with pytest.raises(KnowledgeError, match="5766 pairs of elements are too many; 4000 are allowed"):
+    with pytest.raises(KnowledgeError, match="5766 pairs of elements are too many; 3000 are allowed"):
         knowledge_from({"object": side, "environment": side})
 
 

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+AT_ONCE: Final = 16
+"""Number of hypotheses that are searched in one batch, each from up to 80 starts: limits the memory."""
 DRAWS: Final = 64
 """Number of sets of random directions, used in turn."""
 
@@ -108,7 +110,9 @@ def search(
     """
     if not len(rows):
         return bank
-    x = _found(bank, rows, model, scales, drawn)
+    drawn = np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))
+    blocks = [slice(first, first + AT_ONCE) for first in range(0, len(rows), AT_ONCE)]
+    x = np.concatenate([_found(bank, rows[block], model, scales, drawn[block]) for block in blocks])
     many = x.shape[1]
     of = rows.repeat(many)
     found = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
@@ -139,14 +143,14 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     """The best geometries (R, n, S) of ``rows``, independent of their present ones.
 
     Starts are the best among the solutions of the relaxed problem and the directions ``drawn``. (The compiled
-    kernel leaves out solutions that too few poses determine.)
+    kernel leaves out solutions that too few poses determine.) The directions are (R, N, S).
     """
     moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + RELAXATION_RIDGE * trace * np.eye(moments.shape[-1]))
     known, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
     is_given = ElementPrior(mean, bank.prior_information[rows]).is_given(model)
-    x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))], axis=1)
+    x = np.concatenate([relaxed, drawn], axis=1)
     x = np.where(is_given[:, None], mean[:, None], x)
     windows, of = (bank.second_moment, bank.row_weight, *known), rows.repeat(x.shape[1])
     x = _least(

@@ -33,9 +33,9 @@ from contact_tracker.regular_file import read_regular
 Note = Callable[[str], None]
 MOST_ELEMENTS: Final = 200
 """Most elements of the object, and of its surroundings."""
-MOST_PAIRS: Final = 4000
+MOST_PAIRS: Final = 3000
 """Most pairs of an element of the object and one of its surroundings, over all contacts. Each is compared in
-every tick: these take up to 0.4 GB of memory, and up to three times as long as the recording lasts."""
+every tick: these take up to 0.3 GB of memory, and up to twice as long as the recording lasts."""
 MOST_PAIRS_OF_CONTACT: Final = 1100
 """Most of them that one contact may assume: many lines take the most time, since any two nearly cross."""
 

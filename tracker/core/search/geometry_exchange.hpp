@@ -37,22 +37,21 @@ public:
         }
     }
 
-    std::size_t width() const { return recipients_.size() * window_batch; }
-
-    // Costs of the geometries of `rows`: those of row h begin at `out` + h * `width`.
-    void weigh(const std::vector<int>& rows, double* out) {
+    // Costs of at most `geometry_batch` geometries, of `rows[0]` to `rows[count - 1]`: `costs()[g]` has those
+    // of the g-th in the windows of all recipients.
+    void weigh(const int* rows, int count) {
         Offer<F> offer;
-        for (std::size_t first = 0; first < rows.size(); first += geometry_batch) {
-            double* some[geometry_batch];
-            for (int g = 0; g < geometry_batch; ++g) {
-                const int h = rows[std::min(first + g, rows.size() - 1)];
-                offer.put(g, bank_[h].own + kind_.where.x);
-                some[g] = out + h * width();
-            }
-            every_square<F>(windows_, offer, squares_);
-            every_cost<F>(recipients_, offer, squares_, some);
+        double* some[geometry_batch];
+        for (int g = 0; g < geometry_batch; ++g) {
+            offer.put(g, bank_[rows[std::min(g, count - 1)]].own + kind_.where.x);
+            costs_[g].resize(recipients_.size() * window_batch);
+            some[g] = costs_[g].data();
         }
+        every_square<F>(windows_, offer, squares_);
+        every_cost<F>(recipients_, offer, squares_, some);
     }
+
+    const std::vector<double> (&costs() const)[geometry_batch] { return costs_; }
 
 private:
     const Kind& kind_;
@@ -60,6 +59,7 @@ private:
     std::vector<Windows<F>> windows_;
     std::vector<RecipientBlock<F>> recipients_;
     Squares<F> squares_;
+    std::vector<double> costs_[geometry_batch];
 };
 
 // Cost of a hypothesis's own geometry.
@@ -91,20 +91,30 @@ std::vector<int> best_donors(const Kind& kind, const Bank& bank) {
         if (accepts_donor(kind, bank[b])) recipients.push_back(b);
     }
     if (recipients.empty()) return donor;
-    DonorCosts<F> costs(kind, bank, recipients);
-    std::vector<double> cost(bank.count() * costs.width());
-    costs.weigh(donors, cost.data());
+    const double infinite = std::numeric_limits<double>::infinity();
+    std::vector<double> present(recipients.size()), least(recipients.size(), infinite);
+    std::vector<int> best = recipients;
     for (std::size_t t = 0; t < recipients.size(); ++t) {
-        const int own = recipients[t];
-        const auto of = [&](int b) { return cost[b * costs.width() + t]; };
-        const double present = is_competitive(kind, bank[own]) ? of(own) : own_cost<F>(kind, bank[own]);
-        double least = present;
-        for (int b : donors) {
-            if (!(of(b) < least)) continue;
-            least = of(b);
-            donor[own] = b;
+        const Hypothesis own = bank[recipients[t]];
+        present[t] = is_competitive(kind, own) ? infinite : own_cost<F>(kind, own);
+    }
+    DonorCosts<F> costs(kind, bank, recipients);
+    for (std::size_t first = 0; first < donors.size(); first += geometry_batch) {
+        const int count = static_cast<int>(std::min(donors.size() - first, std::size_t{geometry_batch}));
+        costs.weigh(&donors[first], count);
+        for (int g = 0; g < count; ++g) {
+            const int of = donors[first + g];
+            const std::vector<double>& cost = costs.costs()[g];
+            for (std::size_t t = 0; t < recipients.size(); ++t) {
+                if (of == recipients[t]) present[t] = cost[t];
+                if (!(cost[t] < least[t])) continue;
+                least[t] = cost[t];
+                best[t] = of;
+            }
         }
-        if (!(least < present - settings.least_gain)) donor[own] = own;
+    }
+    for (std::size_t t = 0; t < recipients.size(); ++t) {
+        if (least[t] < present[t] - settings.least_gain) donor[recipients[t]] = best[t];
     }
     return donor;
 }
