@@ -1,10 +1,12 @@
-"""CPU time and memory that files of at most 1 MB cost: odd tables, and sound recordings of long motion.
+"""CPU time and memory that files of at most 1 MB cost: odd tables, known geometry of many elements, and sound
+recordings of long motion.
 
     python tests/benchmarks/small_files.py
     python tests/benchmarks/small_files.py --only sound --poses 800
 
-The odd ones are read by ``info`` and by ``segment``, which may refuse them. The sound ones are segmented; the
-last column is the time for as many poses as 1 MB of text holds.
+The odd ones are read by ``info`` and by ``segment``, which may refuse them. Known geometry is given for some
+seconds of a shipped recording, which it need not fit. The sound recordings are segmented; the last column is
+the time for as many poses as 1 MB of text holds.
 """
 
 import argparse
@@ -25,6 +27,9 @@ Array = NDArray[np.float64]
 
 MOST_BYTES: Final = 1_000_000
 POSES_PER_MB: Final = 60_000
+KNOWN_S: Final = 20
+"""Duration of the recording for which geometry is known."""
+RECORDINGS: Final = Path(__file__).parents[2] / "recordings"
 HEADER: Final = "t,x,y,z,qx,qy,qz,qw\n"
 FIRST_POSES: Final = 14
 """Number of poses at the usual rate before the first gap, so that ticks are short."""
@@ -102,6 +107,54 @@ ODD: Final[Mapping[str, Callable[[], str]]] = {
 }
 
 
+def box(side: str, name: str, size_m: float, x_m: float = 0.0) -> str:
+    """A known box, a section of TOML."""
+    keys = f'name = "{name}"\nsize_m = [{size_m}, {size_m}, {size_m}]\nposition_m = [{x_m}, 0, 0]\n'
+    return f"[[{side}.box]]\n{keys}"
+
+
+def elements(count: int, *kinds: str) -> str:
+    """As many known elements of each of these kinds on both sides, within 0.1 m."""
+    rng, sections = np.random.default_rng(0), list[str]()
+    for side in ("object", "environment"):
+        for kind in kinds:
+            for _ in range(count):
+                turn, place = rng.standard_normal((2, 3)).round(4)
+                direction = (turn / np.linalg.norm(turn)).tolist()
+                named = {
+                    "plane": f"normal = {direction}\n",
+                    "line": f"direction = {direction}\n",
+                    "point": "",
+                }
+                sections.append(f"[[{side}.{kind}]]\n{named[kind]}point_m = {(0.1 * place).tolist()}\n")
+    return "".join(sections)
+
+
+TABLE: Final = "[[environment.plane]]\nnormal = [0, 0, 1]\noffset_m = 0\n"
+KNOWN: Final[Mapping[str, str]] = {
+    "nothing": "",
+    "table": TABLE,
+    "table and box": TABLE + box("object", "cube", 0.1),
+    "box beside box": box("object", "cube", 0.1) + box("environment", "wall", 0.5),
+    "box beside 7 boxes": box("object", "cube", 0.1)
+    + "".join(box("environment", f"wall {i}", 0.2, 0.5 * i) for i in range(7)),
+    "32 lines each": elements(32, "line"),
+    "21 of each kind": elements(21, "plane", "line", "point"),
+}
+
+
+def known_lines(folder: Path) -> Iterator[str]:
+    """One for each known geometry."""
+    path, recording = folder / "known.toml", str(RECORDINGS / "all_states.mcap")
+    yield f"{'known':22}{'bytes':>8}{'CPU s':>8}{'peak MB':>9}"
+    for name, text in KNOWN.items():
+        path.write_text(text)
+        given = ("--known", str(path)) if text else ()
+        output = ("-o", str(folder / "known.csv"), "--overwrite")
+        ran = run("segment", recording, "--duration", str(KNOWN_S), *given, *output)
+        yield f"{name:22}{len(text):8}{ran.cpu_s:8.1f}{ran.peak_mb:9.0f}"
+
+
 def sound_lines(folder: Path, count: int) -> Iterator[str]:
     """One for each kind of recording."""
     last = f"{POSES_PER_MB} poses, min"
@@ -142,7 +195,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", choices=("odd", "sound"))
+    parser.add_argument("--only", choices=("odd", "known", "sound"))
     parser.add_argument("--poses", type=int, default=400, help="of each sound recording")
     args = parser.parse_args(argv)
     if args.poses <= FIRST_POSES:
@@ -150,11 +203,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
     with tempfile.TemporaryDirectory() as scratch:
-        if args.only != "sound":
-            for line in odd_lines(Path(scratch)):
-                print(line, flush=True)
-        if args.only != "odd":
-            for line in sound_lines(Path(scratch), args.poses):
+        folder = Path(scratch)
+        tables = {
+            "odd": odd_lines(folder),
+            "known": known_lines(folder),
+            "sound": sound_lines(folder, args.poses),
+        }
+        for name, lines in tables.items():
+            for line in lines if args.only in (name, None) else ():
                 print(line, flush=True)
     return 0
 
