@@ -9,13 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import adaptation
-from contact_tracker.adaptation import clearance, conventions, online
+from contact_tracker.adaptation import conventions, online
 from contact_tracker.adaptation.conventions import READINGS
-from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
-from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
-from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log
 from contact_tracker.tracking.segmentation import Segmentation
 from short_recordings import MODEL
@@ -130,57 +127,3 @@ def test_each_reading_undoes_its_mistake(reading: int) -> None:
     _, order, sign = READINGS[reading]
     stored = with_quaternions(clean, list(np.argsort(order)), sign)
     np.testing.assert_array_equal(conventions.read(stored, reading).quat_xyzw, clean.quat_xyzw)
-
-
-def _cube_over_table(height_m: float) -> tuple[PriorMap, Poses]:
-    knowledge = knowledge_from(
-        {
-            "environment": {
-                "plane": [{"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0, **SIGMA}]
-            },
-            "object": {"box": {"size_m": [0.1, 0.1, 0.1], **SIGMA}},
-        }
-    )
-    upright = np.tile([0.0, 0, 0, 1], (100, 1))
-    stamp_ns = np.arange(100) * 10_000_000
-    return knowledge, Poses(stamp_ns, np.tile([0.0, 0.0, height_m], (100, 1)), upright)
-
-
-@pytest.mark.parametrize(("height_m", "is_said"), [(0.052, False), (0.048, False), (0.15, True)])
-def test_an_object_that_stays_away_from_all_known_elements_is_reported(
-    height_m: float, is_said: bool
-) -> None:
-    knowledge, poses = _cube_over_table(height_m)
-    found = clearance.advance(clearance.Clearance(), knowledge, poses)
-    assert clearance.findings(found) == (), "it may come nearer yet"
-    said = clearance.final_findings(found, knowledge)
-    assert bool(said) is is_said
-    assert all("mm off table" in one.text and not one.doubts_labels for one in said)
-    some = replace(knowledge, object_complete=False)
-    assert clearance.final_findings(found, some) == (), "another vertex may touch"
-
-
-def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> None:
-    knowledge, poses = _cube_over_table(0.05)
-    noise = np.random.default_rng(3).normal(scale=1e-4, size=poses.position_m.shape)
-    poses = replace(poses, position_m=poses.position_m + noise)
-    for model, most in (("default", 0.6), ("impacts", 1.0)):
-        state = online.start(load_model(model), knowledge=knowledge)
-        state, beliefs = online.advance(state, poses[:40])
-        assert beliefs
-        sure = max(belief.probability.max() for belief in beliefs)
-        assert sure <= most
-        assert state.may_be_in_doubt is (model == "default")
-        state, _ = online.advance(state, poses[40:90])  # a hundred that never turn are in doubt again
-        assert not state.may_be_in_doubt
-
-
-@pytest.mark.parametrize(("height_m", "is_said"), [(0.05, False), (0.048, False), (0.035, True)])
-def test_known_geometry_that_the_object_passes_through_is_named(height_m: float, is_said: bool) -> None:
-    knowledge, poses = _cube_over_table(height_m)
-    found = clearance.advance(clearance.Clearance(), knowledge, poses)
-    texts = [finding.text for finding in clearance.findings(found)]
-    assert bool(texts) is is_said
-    assert all("15 mm inside table" in text for text in texts)
-    single = clearance.advance(clearance.Clearance(), knowledge, poses[:1])
-    assert clearance.findings(single) == (), "one pose may be wrong"

@@ -1,12 +1,18 @@
-"""Test of the prior map against the poses: depth of known vertices of the object inside known faces of the
-surroundings, and least distance from them."""
+"""Test of the prior map against the poses: depth of known vertices of the object inside the surroundings, and
+least distance from them.
 
+A vertex is inside a known convex body if it is behind all of its faces. How far a face extends that is listed
+by itself is not known: parts of the object are behind it where they hang over its edge, or stand beside a
+step. Only an object that never has a vertex in front of any such face contradicts them.
+"""
+
+from collections.abc import Sequence
 from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.geometry.elements import Plane, Point
+from contact_tracker.geometry.elements import Array, Plane, Point
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
@@ -17,59 +23,116 @@ SIGMAS: Final = 10.0
 """Depth, in standard deviations of the prior map, that is significant."""
 LEAST_POSES: Final = 3
 """Number of poses that are needed, since single ones may be wrong."""
+CHECK: Final = "check --known (place, size, frames)"
 
 
 class Clearance(NamedTuple):
-    """Number of ``poses`` with a vertex inside a face by more than the accuracy of the prior map; the largest
-    depth ``deep_m`` with its ``vertex`` and ``face``; the ``nearest`` face and its least distance ``gap_m``
-    beyond that accuracy."""
+    """Vertices of the object inside the surroundings, by more than the accuracy of the prior map.
 
-    poses: int = 0
+    Parameters
+    ----------
+    inside : number of poses with a vertex inside a convex body.
+    deep_m : largest depth; ``vertex`` has it, behind the nearest ``face``.
+    is_behind : whether all vertices were behind all faces that are listed by themselves, in the ``behind``
+        poses that were compared with these.
+    gap_m : least distance from any face, the ``nearest``.
+    """
+
+    inside: int = 0
     deep_m: float = 0.0
     vertex: str = ""
     face: str = ""
+    is_behind: bool = True
+    behind: int = 0
     gap_m: float = inf
     nearest: str = ""
 
 
+class _Faces(NamedTuple):
+    """Faces of one convex body, or those that are listed by themselves."""
+
+    is_solid: bool
+    names: list[str]
+    normals: Array
+    """(F, 3)"""
+    offsets_m: Array
+    """(F,)"""
+    spread_m: Array
+    """(F,) standard deviations of the offsets."""
+
+
 def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
     """Advance by poses."""
-    vertices = [(known.name, known.element) for known in knowledge.object]
-    points = [(name, element) for name, element in vertices if isinstance(element, Point)]
-    faces = [(known.name, known.element) for known in knowledge.environment]
-    if not points or not len(poses):
+    known = [(one.name, one.element) for one in knowledge.object if isinstance(one.element, Point)]
+    if not known or not len(poses):
         return found
-    place = np.array([point.point_m for _, point in points])
-    spread = np.array([_spread_m(point) for _, point in points])
+    names, points = zip(*known, strict=True)
+    place, spread = np.array([p.point_m for p in points]), np.array([_spread_m(p) for p in points])
     world = np.einsum("nij,vj->nvi", poses.rotation, place) + poses.position_m[:, None]
-    for name, plane in faces:
-        if not isinstance(plane, Plane):
-            continue
-        deep = plane.offset_m - world @ plane.normal
-        allowed = np.maximum(LEAST_M, SIGMAS * np.hypot(spread, _spread_m(plane)))
-        gap_m = float((-deep - allowed).min())
-        if gap_m < found.gap_m:
-            found = found._replace(gap_m=gap_m, nearest=name)
-        beyond = deep > allowed
-        if not beyond.any():
-            continue
-        deepest = int(np.where(beyond, deep, 0.0).max(axis=0).argmax())
-        deep_m = float(deep[:, deepest].max())
-        found = found._replace(poses=found.poses + int(beyond.any(axis=1).sum()))
-        if deep_m > found.deep_m:
-            found = found._replace(deep_m=deep_m, vertex=points[deepest][0], face=name)
+    for faces in _faces_by_body(knowledge):
+        depth_m = faces.offsets_m - world @ faces.normals.T
+        allowed_m = np.maximum(LEAST_M, SIGMAS * np.hypot(spread[:, None], faces.spread_m))
+        found = _with_distance(found, faces, -depth_m - allowed_m)
+        inside = (depth_m > allowed_m).all(axis=-1)
+        if not faces.is_solid:
+            is_behind = found.is_behind and bool(inside.all())
+            found = found._replace(is_behind=is_behind, behind=found.behind + len(poses))
+        elif inside.any():
+            found = found._replace(inside=found.inside + int(inside.any(axis=1).sum()))
+            least_m = np.where(inside, depth_m.min(axis=-1), 0.0)
+            found = _with_depth(found, names, faces, least_m, depth_m)
     return found
+
+
+def _faces_by_body(knowledge: PriorMap) -> list[_Faces]:
+    planes = [(one, one.element) for one in knowledge.environment if isinstance(one.element, Plane)]
+    bodies = dict.fromkeys(one.solid for one, _ in planes)
+    found = list[_Faces]()
+    for body in bodies:
+        own = [(one.name, plane) for one, plane in planes if one.solid == body]
+        normals = np.array([plane.normal for _, plane in own])
+        offsets_m = np.array([plane.offset_m for _, plane in own])
+        spread_m = np.array([_spread_m(plane) for _, plane in own])
+        found.append(_Faces(body is not None, [name for name, _ in own], normals, offsets_m, spread_m))
+    return found
+
+
+def _with_distance(found: Clearance, faces: _Faces, off_m: Array) -> Clearance:
+    """Updated by the distances (N, V, F) in front of each face."""
+    if faces.is_solid:  # outside it, the object is at least as far away as in front of any one face
+        face, gap_m = off_m.argmax(axis=-1), off_m.max(axis=-1)
+    else:
+        face, gap_m = off_m.argmin(axis=-1), off_m.min(axis=-1)
+    least = int(gap_m.argmin())
+    if gap_m.flat[least] >= found.gap_m:
+        return found
+    return found._replace(gap_m=float(gap_m.flat[least]), nearest=faces.names[face.flat[least]])
+
+
+def _with_depth(
+    found: Clearance, vertices: Sequence[str], faces: _Faces, inside_m: Array, depth_m: Array
+) -> Clearance:
+    """Updated by the depths (N, V) inside, and those (N, V, F) behind each face."""
+    pose, vertex = divmod(int(inside_m.argmax()), inside_m.shape[1])
+    deep_m = float(inside_m[pose, vertex])
+    if deep_m <= found.deep_m:
+        return found
+    face = faces.names[int(depth_m[pose, vertex].argmin())]
+    return found._replace(deep_m=deep_m, vertex=vertices[vertex], face=face)
 
 
 def findings(found: Clearance) -> tuple[Finding, ...]:
     """Findings while poses come in."""
-    if found.poses < LEAST_POSES:
-        return ()
-    text = (
-        f"what is given does not fit the poses: {found.vertex} of the object is up to "
-        f"{1e3 * found.deep_m:.0f} mm inside {found.face}: check --known (place, size, frames)"
-    )
-    return (Finding("knowledge", text, True),)
+    found_texts = list[str]()
+    if found.inside >= LEAST_POSES:
+        depth = f"{found.vertex} of the object is up to {1e3 * found.deep_m:.0f} mm inside {found.face}"
+        found_texts.append(f"what is given does not fit the poses: {depth}: {CHECK}")
+    if found.is_behind and found.behind >= LEAST_POSES:
+        found_texts.append(
+            "what is given does not fit the poses: all known vertices of the object are behind every face that "
+            f"is listed, whose normal points to the free side: {CHECK}"
+        )
+    return tuple(Finding("knowledge", text, True) for text in found_texts)
 
 
 def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]:
@@ -81,7 +144,7 @@ def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]
         return ()
     text = (
         f"the object as given stays more than {1e3 * found.gap_m:.0f} mm off {found.nearest}, the nearest "
-        "face that is given: if it touched one, check --known (place, size, frames)"
+        f"face that is given: if it touched one, {CHECK}"
     )
     return (Finding("knowledge", text, False),)
 

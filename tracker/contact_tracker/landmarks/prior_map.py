@@ -27,10 +27,14 @@ class Accuracy:
 
 @dataclass(frozen=True, eq=False)
 class NamedElement:
-    """An element with a name. A plane's normal points out of the body that it bounds."""
+    """An element with a name. A plane's normal points out of the body that it bounds.
+
+    ``solid`` numbers the known convex bodies of a side; None for an element whose body is not known.
+    """
 
     name: str
     element: Element
+    solid: int | None = None
 
     @property
     def kind(self) -> str:
@@ -113,11 +117,12 @@ def elements_of(
     rotation: Array,
     position_m: Array,
     prefix: str = "",
+    solid: int | None = None,
 ) -> tuple[NamedElement, ...]:
     """Faces, edges and vertices of a convex body, rotated by ``rotation`` (3, 3) and moved.
 
     ``face_name`` (number, outward normal before the rotation) names the faces. An edge is named after its two
-    faces, a vertex after all of its faces.
+    faces, a vertex after all of its faces. ``solid`` is None for the hull of a body that is not convex.
     """
     faces = {face.indices: face_name(i, face.normals[0]) for i, face in enumerate(body.of_kind("f"), start=1)}
 
@@ -126,7 +131,8 @@ def elements_of(
         named = [name for indices, name in faces.items() if feature.indices <= indices]
         name = f"{prefix}{KINDS[feature.kind]} {' '.join(sorted(named, key=_axis_order))}"
         element = feature.element(rotation, position_m, middle)
-        return NamedElement(name, known_to(element, accuracy, rotation @ middle + position_m))
+        placed = known_to(element, accuracy, rotation @ middle + position_m)
+        return NamedElement(name, placed, solid)
 
     return tuple(known(feature) for feature in body.features)
 

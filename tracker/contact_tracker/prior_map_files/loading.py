@@ -112,7 +112,9 @@ def _elements(
             _refuse_many(found, keys, kind)
     for kind in ("box", "mesh"):
         for row in keys.tables(kind):
-            elements, complete = (_box(row), True) if kind == "box" else _mesh(row, folder, note)
+            elements, complete = (
+                (_box(row, solids), True) if kind == "box" else _mesh(row, solids, folder, note)
+            )
             found += elements
             solids += 1
             _refuse_many(found, keys, kind)
@@ -162,15 +164,15 @@ def _point(keys: Keys, number: int) -> NamedElement:
     return NamedElement(name, known_to(Point(point), accuracy))
 
 
-def _box(keys: Keys) -> tuple[NamedElement, ...]:
+def _box(keys: Keys, solid: int) -> tuple[NamedElement, ...]:
     prefix, accuracy, size_m = _prefix(keys), _accuracy(keys), keys.lengths("size_m")
     rotation, position_m = keys.pose()
     keys.finish()
     body = convex(0.5 * size_m * np.array(list(product((-1.0, 1.0), repeat=3))))
-    return elements_of(body, axis_name, accuracy, rotation, position_m, prefix)
+    return elements_of(body, axis_name, accuracy, rotation, position_m, prefix, solid)
 
 
-def _mesh(keys: Keys, folder: Path, note: Note) -> tuple[tuple[NamedElement, ...], bool]:
+def _mesh(keys: Keys, solid: int, folder: Path, note: Note) -> tuple[tuple[NamedElement, ...], bool]:
     """The elements of a mesh's hull, and whether the mesh is convex."""
     prefix, accuracy, path = _prefix(keys), _accuracy(keys), folder / keys.text("path", None)
     unit_m = keys.number("unit_m", 1.0, 1e-6, 1e3)
@@ -179,7 +181,8 @@ def _mesh(keys: Keys, folder: Path, note: Note) -> tuple[tuple[NamedElement, ...
     body, is_convex = read_mesh(path, unit_m, keys.wrong)
     if not is_convex:
         note(f"{path} is not convex: its hull's elements are known, and others are looked for as well")
-    return elements_of(body, number_name, accuracy, rotation, position_m, prefix), is_convex
+    own = solid if is_convex else None
+    return elements_of(body, number_name, accuracy, rotation, position_m, prefix, own), is_convex
 
 
 def _prefix(keys: Keys) -> str:

@@ -1,0 +1,178 @@
+"""Accuracy with known geometry, on recordings with true elements and the vertices of the object.
+
+    python tests/benchmarks/known_geometry.py
+    python tests/benchmarks/known_geometry.py FOLDER --set sequence --off 2mm,1deg
+
+Given are, each to the standard deviations that ``--known`` assumes: nothing; the elements of the surroundings
+that are touched, not as a complete list; all faces, edges and vertices of the object; and both. With ``--off``
+the elements of each side are displaced and turned together, at random, by that much. Figures are means over
+the recordings, as in field.py; ``warned`` is the share of the recordings for which what is given is reported
+as wrong.
+"""
+
+import argparse
+import sys
+import zlib
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+from contact_tracker import adaptation
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.quantities import deviations
+from contact_tracker.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.geometry.elements import Element, Line, Plane, Point
+from contact_tracker.geometry.polyhedron import convex
+from contact_tracker.ground_truth import Truth
+from contact_tracker.landmarks.prior_map import (
+    Accuracy,
+    NamedElement,
+    PriorMap,
+    elements_of,
+    known_to,
+    number_name,
+)
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import need_truth, open_log, read_metadata
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.viewer.hull import vertices_from_metadata
+from field import FIGURES, figures
+from identification import find_sets
+from shared_recordings import add_folder
+from worker_pool import worker_pool
+
+Array = NDArray[np.float64]
+
+LEVELS: Final = ("nothing", "surroundings", "object", "both")
+COLUMNS: Final = ("known", *FIGURES, "warned")
+EXACT: Final = (0.0, 0.0)
+SAME: Final = 1e-6
+"""Elements whose numbers differ by less are one."""
+
+
+class Displacement(NamedTuple):
+    """A rotation (3, 3) about ``centre_m`` (3,), then a shift by ``by_m`` (3,)."""
+
+    rotation: Array
+    centre_m: Array
+    by_m: Array
+
+    @classmethod
+    def random(cls, off: tuple[float, float], centre_m: Array, rng: np.random.Generator) -> "Displacement":
+        """By ``off`` (m, rad), in random directions."""
+        shift, axis = (vector / np.linalg.norm(vector) for vector in rng.standard_normal((2, 3)))
+        return cls(Rotation.from_rotvec(off[1] * axis).as_matrix(), centre_m, off[0] * shift)
+
+    def of(self, element: Element) -> Element:
+        """The element, displaced."""
+        match element:
+            case Plane(normal, offset_m):
+                turned = self.rotation @ normal
+                return Plane(turned, float(turned @ self._moved(normal * offset_m)))
+            case Line(direction, point_m):
+                return Line(self.rotation @ direction, self._moved(point_m))
+            case Point(point_m):
+                return Point(self._moved(point_m))
+
+    def _moved(self, point_m: Array) -> Array:
+        return np.asarray(self.rotation @ (point_m - self.centre_m) + self.centre_m + self.by_m)
+
+
+class Measured(NamedTuple):
+    """One recording at one level of knowledge."""
+
+    evaluation: Evaluation
+    is_warned: bool
+
+
+def touched(truth: Truth) -> list[Element]:
+    """The elements of the surroundings that are touched, each once."""
+    found = list[Element]()
+    for interval in truth.intervals:
+        if interval.geometry is not None and not any(
+            _is_same(interval.geometry.environment, one) for one in found
+        ):
+            found.append(interval.geometry.environment)
+    return found
+
+
+def _is_same(one: Element, other: Element) -> bool:
+    match one, other:
+        case Plane(), Plane():
+            return bool(one.normal @ other.normal > 1.0 - SAME and abs(one.offset_m - other.offset_m) < SAME)
+        case Line(), Line():
+            apart = other.point_m - one.point_m
+            across = apart - one.direction * (one.direction @ apart)
+            parallel = abs(one.direction @ other.direction) > 1.0 - SAME
+            return bool(parallel and np.linalg.norm(across) < SAME)
+        case Point(), Point():
+            return bool(np.linalg.norm(one.point_m - other.point_m) < SAME)
+    return False
+
+
+def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, float]) -> PriorMap:
+    """The prior map of ``level``, displaced by ``off`` (m, rad)."""
+    rng, accuracy = np.random.default_rng(zlib.crc32(path.stem.encode())), Accuracy()
+    middle_m = poses.position_m.mean(axis=0)
+    around, body = Displacement.random(off, middle_m, rng), Displacement.random(off, np.zeros(3), rng)
+    surroundings = tuple(
+        NamedElement(f"element {number}", known_to(around.of(element), accuracy, middle_m))
+        for number, element in enumerate(touched(truth), start=1)
+    )
+    vertices_m = vertices_from_metadata(read_metadata(str(path)))
+    if vertices_m is None:
+        raise SystemExit(f"{path}: its metadata have no vertices of the object")
+    object = elements_of(convex(vertices_m), number_name, accuracy, body.rotation, body.by_m)
+    return PriorMap(
+        surroundings if level in ("surroundings", "both") else (),
+        object if level in ("object", "both") else (),
+        object_complete=level in ("object", "both"),
+    )
+
+
+def measure(path: Path, level: str, off: tuple[float, float]) -> Measured:
+    """Track and evaluate one recording."""
+    poses, truth = gate(Poses.collect(open_log(str(path)))), need_truth(str(path))
+    tracker = adaptation.OfflineTracker(load_model(), known(path, level, poses, truth, off))
+    found = Segmentation.join(list(tracker.pieces(poses, detail=Detail.GEOMETRY)))
+    report = tracker.report
+    is_warned = report is not None and any(one.kind == "knowledge" for one in report.findings)
+    return Measured(evaluate(poses, truth, found), is_warned)
+
+
+def rows(paths: Sequence[Path], off: tuple[float, float], processes: int) -> Iterator[list[str]]:
+    """Rows of the table, one level after the other."""
+    with worker_pool(processes) as pool:
+        jobs = [pool.submit(measure, path, level, off) for level, path in product(LEVELS, paths)]
+        for first, level in enumerate(tqdm(LEVELS, file=sys.stderr, disable=None)):
+            done = [job.result() for job in jobs[first * len(paths) : (first + 1) * len(paths)]]
+            warned = number(float(np.mean([one.is_warned for one in done])))
+            yield [level, *figures([one.evaluation for one in done]), warned]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add_folder(parser)
+    parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
+    parser.add_argument("--off", metavar="MM,DEG", help="as 2mm,1deg (default: what is given is exact)")
+    parser.add_argument("--processes", type=int, default=2)
+    args = parser.parse_args(argv)
+    off = deviations(args.off) if args.off else EXACT
+    paths = [path for some in find_sets(args.folder, args.set).values() for path in some]
+    print(table(COLUMNS, list(rows(paths, off, args.processes))))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
