@@ -3,11 +3,10 @@
     python tests/benchmarks/known_geometry.py
     python tests/benchmarks/known_geometry.py FOLDER --set sequence --off 2mm,1deg
 
-Given are, each to the standard deviations that ``--known`` assumes: nothing; the elements of the surroundings
-that are touched, not as a complete list; all faces, edges and vertices of the object; and both. With ``--off``
-the elements of each side are displaced and turned together, at random, by that much. Figures are means over
-the recordings, as in field.py; ``warned`` is the share of the recordings for which what is given is reported
-as wrong.
+Given are, to the usual standard deviations: nothing; the elements of the surroundings that are touched, not
+as a complete list; all faces, edges and vertices of the object; and both. With ``--off`` the elements of each
+side are displaced and turned together, at random, by that much. Figures are means over the recordings, as in
+field.py; ``warned`` is the share of the recordings for which what is given is reported as wrong.
 """
 
 import argparse

@@ -123,16 +123,19 @@ def _with_depth(
 
 def findings(found: Clearance) -> tuple[Finding, ...]:
     """Findings while poses come in."""
-    found_texts = list[str]()
+    misfits = list[str]()
     if found.inside >= LEAST_POSES:
-        depth = f"{found.vertex} of the object is up to {1e3 * found.deep_m:.0f} mm inside {found.face}"
-        found_texts.append(f"what is given does not fit the poses: {depth}: {CHECK}")
-    if found.is_behind and found.behind >= LEAST_POSES:
-        found_texts.append(
-            "what is given does not fit the poses: all known vertices of the object are behind every face that "
-            f"is listed, whose normal points to the free side: {CHECK}"
+        misfits.append(
+            f"{found.vertex} of the object is up to {1e3 * found.deep_m:.0f} mm inside {found.face}"
         )
-    return tuple(Finding("knowledge", text, True) for text in found_texts)
+    if found.is_behind and found.behind >= LEAST_POSES:
+        misfits.append(
+            "all vertices given of the object are behind every listed face, whose normal is on the free side"
+        )
+    return tuple(
+        Finding("knowledge", f"what is given does not fit the poses: {misfit}: {CHECK}", True)
+        for misfit in misfits
+    )
 
 
 def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]:
