@@ -12,7 +12,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.geometry.elements import Array, Plane, Point
+from contact_tracker.adaptation.known_vertices import Faces, faces_by_body, vertices_of
+from contact_tracker.geometry.elements import Array
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
@@ -48,56 +49,28 @@ class Clearance(NamedTuple):
     nearest: str = ""
 
 
-class _Faces(NamedTuple):
-    """Faces of one convex body, or those that are listed by themselves."""
-
-    is_solid: bool
-    names: list[str]
-    normals: Array
-    """(F, 3)"""
-    offsets_m: Array
-    """(F,)"""
-    spread_m: Array
-    """(F,) standard deviations of the offsets."""
-
-
 def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
     """Advance by poses."""
-    known = [(one.name, one.element) for one in knowledge.object if isinstance(one.element, Point)]
-    if not known or not len(poses):
+    vertices = vertices_of(knowledge)
+    if not vertices.names or not len(poses):
         return found
-    names, points = zip(*known, strict=True)
-    place, spread = np.array([p.point_m for p in points]), np.array([_spread_m(p) for p in points])
-    world = np.einsum("nij,vj->nvi", poses.rotation, place) + poses.position_m[:, None]
-    for faces in _faces_by_body(knowledge):
+    world = vertices.in_world(poses)
+    for faces in faces_by_body(knowledge):
         depth_m = faces.offsets_m - world @ faces.normals.T
-        allowed_m = np.maximum(LEAST_M, SIGMAS * np.hypot(spread[:, None], faces.spread_m))
+        allowed_m = np.maximum(LEAST_M, SIGMAS * np.hypot(vertices.spread_m[:, None], faces.spread_m))
         found = _with_distance(found, faces, -depth_m - allowed_m)
-        inside = (depth_m > allowed_m).all(axis=-1)
+        inside = np.asarray((depth_m > allowed_m).all(axis=-1))
         if not faces.is_solid:
             is_behind = found.is_behind and bool(inside.all())
             found = found._replace(is_behind=is_behind, behind=found.behind + len(poses))
         elif inside.any():
             found = found._replace(inside=found.inside + int(inside.any(axis=1).sum()))
             least_m = np.where(inside, depth_m.min(axis=-1), 0.0)
-            found = _with_depth(found, names, faces, least_m, depth_m)
+            found = _with_depth(found, vertices.names, faces, least_m, depth_m)
     return found
 
 
-def _faces_by_body(knowledge: PriorMap) -> list[_Faces]:
-    planes = [(one, one.element) for one in knowledge.environment if isinstance(one.element, Plane)]
-    bodies = dict.fromkeys(one.solid for one, _ in planes)
-    found = list[_Faces]()
-    for body in bodies:
-        own = [(one.name, plane) for one, plane in planes if one.solid == body]
-        normals = np.array([plane.normal for _, plane in own])
-        offsets_m = np.array([plane.offset_m for _, plane in own])
-        spread_m = np.array([_spread_m(plane) for _, plane in own])
-        found.append(_Faces(body is not None, [name for name, _ in own], normals, offsets_m, spread_m))
-    return found
-
-
-def _with_distance(found: Clearance, faces: _Faces, off_m: Array) -> Clearance:
+def _with_distance(found: Clearance, faces: Faces, off_m: Array) -> Clearance:
     """Updated by the distances (N, V, F) in front of each face."""
     if faces.is_solid:  # outside it, the object is at least as far away as in front of any one face
         face, gap_m = off_m.argmax(axis=-1), off_m.max(axis=-1)
@@ -110,7 +83,7 @@ def _with_distance(found: Clearance, faces: _Faces, off_m: Array) -> Clearance:
 
 
 def _with_depth(
-    found: Clearance, vertices: Sequence[str], faces: _Faces, inside_m: Array, depth_m: Array
+    found: Clearance, vertices: Sequence[str], faces: Faces, inside_m: Array, depth_m: Array
 ) -> Clearance:
     """Updated by the depths (N, V) inside, and those (N, V, F) behind each face."""
     pose, vertex = divmod(int(inside_m.argmax()), inside_m.shape[1])
@@ -150,11 +123,3 @@ def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]
         f"face that is given: if it touched one, {CHECK}"
     )
     return (Finding("knowledge", text, False),)
-
-
-def _spread_m(element: Plane | Point) -> float:
-    """Standard deviation of the offset of a plane, or the largest of the coordinates of a point."""
-    covariance = element.covariance
-    if covariance is None:
-        return 0.0
-    return float(np.sqrt(covariance[-1, -1] if isinstance(element, Plane) else np.diag(covariance).max()))

@@ -3,22 +3,21 @@
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from contact_tracker.adaptation import clearance, contradiction, side_by_side
+from contact_tracker.adaptation import clearance, contradiction, impacts, side_by_side
 from contact_tracker.adaptation.clearance import Clearance
 from contact_tracker.adaptation.contradiction import Contradiction
 from contact_tracker.adaptation.conventions import NOTHING_KNOWN, Conventions
 from contact_tracker.adaptation.conventions import advance as advance_conventions
 from contact_tracker.adaptation.conventions import findings as convention_findings
+from contact_tracker.adaptation.impacts import Impacts
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.side_by_side import SideBySide
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import (
-    LONGEST_TICK_S,
     NOTHING_INSPECTED,
     Finding,
     Inspection,
     findings,
-    impacts,
     inspect,
 )
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -34,10 +33,10 @@ BATCH_POSES: Final = 50
 class AdaptiveState(NamedTuple):
     """The state of a stream; bounded in size, however long the stream.
 
-    The ``trackers`` side by side; the tests of ``conventions``, of a ``contradiction`` to the prior map and
-    of the ``clearance``; the ``inspection`` of the poses. ``uninspected`` are the latest ``many`` poses; the
-    trackers have the first ``taken_in`` parts of these and get the others at the end of the tick. ``last_ns``
-    is the stamp of the last pose.
+    The ``trackers`` side by side; the tests of ``conventions``, of a ``contradiction`` to the prior map, of
+    the ``clearance`` and of ``impacts``; the ``inspection`` of the poses. ``uninspected`` are the latest
+    ``many`` poses; the trackers have the first ``taken_in`` parts of these and get the others at the end of
+    the tick. ``last_ns`` is the stamp of the last pose.
     """
 
     trackers: SideBySide
@@ -45,6 +44,7 @@ class AdaptiveState(NamedTuple):
     conventions: Conventions
     contradiction: Contradiction
     clearance: Clearance
+    impacts: Impacts
     uninspected: tuple[Pose | Poses, ...]
     many: int
     taken_in: int
@@ -63,11 +63,12 @@ class AdaptiveState(NamedTuple):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the stream."""
-        tick_s, fast = self.trackers.model.tick_s, tuple[Finding, ...]()
-        if self._impacts_are_possible:
-            fast = impacts(self.inspection, tick_s)
+        in_stream = findings(self.inspection)
+        fast = impacts.findings(self.impacts, self.trackers.model.tick_s)
+        if self.inspection.bodies or self.inspection.units:
+            fast = ()
         return (
-            *findings(self.inspection),
+            *in_stream,
             *fast,
             *convention_findings(self.conventions),
             *(clearance.findings(self.clearance) or (() if fast else self._contradictions)),
@@ -89,14 +90,12 @@ class AdaptiveState(NamedTuple):
         wrong."""
         if self.contradiction.is_likely:
             return True
-        too_early = self._impacts_are_possible and not self.inspection.blocks
-        return self.is_in_doubt or (too_early and self.trackers.model.tick_s > LONGEST_TICK_S)
-
-    @property
-    def _impacts_are_possible(self) -> bool:
-        """Whether elements of both sides are known: then contacts shorter than a tick can be."""
         knowledge = self.trackers.knowledge
-        return bool(knowledge.object) and bool(knowledge.environment)
+        too_early = bool(knowledge.object and knowledge.environment) and not self.inspection.blocks
+        may_be_short = self.trackers.model.tick_s > impacts.LONGEST_TICK_S and (
+            too_early or self.impacts.is_near
+        )
+        return self.is_in_doubt or may_be_short
 
     @property
     def outliers(self) -> int:
@@ -121,6 +120,7 @@ def start(
         NOTHING_KNOWN,
         Contradiction(),
         Clearance(),
+        Impacts(),
         (),
         0,
         0,
@@ -170,11 +170,12 @@ def advance(
 
 
 def inspect_poses(state: AdaptiveState, poses: Poses) -> AdaptiveState:
-    """Update the inspection and the test of the clearance by poses, which are tracked elsewhere."""
-    return state._replace(
-        inspection=inspect(state.inspection, poses),
-        clearance=clearance.advance(state.clearance, state.trackers.knowledge, poses),
-    )
+    """Update the inspection and the tests of clearance and impacts by poses, which are tracked elsewhere."""
+    knowledge, away, hits = state.trackers.knowledge, state.clearance, state.impacts
+    for first in range(0, len(poses) if knowledge else 0, BATCH_POSES):
+        some = poses[first : first + BATCH_POSES]
+        away, hits = clearance.advance(away, knowledge, some), impacts.advance(hits, knowledge, some)
+    return state._replace(inspection=inspect(state.inspection, poses), clearance=away, impacts=hits)
 
 
 def check_prior_map(state: AdaptiveState, poses: Poses) -> AdaptiveState:

@@ -46,9 +46,6 @@ ENOUGH_NOISE: Final = 40
 
 CONSTANT: Final = 1e-9
 """Smaller differences are rounding (m, or of a unit quaternion)."""
-LONGEST_TICK_S: Final = 0.05
-IMPACT_M_PER_S: Final = 0.7
-"""An object that touches known elements at this speed bounces; its contacts are shorter than usual ticks."""
 ENOUGH_CONSTANT: Final = 100
 STILL: Final = "still"
 """The kind of the finding that the pose never changes."""
@@ -166,18 +163,6 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
     if inspection.filtered and not inspection.bodies:
         found.append(Finding("filtered", _FILTERED, False))
     return tuple(found)
-
-
-def impacts(inspection: Inspection, tick_s: float) -> tuple[Finding, ...]:
-    """Findings on contacts shorter than ticks, if elements of both sides are known."""
-    fast = inspection.top_m_per_s > IMPACT_M_PER_S
-    if not fast or tick_s <= LONGEST_TICK_S or inspection.bodies or inspection.units:
-        return ()
-    text = (
-        f"the object moves at up to {inspection.top_m_per_s:.1f} m/s: contacts may be shorter than the ticks "
-        f"of {tick_s:g} s; what is known suffices for shorter ones: take --model impacts"
-    )
-    return (Finding("impacts", text, True),)
 
 
 _ROTATION: Final = "contacts are recognised by rotation"
