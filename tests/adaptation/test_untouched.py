@@ -49,6 +49,7 @@ def test_a_face_that_no_contact_is_on_is_named_with_its_distance():
     [
         [],
         [on(0.34), on(0.5, "plane 1")],
+        [on(0.34), on(0.498)],
         [on(0.34, probability=0.3)],
         [on(0.34, inseparable=tuple(state for state in STATES if state is not Contact.VF))],
         [Segment(0, 10**9, Contact.FREE, 1.0, None)],

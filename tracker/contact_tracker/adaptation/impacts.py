@@ -17,8 +17,8 @@ from contact_tracker.motion.poses import NO_POSES, Poses
 LONGEST_TICK_S: Final = 0.05
 """Ticks up to this are short enough for impacts."""
 IMPACT_M_PER_S: Final = 0.9
-"""Change of speed in an impact. Of 57 tosses of a cube the least has 1.0; of 32 recordings of objects that are
-moved by hand one has more than 0.78 (1.0, a short and fast one)."""
+"""Change of speed in an impact. Of 57 tosses of a cube the least has 1.0; of 32 recordings of objects that
+are moved by hand one has more than 0.78 (1.0, a short and fast one)."""
 NEAR_M: Final = 0.015
 """Distance of a vertex from a face at which it may touch it."""
 SPAN_S: Final = 0.02

@@ -32,6 +32,12 @@ class Untouched(NamedTuple):
     gap_m: float = inf
 
     @property
+    def confirmed(self) -> tuple[bool, bool]:
+        """Whether contacts confirm elements of the object, and of the surroundings: also a face that is
+        touched where a known one is, though not as that one."""
+        return self.known[0], self.known[1] or self.gap_m <= NEAREST_M
+
+    @property
     def contradicts_nearest(self) -> bool:
         """Whether contacts are on unknown elements only, one of them a face parallel to ``nearest``."""
         return self.unknown[1] and not self.known[1] and NEAREST_M < self.gap_m < inf
@@ -64,7 +70,7 @@ def findings(found: Untouched, knowledge: PriorMap) -> tuple[Finding, ...]:
     """A finding for each side of which contacts touch unknown elements only."""
     texts = []
     for side, listed in enumerate((knowledge.object, knowledge.environment)):
-        if not listed or found.known[side] or not found.unknown[side]:
+        if not listed or found.confirmed[side] or not found.unknown[side]:
             continue
         near, gap_mm = "", 1e3 * found.gap_m
         if side == 1 and found.contradicts_nearest:
