@@ -67,9 +67,10 @@ def test_a_restored_stream_continues_bit_for_bit(tmp_path: Path, name: str, coun
 
 
 @needs_kernels
-def test_knowledge_is_part_of_the_state(tmp_path: Path) -> None:
-    poses = recorded("vision_30hz", 200)
-    with_cuts = lines(poses, {3, 70, 150}, tmp_path / "s", known=True)
+@pytest.mark.parametrize(("name", "count"), [("vision_30hz", 200), ("all_states", 1500)])
+def test_knowledge_is_part_of_the_state(tmp_path: Path, name: str, count: int) -> None:
+    poses = recorded(name, count)
+    with_cuts = lines(poses, {3, 70, 150, 701, 1203}, tmp_path / "s", known=True)
     assert with_cuts == lines(poses, set(), tmp_path / "s", known=True)
 
 

@@ -17,8 +17,8 @@ Index = NDArray[np.int64]
 
 _POSE: Final = slice(T[-1] + 1)
 """Where zeta has the rotation, and then the position."""
-_PER_AXIS: Final = np.zeros((T[-1] + 1, 2))
-_PER_AXIS[T, 0], _PER_AXIS[R, 1] = 1.0 / 3.0, 1.0 / 6.0
+_TURN: Final = len(R)
+"""Number of entries of the rotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,4 +275,8 @@ def travel_to(zeta: Array, before: Array | None) -> Array:
 
 
 def _per_axis(apart: Array) -> Array:
-    return np.asarray((apart * apart) @ _PER_AXIS)
+    # sums row by row, since a product of matrices would round one row differently from several
+    square, out = apart * apart, np.empty((*apart.shape[:-1], 2))
+    out[..., 0] = square[..., _TURN:].sum(axis=-1) / 3.0
+    out[..., 1] = square[..., :_TURN].sum(axis=-1) / 6.0
+    return out
