@@ -104,6 +104,30 @@ def test_durations_are_stamps_and_text_is_none(poses: Poses) -> None:
         Trajectory.from_arrays(poses.stamp_ns.astype("datetime64[ns]").astype(str), *arrays(poses)[1:])
 
 
+def test_masked_poses_are_not_finite(poses: Poses) -> None:
+    hidden = np.arange(len(poses)) % 10 == 3
+    masked = np.ma.array(poses.position_m, mask=hidden[:, None].repeat(3, axis=1))
+    stamps = np.ma.array(poses.stamp_ns, mask=np.arange(len(poses)) == 0)
+    found = Trajectory.from_arrays(poses.stamp_ns, masked, poses.quat_xyzw, unit="ns")
+    assert found.counts == {"nonfinite": int(hidden.sum())}
+    np.testing.assert_array_equal(found.poses.stamp_ns, poses.stamp_ns[~hidden])
+    assert (
+        Trajectory.from_arrays(stamps, masked, poses.quat_xyzw, unit="ns").counts["nonfinite"] > hidden.sum()
+    )
+
+
+def test_dates_of_the_standard_library_and_zones_are_stamps() -> None:
+    pandas = pytest.importorskip("pandas")
+    few = smooth_poses(30)
+    dates = pandas.date_range("2026-01-01", periods=30, freq="10ms", tz="Europe/Berlin")
+    utc_ns = dates.tz_convert(None).to_numpy("datetime64[ns]").astype(np.int64)
+    with_zone = [date.to_pydatetime() for date in dates]
+    for stamps in (dates, pandas.Series(dates), list(dates), with_zone):
+        found = Trajectory.from_arrays(stamps, few.position_m, few.quat_xyzw)
+        np.testing.assert_array_equal(found.poses.stamp_ns, utc_ns)
+        assert not found.notes
+
+
 def test_stamps_of_an_impossible_rate_are_a_warning(poses: Poses) -> None:
     seconds = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
     trajectory = Trajectory.from_arrays(seconds, poses.position_m, poses.quat_xyzw, unit="us")
@@ -187,9 +211,14 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
             "noise": (3e-4, np.radians(0.15)),
             "known": {"up": {"direction": [0, 0, 1]}},
         },
+        {"model": "mocap_200hz", "noise": "0.3mm,0.15deg", "known": {"up": {"direction": (0, 0, 1)}}},
+        {"model": "mocap_200hz", "noise": "0.3mm,0.15deg", "known": {"up": {"direction": np.eye(3)[2]}}},
     ]
-    first, second = (contact_tracker.segment(short, **options) for options in given)
-    np.testing.assert_allclose(first.beliefs.probability, second.beliefs.probability, atol=1e-9)
+    first, *others = (contact_tracker.segment(short, **options) for options in given)
+    for other in others:
+        np.testing.assert_allclose(first.beliefs.probability, other.beliefs.probability, atol=1e-9)
+    with pytest.raises(UsageError, match="known is a file, a table of its keys or a PriorMap, not 3"):
+        contact_tracker.segment(short, known=3)
     assert first.report is not None
     assert first.report.noise == pytest.approx((3e-4, np.radians(0.15)))
 

@@ -59,4 +59,8 @@ def knowledge_of(known: Known, note: Callable[[str], None]) -> PriorMap:
         return known
     if isinstance(known, Mapping):
         return knowledge_from(known, Path(), note)
-    return load_knowledge(os.fspath(known), note)
+    try:
+        path = os.fspath(known)
+    except TypeError as error:
+        raise UsageError(f"known is a file, a table of its keys or a PriorMap, not {known!r}") from error
+    return load_knowledge(path, note)

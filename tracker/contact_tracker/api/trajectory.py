@@ -5,6 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Literal, Self, get_args
 
@@ -70,8 +71,8 @@ class Trajectory:
 
         Parameters
         ----------
-        stamps : (N,) times in ``unit``, from any origin; or ``datetime64`` or ``timedelta64``, which have
-            their own unit.
+        stamps : (N,) times in ``unit``, from any origin; or dates or durations of numpy, pandas or the
+            standard library, which have their own unit.
         positions_m : (N, 3) positions of the body's origin in the world (m).
         quaternions : (N, 4) rotations from body to world, their components in ``order``.
 
@@ -81,6 +82,8 @@ class Trajectory:
             The arrays' shapes differ, or ``unit`` or ``order`` is unknown.
         NoPoses
             No pose has passed the gate; the message says why.
+
+        Masked poses of numpy count as not finite.
         """
         stamp_ns, is_time, in_range = _nanoseconds(stamps, unit)
         place, turn = _rows(positions_m, "positions_m", 3), _rows(quaternions, "quaternions", 4)
@@ -246,14 +249,14 @@ def _nanoseconds(
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
     """Stamps, which of them are finite times, and which of these are in range."""
     _refuse_other(unit)
-    given = np.asarray(stamps)
+    given = _times(stamps)
     if given.ndim != 1:
         raise UsageError(f"stamps have the shape (N,), not {given.shape}")
-    if _has_own_unit(given):
+    if given.dtype.kind in "mM":
         is_time = ~np.isnat(given)
         return given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
     try:
-        numbers = given if given.dtype.kind in "iu" else given.astype(float)
+        numbers = given if given.dtype.kind in "iu" and not np.ma.is_masked(given) else _floats(given)
     except (TypeError, ValueError) as error:
         raise UsageError("stamps are no numbers or dates: convert text, as by pandas.to_datetime") from error
     with np.errstate(all="ignore"):
@@ -268,13 +271,29 @@ def _nanoseconds(
 
 
 def _has_own_unit(stamps: ArrayLike) -> bool:
-    """Whether stamps are dates or durations of numpy."""
-    return np.asarray(stamps).dtype.kind in "mM"
+    """Whether stamps are dates or durations."""
+    return _times(stamps).dtype.kind in "mM"
+
+
+def _times(stamps: ArrayLike) -> NDArray[Any]:
+    """Stamps as numbers, or as dates and durations of numpy; those with a time zone in UTC."""
+    if getattr(getattr(stamps, "dtype", None), "tz", None) is not None:  # dates of pandas
+        return np.asarray(stamps.to_numpy("datetime64[ns]"))  # type: ignore[union-attr]
+    given = np.asanyarray(stamps)  # with its mask, if it has one
+    if given.dtype.kind != "O" or not all(isinstance(one, datetime) for one in given.flat):
+        return given
+    utc = [one.astimezone(UTC).replace(tzinfo=None) if one.tzinfo else one for one in given.flat]
+    return np.array(utc, "datetime64[ns]").reshape(given.shape)
+
+
+def _floats(values: ArrayLike) -> Array:
+    """Numbers as floats; masked ones are NaN."""
+    return np.ma.filled(np.ma.asanyarray(values).astype(float), np.nan)
 
 
 def _rows(values: ArrayLike, name: str, width: int) -> Array:
     try:
-        found = np.asarray(values, float)
+        found = _floats(values)
     except (TypeError, ValueError) as error:
         raise UsageError(f"{name} are no numbers") from error
     if found.ndim != 2 or found.shape[1] != width:
@@ -290,6 +309,6 @@ def _column(table: Any, name: str) -> NDArray[Any]:
         meant = f"; did you mean {near!r}?" if near else f"; there are {', '.join(names[:20])}"
         raise UsageError(f"no column {name!r}{meant}")
     column = table[name]
-    if getattr(getattr(column, "dtype", None), "tz", None) is not None:  # pandas dates with a time zone
-        return np.asarray(column.to_numpy("datetime64[ns]"))
-    return np.asarray(column.to_numpy() if hasattr(column, "to_numpy") else column)
+    if getattr(getattr(column, "dtype", None), "tz", None) is not None:
+        return _times(column)
+    return np.asanyarray(column.to_numpy() if hasattr(column, "to_numpy") else column)

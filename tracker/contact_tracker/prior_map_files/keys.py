@@ -51,7 +51,7 @@ class Keys:
     def number(self, key: str, default: float | None, low: float, high: float) -> float:
         """A number from ``low`` to ``high``; it is required if ``default`` is None."""
         value = self._take(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
             raise self.wrong(key, f"must be a number, not {type(value).__name__}")
         if not low <= value <= high:
             raise self.wrong(key, f"must lie between {low:g} and {high:g}")
@@ -70,11 +70,9 @@ class Keys:
         return value
 
     def vector(self, key: str, size: int = 3, default: list[float] | None = None) -> Array:
-        """``size`` finite numbers."""
+        """``size`` finite numbers; from Python also as a tuple or an array."""
         value = self._take(key, default)
-        numbers = isinstance(value, list) and all(
-            isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= FARTHEST_M for v in value
-        )
+        numbers = isinstance(value, list | tuple | np.ndarray) and all(map(_is_coordinate, value))
         if not numbers or len(value) != size:
             raise self.wrong(key, f"must be a list of {size} numbers, none beyond {FARTHEST_M:g}")
         return np.array(value, float)
@@ -120,3 +118,8 @@ class Keys:
         if value is None:
             raise self.wrong(key, "missing")
         return value
+
+
+def _is_coordinate(value: Any) -> bool:
+    is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return is_number and bool(abs(value) <= FARTHEST_M)
