@@ -88,11 +88,40 @@ def test_an_object_that_turns_back_high_above_is_not() -> None:
     assert impacts.findings(found_in(moving(heights(back_and_forth), 100.0)), TICK_S) == ()
 
 
-def test_single_outliers_are_no_impacts() -> None:
+@pytest.mark.parametrize("poses", [1, 2])
+def test_outliers_are_no_impacts(poses: int) -> None:
     path = heights(np.full(300, ON_TABLE_M))
-    path[40::60, 2] += 0.05
-    path[70::60, 2] -= 0.05
+    for first, off_m in ((40, 0.05), (100, -0.05), (160, 0.05), (220, -0.05)):
+        path[first : first + poses, 2] += off_m
     assert impacts.findings(found_in(moving(path, 100.0)), TICK_S) == ()
+
+
+def test_a_gap_is_no_impact() -> None:
+    """Speeds before and after it differ, but not by a hit."""
+    path = placed(100.0)
+    kept = np.r_[0:56, 96:200]
+    whole = moving(path, 100.0)
+    assert impacts.findings(found_in(whole[kept]), TICK_S) == ()
+
+
+def test_beside_a_body_its_faces_end() -> None:
+    """An object turns back in the air, half a metre over the bench, in the plane of its side."""
+    knowledge = knowledge_from(
+        {"environment": {"box": [BENCH]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
+    )
+    time_s = np.arange(0.0, 2.0, 0.01)
+    along = 1.05 + np.abs(time_s - 1.0)
+    path = np.column_stack([along, np.zeros_like(along), np.full_like(along, 0.5)])
+    found = found_in(moving(path, 100.0), knowledge)
+    assert impacts.findings(found, TICK_S) == ()
+    assert not found_in(moving(path, 100.0)[:90], knowledge).is_near
+
+
+def test_bursts_of_poses_keep_little() -> None:
+    burst_ns = np.add.outer(np.arange(300) * 50_000_000, np.arange(10)).ravel()
+    poses = moving(heights(np.full(3000, ON_TABLE_M)), 100.0)
+    found = found_in(Poses(burst_ns, poses.position_m, poses.quat_xyzw))
+    assert len(found.recent) < 120
 
 
 def test_before_an_impact_the_labels_are_in_doubt() -> None:

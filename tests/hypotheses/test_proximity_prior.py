@@ -183,3 +183,17 @@ def test_of_many_pairs_the_most_probable_begin():
     assert kept.rows.known_pair_index[certain].tolist() == known[:MOST_BIRTHS]  # the nearest ones
     assert (~certain).sum() == sum(not pair.certain for pair in pairs) > 0
     assert log_sum_exp(kept.log_share) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("sigma_position_m", [1e-6, 1e-3, 1.0])
+@pytest.mark.parametrize("sigma_rotation_deg", [1e-4, 0.5, 60.0])
+@pytest.mark.parametrize("away_m", [0.0, 100.0, 1e6])
+def test_all_standard_deviations_that_are_allowed_can_be_compared(
+    sigma_position_m: float, sigma_rotation_deg: float, away_m: float
+):
+    sigma = {"sigma_position_m": sigma_position_m, "sigma_rotation_deg": sigma_rotation_deg}
+    box = {"size_m": [0.1, 0.2, 0.3], "position_m": [away_m, 0.0, 0.0], **sigma}
+    known = knowledge_from({"environment": {"box": [box]}, "object": {"box": [box]}})
+    for _, evidence in proximity(tick(ON_EDGE, 0.1), known):
+        assert np.isfinite(evidence.log_odds)
+        assert np.exp(evidence.log_share).sum() == pytest.approx(1.0)

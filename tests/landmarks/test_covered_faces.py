@@ -1,7 +1,10 @@
 """Faces of known bodies that lie on others cannot be touched."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import Trajectory, segment
@@ -15,7 +18,9 @@ OBJECT_M = np.array([0.1, 0.06, 0.04])
 
 
 def names(**environment) -> set[str]:
-    return {one.name for one in knowledge_from({"environment": environment}).environment}
+    """Of all elements that can be touched."""
+    known = knowledge_from({"environment": environment}).environment
+    return {one.name for one in known if not one.is_covered}
 
 
 def all_of(*boxes) -> set[str]:
@@ -62,9 +67,33 @@ def test_turned_bodies_are_compared_where_they_are() -> None:
     assert names(box=turned) == names(box=[BLOCK, UPPER])
 
 
+def test_a_mesh_with_rounded_numbers_loses_all_of_its_underside(tmp_path: Path) -> None:
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.8])
+    corners_m = 0.05 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    mesh = trimesh.convex.convex_hull(turn.apply(corners_m).round(5))
+    mesh.export(tmp_path / "block.stl")
+    table = {"name": "table", "normal": turn.apply([0, 0, 1]).tolist(), "offset_m": -0.05}
+    known = knowledge_from({"environment": {"plane": [table], "mesh": [{"path": "block.stl"}]}}, tmp_path)
+    assert sum(one.is_covered for one in known.environment) == 1 + 4 + 4
+
+
+def test_the_hull_of_a_hollow_body_neither_covers_nor_is_covered(tmp_path: Path) -> None:
+    tray = trimesh.util.concatenate(
+        [
+            trimesh.creation.box((0.4, 0.4, 0.02)),
+            trimesh.creation.box((0.02, 0.4, 0.1)).apply_translation((0.19, 0, 0.04)),
+        ]
+    )
+    tray.export(tmp_path / "tray.stl")
+    table = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": -0.01}
+    known = knowledge_from({"environment": {"plane": [table], "mesh": [{"path": "tray.stl"}]}}, tmp_path)
+    assert not any(one.is_covered for one in known.environment)
+
+
 def test_the_object_keeps_all_its_elements() -> None:
     known = knowledge_from({"object": {"box": [BLOCK, UPPER]}}).object
     assert len(known) == 2 * (6 + 12 + 8)
+    assert not any(one.is_covered for one in known)
     assert {one.name.split()[1] for one in known} == set(KINDS.values())
 
 

@@ -36,7 +36,7 @@ class Clearance(NamedTuple):
     deep_m : largest depth; ``vertex`` has it, behind the nearest ``face``.
     is_behind : whether all vertices were behind all faces that are listed by themselves, in the ``behind``
         poses that were compared with these.
-    gap_m : least distance from any face, the ``nearest``.
+    gap_m : least distance from any face that is listed by itself, the ``nearest``.
     """
 
     inside: int = 0
@@ -54,32 +54,30 @@ def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
     vertices = vertices_of(knowledge)
     if not vertices.names or not len(poses):
         return found
-    world = vertices.in_world(poses)
+    world, is_inside = vertices.in_world(poses), np.zeros(len(poses), bool)
     for faces in faces_by_body(knowledge):
-        depth_m = faces.offsets_m - world @ faces.normals.T
-        allowed_m = np.maximum(LEAST_M, SIGMAS * np.hypot(vertices.spread_m[:, None], faces.spread_m))
-        found = _with_distance(found, faces, -depth_m - allowed_m)
+        depth_m = -faces.in_front_m(world)
+        sigma_m = np.hypot(vertices.sigma_m[:, None], faces.sigma_m(world))
+        allowed_m = np.maximum(LEAST_M, SIGMAS * sigma_m)
         inside = np.asarray((depth_m > allowed_m).all(axis=-1))
-        if not faces.is_solid:
+        if faces.is_solid:
+            is_inside |= inside.any(axis=1)
+            found = _with_depth(
+                found, vertices.names, faces, np.where(inside, depth_m.min(axis=-1), 0.0), depth_m
+            )
+        else:
             is_behind = found.is_behind and bool(inside.all())
             found = found._replace(is_behind=is_behind, behind=found.behind + len(poses))
-        elif inside.any():
-            found = found._replace(inside=found.inside + int(inside.any(axis=1).sum()))
-            least_m = np.where(inside, depth_m.min(axis=-1), 0.0)
-            found = _with_depth(found, vertices.names, faces, least_m, depth_m)
-    return found
+            found = _with_distance(found, faces, -depth_m - allowed_m)
+    return found._replace(inside=found.inside + int(is_inside.sum()))
 
 
 def _with_distance(found: Clearance, faces: Faces, off_m: Array) -> Clearance:
-    """Updated by the distances (N, V, F) in front of each face."""
-    if faces.is_solid:  # outside it, the object is at least as far away as in front of any one face
-        face, gap_m = off_m.argmax(axis=-1), off_m.max(axis=-1)
-    else:
-        face, gap_m = off_m.argmin(axis=-1), off_m.min(axis=-1)
-    least = int(gap_m.argmin())
-    if gap_m.flat[least] >= found.gap_m:
+    """Updated by the distances (N, V, F) in front of faces that are listed by themselves."""
+    least = int(off_m.argmin())
+    if off_m.flat[least] >= found.gap_m:
         return found
-    return found._replace(gap_m=float(gap_m.flat[least]), nearest=faces.names[face.flat[least]])
+    return found._replace(gap_m=float(off_m.flat[least]), nearest=faces.names[least % len(faces.names)])
 
 
 def _with_depth(
@@ -103,7 +101,7 @@ def findings(found: Clearance) -> tuple[Finding, ...]:
         )
     if found.is_behind and found.behind >= LEAST_POSES:
         misfits.append(
-            "all vertices given of the object are behind every listed face, whose normal is on the free side"
+            "all vertices given of the object are behind every face (normals must point to the free side)"
         )
     return tuple(
         Finding("knowledge", f"what is given does not fit the poses: {misfit}: {CHECK}", True)
@@ -114,9 +112,10 @@ def findings(found: Clearance) -> tuple[Finding, ...]:
 def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]:
     """Findings at the end of the stream: the object came near none of the known faces.
 
-    Empty if not all vertices of the object are known.
+    Empty if not all vertices of the object are known, or bodies are, whose edges and vertices it may touch.
     """
-    if not knowledge.object_complete or not 0.0 < found.gap_m < inf:
+    bodies = any(one.solid is not None for one in knowledge.environment)
+    if not knowledge.object_complete or bodies or not 0.0 < found.gap_m < inf:
         return ()
     text = (
         f"the object as given stays more than {1e3 * found.gap_m:.0f} mm off {found.nearest}, the nearest "

@@ -4,11 +4,12 @@ A body that falls on another, or is thrown against it, changes the speed of the 
 milliseconds. A hand or robot that moves as fast in the free slows down before it touches.
 """
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.adaptation.known_vertices import faces_by_body, vertices_of
+from contact_tracker.adaptation.known_vertices import Faces, faces_by_body, vertices_of
 from contact_tracker.geometry.elements import Array
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.landmarks.prior_map import PriorMap
@@ -16,13 +17,19 @@ from contact_tracker.motion.poses import NO_POSES, Poses
 
 LONGEST_TICK_S: Final = 0.05
 """Ticks up to this are short enough for impacts."""
-IMPACT_M_PER_S: Final = 0.9
-"""Change of speed in an impact. Of 57 tosses of a cube the least has 1.0; of 32 recordings of objects that
+IMPACT_M_PER_S: Final = 0.85
+"""Change of speed in an impact. Of 57 tosses of a cube the least has 0.93; of 32 recordings of objects that
 are moved by hand one has more than 0.78 (1.0, a short and fast one)."""
 NEAR_M: Final = 0.015
 """Distance of a vertex from a face at which it may touch it."""
 SPAN_S: Final = 0.02
 """Time over which speeds are taken, before and after an impact."""
+MOST_POSES: Final = 50
+"""Most poses in this time; of faster ones it is shorter."""
+ROUND: Final = 2
+"""Number of poses before and after each over which distances are smoothed."""
+LONGEST: Final = 1.5
+"""Speeds over longer times than this, relative to the usual, are across a gap."""
 AHEAD_S: Final = 0.5
 """An impact is near if a vertex reaches a face within this time at its speed."""
 
@@ -34,7 +41,7 @@ class Impacts(NamedTuple):
     ----------
     top_m_per_s : largest change of speed of a known vertex at a known face.
     is_near : whether a vertex moves towards a face at such a speed, and will soon reach it.
-    recent : the latest poses.
+    recent : the latest poses, some 100 at most.
     """
 
     top_m_per_s: float = 0.0
@@ -51,27 +58,38 @@ def advance(found: Impacts, knowledge: PriorMap, poses: Poses) -> Impacts:
     if len(window) < 2:
         return found._replace(recent=window)
     time_s = 1e-9 * (window.stamp_ns - window.stamp_ns[0])
-    step = max(1, round(SPAN_S / float(np.median(np.diff(time_s)))))
-    recent = window[-(2 * step + 3) :]
-    if len(window) < 2 * step + 4:
+    interval_s = float(np.median(np.diff(time_s)))
+    step = min(max(1, round(SPAN_S / interval_s)), MOST_POSES)
+    recent = window[-(2 * step + 1 + 2 * ROUND) :]
+    if len(window) < 2 * step + 2 + 2 * ROUND:
         return found._replace(recent=window)
-    world = vertices.in_world(window)
-    off_m = np.concatenate([world @ faces.normals.T - faces.offsets_m for faces in bodies], axis=-1)
-    smooth_m = np.median([off_m[:-2], off_m[1:-1], off_m[2:]], axis=0)  # without single outliers
-    passed_s = time_s[1 + step : -1] - time_s[1 : -1 - step]
-    speed = (smooth_m[step:] - smooth_m[:-step]) / passed_s[:, None, None]
+    off_m, time_s = _smoothed(_distances_m(bodies, vertices.in_world(window))), time_s[ROUND:-ROUND]
+    speed = (off_m[step:] - off_m[:-step]) / (time_s[step:] - time_s[:-step])[:, None, None]
     # an impact falls between two poses: speeds end at one and begin at the next
-    least_m = np.minimum(np.abs(smooth_m[step : -step - 1]), np.abs(smooth_m[step + 1 : -step]))
-    top = max(found.top_m_per_s, _largest_change(least_m, speed[: -step - 1], speed[step + 1 :]))
-    reached_s = smooth_m[-1] / np.maximum(-speed[-1], IMPACT_M_PER_S)
-    is_near = (speed[-1] < -IMPACT_M_PER_S) & (smooth_m[-1] > -NEAR_M) & (reached_s < AHEAD_S)
-    return Impacts(top, bool(is_near.any()), recent)
+    least_m = np.minimum(np.abs(off_m[step : -step - 1]), np.abs(off_m[step + 1 : -step]))
+    passed_s = time_s[2 * step + 1 :] - time_s[: -2 * step - 1]
+    may_touch = (least_m < NEAR_M) & (speed[: -step - 1] < 0.0)
+    may_touch &= (passed_s < LONGEST * (2 * step + 1) * interval_s)[:, None, None]
+    change = np.where(may_touch, speed[step + 1 :] - speed[: -step - 1], 0.0)
+    reached_s = off_m[-1] / np.maximum(-speed[-1], IMPACT_M_PER_S)
+    is_near = (speed[-1] < -IMPACT_M_PER_S) & (off_m[-1] > -NEAR_M) & (reached_s < AHEAD_S)
+    return Impacts(max(found.top_m_per_s, float(change.max(initial=0.0))), bool(is_near.any()), recent)
 
 
-def _largest_change(distance_m: Array, before: Array, after: Array) -> float:
-    """Largest change of a speed (m/s) from towards a face, where the distance is small."""
-    may_touch = (distance_m < NEAR_M) & (before < 0.0)
-    return float(np.where(may_touch, after - before, 0.0).max(initial=0.0))
+def _distances_m(bodies: Sequence[Faces], world: Array) -> Array:
+    """Distances (N, V, B) of vertices in the world (N, V, 3) in front of each single face, and of bodies as
+    far as their faces show."""
+    found = list[Array]()
+    for faces in bodies:
+        off_m = faces.in_front_m(world)
+        found.append(off_m.max(axis=-1, keepdims=True) if faces.is_solid else off_m)
+    return np.concatenate(found, axis=-1)
+
+
+def _smoothed(off_m: Array) -> Array:
+    """Medians (N - 2 ROUND, V, B), without outliers of up to two poses."""
+    count = len(off_m) - 2 * ROUND
+    return np.asarray(np.median([off_m[i : i + count] for i in range(2 * ROUND + 1)], axis=0))
 
 
 def findings(found: Impacts, tick_s: float) -> tuple[Finding, ...]:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation import online, repeatability, untouched
+from contact_tracker.adaptation import misplaced, online, repeatability, untouched
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.adaptation.unconfirmed import WaitingPieces
@@ -49,6 +49,7 @@ class OfflineTracker:
         self._state = online.start(model, knowledge=knowledge, frame_moves=frame_moves)
         self._repeatability = repeatability.Repeatability()
         self._untouched = untouched.Untouched()
+        self._misplaced = misplaced.Misplaced()
 
     @property
     def report(self) -> Report | None:
@@ -58,7 +59,8 @@ class OfflineTracker:
             return None
         findings = *found.findings, *repeatability.findings(self._repeatability, found.model.systematic)
         if all(one.kind != "knowledge" for one in findings):  # which would be why
-            findings = *findings, *untouched.findings(self._untouched, self._knowledge)
+            unused = untouched.findings(self._untouched, self._knowledge)
+            findings = *findings, *misplaced.findings(self._misplaced), *unused
         return found._replace(findings=findings)
 
     def pieces(
@@ -91,6 +93,7 @@ class OfflineTracker:
             piece = replace(piece, filtered=piece.filtered[count:])
             self._repeatability = repeatability.advance(self._repeatability, piece.segments)
             self._untouched = untouched.advance(self._untouched, self._knowledge, piece.segments)
+            self._misplaced = misplaced.advance(self._misplaced, self._knowledge, piece.segments)
             if self._state.is_in_doubt:
                 piece = _in_doubt(piece)
             piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))

@@ -30,7 +30,7 @@ class WaitingPieces:
     def passed(self, piece: Segmentation, found: Untouched) -> Iterator[Segmentation]:
         """The pieces that need not wait after this one; ``found`` is what contacts have shown so far."""
         self._pieces.append(piece)
-        is_decided = found.known[1] or not any(map(_is_by_direction, self._segments()))
+        is_decided = found.confirmed[1] or not any(map(_is_by_direction, self._segments()))
         if is_decided or sum(len(one.beliefs) for one in self._pieces) > MOST_TICKS:
             yield from self.finish(found)
 

@@ -89,7 +89,11 @@ def _with_distance(found: Untouched, knowledge: PriorMap, geometry: ContactGeome
     if not isinstance(face, Plane) or face.name is not None or geometry.has_open_offset[1]:
         return found
     for listed in knowledge.environment:
-        if not isinstance(listed.element, Plane) or abs(face.normal @ listed.element.normal) < PARALLEL:
+        if (
+            not isinstance(listed.element, Plane)
+            or listed.is_covered
+            or abs(face.normal @ listed.element.normal) < PARALLEL
+        ):
             continue
         gap_m = distance_of_planes_m(face, listed.element)
         if gap_m < found.gap_m:

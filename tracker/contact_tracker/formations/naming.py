@@ -16,7 +16,7 @@ def named_by(knowledge: PriorMap, geometry: ContactGeometry) -> ContactGeometry:
 
 
 def _named(element: Element, known: Sequence[NamedElement]) -> Element:
-    for one in known:
+    for one in (one for one in known if not one.is_covered):
         for side in (element, _other_way(element)):
             if type(one.element) is type(side) and is_same_element(side, one.element):
                 return replace(side, name=one.name)

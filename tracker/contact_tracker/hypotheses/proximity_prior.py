@@ -24,6 +24,8 @@ ANY_DIRECTION: Final = 1.0 / 3.0
 """Variance of the cosine of the angle between independent, uniform directions."""
 _IMPOSSIBLE: Final = -1e3
 _HOPELESS: Final = -50.0
+_ROUNDING: Final = 1e-14
+"""Eigenvalues below this share of the largest are rounding errors."""
 MOST_BIRTHS: Final = 100
 """Most known pairs of one contact that begin in a tick, the most probable ones. A box of known size beside
 another has some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
@@ -112,9 +114,20 @@ def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     # known lines have anchors of their own, and other elements need none
     tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))
     along = np.swapaxes(tangent, -1, -2)
-    root = np.linalg.cholesky(along @ rows.prior_information @ tangent)
+    deviations = _deviations(along @ rows.prior_information @ tangent)
     by_tangent = along[:, None] @ model.family.rows_derivative(rows.prior_mean)
-    return _KnownPairs(is_known, rows.prior_mean, np.linalg.solve(root[:, None], by_tangent))
+    return _KnownPairs(is_known, rows.prior_mean, deviations[:, None] @ by_tangent)
+
+
+def _deviations(information: Array) -> Array:
+    """Independent changes (m, P, P), a row each, by one standard deviation of parameters with this
+    information (m, P, P)."""
+    known = information.diagonal(axis1=1, axis2=2)
+    scale = 1.0 / np.sqrt(np.maximum(known, _ROUNDING * known.max(axis=1, keepdims=True, initial=0.0)))
+    even = scale[:, :, None] * information * scale[:, None]
+    values, axes = np.linalg.eigh(0.5 * (even + even.swapaxes(1, 2)))
+    values = np.maximum(values, _ROUNDING * values[:, -1:])
+    return np.asarray((axes / np.sqrt(values)[:, None]).swapaxes(1, 2) * scale[:, None])
 
 
 def reweight_transitions(

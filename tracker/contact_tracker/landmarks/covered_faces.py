@@ -1,6 +1,7 @@
 """Faces of known bodies that lie on another known face, as the underside of a block on a table."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,24 +13,29 @@ GAP_M: Final = 0.005
 """Largest gap between faces that lie on each other, too small for an object to touch one of them."""
 OPPOSITE: Final = -0.99
 """Greatest cosine between the normals of faces that lie on each other."""
-_SAME_M: Final = 1e-6
+_SAME_M: Final = 5e-4
+_SAME_DIRECTION: Final = 0.01
+"""Distance from the plane of a face, and cosine to its normal, of what lies in it: meshes are rounded."""
 
 
-def without_covered(elements: Sequence[NamedElement]) -> tuple[NamedElement, ...]:
-    """The elements of one side that can be touched: without the faces of convex bodies that lie on another
-    known face, and without their edges and vertices.
+def mark_covered(elements: Sequence[NamedElement]) -> tuple[NamedElement, ...]:
+    """The elements of one side, with those marked that cannot be touched: faces of convex bodies that lie on
+    another known face, their edges and their vertices.
 
-    The plane of such a face is that of the other, with the opposite normal: motion would show either.
+    The plane of such a face is that of the other, with the opposite normal: motion would show either. A face
+    that is listed by itself counts as endless.
     """
+    sound = [one for one in elements if not one.is_hull]
     covered = [
         (one.solid, one.element)
-        for one in elements
-        if one.solid is not None and isinstance(one.element, Plane) and _is_covered(one, elements)
+        for one in sound
+        if one.solid is not None and isinstance(one.element, Plane) and _is_covered(one, sound)
     ]
     return tuple(
-        one
+        replace(one, is_covered=True)
+        if any(one.solid == solid and _lies_in(one.element, face) for solid, face in covered)
+        else one
         for one in elements
-        if not any(one.solid == solid and _lies_in(one.element, face) for solid, face in covered)
     )
 
 
@@ -65,7 +71,7 @@ def _lies_in(element: Element, face: Plane) -> bool:
         case Plane(normal, offset_m):
             return bool(normal @ face.normal > -OPPOSITE and abs(offset_m - face.offset_m) < _SAME_M)
         case Line(direction, point_m):
-            is_parallel = abs(direction @ face.normal) < _SAME_M
+            is_parallel = abs(direction @ face.normal) < _SAME_DIRECTION
             return bool(is_parallel and abs(_in_front_m(face, point_m[None])[0]) < _SAME_M)
         case Point(point_m):
             return bool(abs(_in_front_m(face, point_m[None])[0]) < _SAME_M)

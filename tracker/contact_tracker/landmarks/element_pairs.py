@@ -78,7 +78,7 @@ def _choices(
     listed: tuple[NamedElement, ...], kind: str, complete: bool
 ) -> list[tuple[NamedElement | None, float]]:
     """Elements of a kind, and None for an unlisted one, with log shares."""
-    known = [element for element in listed if element.kind == kind]
+    known = [element for element in listed if element.kind == kind and not element.is_covered]
     if not known:
         return [] if complete else [(None, 0.0)]
     unlisted = 0.0 if complete else UNLISTED

@@ -29,12 +29,16 @@ class Accuracy:
 class NamedElement:
     """An element with a name. A plane's normal points out of the body that it bounds.
 
-    ``solid`` numbers the known convex bodies of a side; None for an element whose body is not known.
+    ``solid`` numbers the known bodies of a side; None for an element that is listed by itself. ``is_hull``
+    says that the body is not convex, and this an element of its hull; ``is_covered`` that it lies on a known
+    face, so that nothing can touch it.
     """
 
     name: str
     element: Element
     solid: int | None = None
+    is_hull: bool = False
+    is_covered: bool = False
 
     @property
     def kind(self) -> str:
@@ -118,11 +122,12 @@ def elements_of(
     position_m: Array,
     prefix: str = "",
     solid: int | None = None,
+    is_hull: bool = False,
 ) -> tuple[NamedElement, ...]:
     """Faces, edges and vertices of a convex body, rotated by ``rotation`` (3, 3) and moved.
 
     ``face_name`` (number, outward normal before the rotation) names the faces. An edge is named after its two
-    faces, a vertex after all of its faces. ``solid`` is None for the hull of a body that is not convex.
+    faces, a vertex after all of its faces. The other arguments are fields of ``NamedElement``.
     """
     faces = {face.indices: face_name(i, face.normals[0]) for i, face in enumerate(body.of_kind("f"), start=1)}
 
@@ -132,7 +137,7 @@ def elements_of(
         name = f"{prefix}{KINDS[feature.kind]} {' '.join(sorted(named, key=_axis_order))}"
         element = feature.element(rotation, position_m, middle)
         placed = known_to(element, accuracy, rotation @ middle + position_m)
-        return NamedElement(name, placed, solid)
+        return NamedElement(name, placed, solid, is_hull)
 
     return tuple(known(feature) for feature in body.features)
 

@@ -15,7 +15,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
-from contact_tracker.landmarks.covered_faces import without_covered
+from contact_tracker.landmarks.covered_faces import mark_covered
 from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.prior_map import (
     Accuracy,
@@ -83,8 +83,8 @@ def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note =
     keys.finish()
     object, object_complete = _elements(object_keys, folder, note)
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
-    touchable = without_covered(environment)
-    known = PriorMap(touchable, object, up, environment_complete, object_complete)
+    environment = mark_covered(environment)
+    known = PriorMap(environment, object, up, environment_complete, object_complete)
     pairs = {model.contact.value: len(element_pairs(known, model)) for model in CONTACT_MODELS}
     for of, count, most in (
         *((f" for {contact}", count, MOST_PAIRS_OF_CONTACT) for contact, count in pairs.items()),
@@ -183,8 +183,8 @@ def _mesh(keys: Keys, solid: int, folder: Path, note: Note) -> tuple[tuple[Named
     body, is_convex = read_mesh(path, unit_m, keys.wrong)
     if not is_convex:
         note(f"{path} is not convex: its hull's elements are known, and others are looked for as well")
-    own = solid if is_convex else None
-    return elements_of(body, number_name, accuracy, rotation, position_m, prefix, own), is_convex
+    placed = body, number_name, accuracy, rotation, position_m, prefix, solid, not is_convex
+    return elements_of(*placed), is_convex
 
 
 def _prefix(keys: Keys) -> str:
