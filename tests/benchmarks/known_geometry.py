@@ -1,7 +1,7 @@
 """Accuracy with known geometry, on recordings with true elements and the vertices of the object.
 
     python tests/benchmarks/known_geometry.py
-    python tests/benchmarks/known_geometry.py FOLDER --set sequence --off 2mm,1deg
+    python tests/benchmarks/known_geometry.py FOLDER --set sequence --off exact 2mm,1deg
 
 Given are, to the usual standard deviations: nothing; the elements of the surroundings that are touched, not
 as a complete list; all faces, edges and vertices of the object; and both. With ``--off`` the elements of each
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
+import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.quantities import deviations
@@ -45,15 +46,15 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.hull import vertices_from_metadata
 from field import FIGURES, figures
-from identification import find_sets
+from identification import command_of, find_sets
 from shared_recordings import add_folder
 from worker_pool import worker_pool
 
 Array = NDArray[np.float64]
 
 LEVELS: Final = ("nothing", "surroundings", "object", "both")
-COLUMNS: Final = ("known", *FIGURES, "warned")
-EXACT: Final = (0.0, 0.0)
+COLUMNS: Final = ("known", "off", *FIGURES, "warned")
+EXACT: Final = "exact"
 SAME: Final = 1e-6
 """Elements whose numbers differ by less are one."""
 
@@ -148,14 +149,23 @@ def measure(path: Path, level: str, off: tuple[float, float]) -> Measured:
     return Measured(evaluate(poses, truth, found), is_warned)
 
 
-def rows(paths: Sequence[Path], off: tuple[float, float], processes: int) -> Iterator[list[str]]:
+def rows(paths: Sequence[Path], offs: Sequence[str], processes: int) -> Iterator[list[str]]:
     """Rows of the table, one level after the other."""
+    cases = [case for case in product(LEVELS, offs) if case[0] != LEVELS[0] or case[1] == offs[0]]
     with worker_pool(processes) as pool:
-        jobs = [pool.submit(measure, path, level, off) for level, path in product(LEVELS, paths)]
-        for first, level in enumerate(tqdm(LEVELS, file=sys.stderr, disable=None)):
-            done = [job.result() for job in jobs[first * len(paths) : (first + 1) * len(paths)]]
+        jobs = [
+            [pool.submit(measure, path, level, displacement(off)) for path in paths] for level, off in cases
+        ]
+        for (level, off), own in zip(cases, tqdm(jobs, file=sys.stderr, disable=None), strict=True):
+            done = [job.result() for job in own]
             warned = number(float(np.mean([one.is_warned for one in done])))
-            yield [level, *figures([one.evaluation for one in done]), warned]
+            shown = "-" if level == LEVELS[0] else off
+            yield [level, shown, *figures([one.evaluation for one in done]), warned]
+
+
+def displacement(text: str) -> tuple[float, float]:
+    """A distance (m) and an angle (rad)."""
+    return (0.0, 0.0) if text == EXACT else deviations(text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -164,12 +174,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     add_folder(parser)
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
-    parser.add_argument("--off", metavar="MM,DEG", help="as 2mm,1deg (default: what is given is exact)")
+    parser.add_argument(
+        "--off", nargs="+", default=[EXACT], metavar="MM,DEG", help=f"as 2mm,1deg; default: {EXACT}"
+    )
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
-    off = deviations(args.off) if args.off else EXACT
     paths = [path for some in find_sets(args.folder, args.set).values() for path in some]
-    print(table(COLUMNS, list(rows(paths, off, args.processes))))
+    found = list(rows(paths, args.off, args.processes))
+    print(table(COLUMNS, found))
+    if args.tables:
+        command = f"{command_of('known_geometry', args.set, 'default')} --off {' '.join(args.off)}"
+        kept_tables.keep(args.tables, command, {"known": kept_tables.Table(COLUMNS, found)})
     return 0
 
 

@@ -84,4 +84,6 @@ def _evaluate(
             evaluator.add_piece(piece)
     if not evaluator.frames:
         raise NoPoses(f"{name}: no pose that can be used")
+    for finding in () if tracker.report is None else tracker.report.findings:
+        warn(f"{name}: {finding.text}")
     return evaluator.finish(), log.damage
