@@ -3,7 +3,7 @@
 Quaternions with their components in another order, or inverted while positions are not, are valid rotations,
 but their turns do not match the positions: contacts explain hardly any of such motion, and much of it in the
 right convention. So trackers with the common wrong conventions run beside one with the quaternions as given,
-each until that one leads it by enough.
+until that one leads by enough.
 """
 
 from typing import Final, NamedTuple
@@ -34,8 +34,7 @@ READINGS: Final = (
 are; its tracker is none of those side by side, since all that are compared here must have the same noise."""
 SAFE_NATS: Final = 15.0
 SAFE_AFTER_S: Final = 2.0
-"""After this much motion a reading is dropped that is this far behind the poses as they are; the poses are
-right once all others are dropped."""
+"""The poses are right after this much motion, if they lead all other readings by this much."""
 WRONG_NATS: Final = 30.0
 WRONG_FACTOR: Final = 1.5
 """The poses are wrong if another reading leads by this much, and has this many times their log evidence."""
@@ -53,21 +52,19 @@ class Conventions(NamedTuple):
 
     Parameters
     ----------
-    readings : indices of those of READINGS that are compared; the first is 0.
-    trackers : one for each of them; none before the rate is known and once ``is_settled``.
+    trackers : one for each of READINGS; none before the rate is known and once ``is_settled``.
     is_settled : whether the comparison has ended.
     found : text of the mistake that was found, or empty.
     waiting : the latest poses of a rest, by which the trackers are not updated yet.
     """
 
-    readings: tuple[int, ...]
     trackers: tuple[Explained, ...]
     is_settled: bool
     found: str
     waiting: Poses
 
 
-NOTHING_KNOWN: Final = Conventions(tuple(range(len(READINGS))), (), False, "", NO_POSES)
+NOTHING_KNOWN: Final = Conventions((), False, "", NO_POSES)
 
 
 def advance(
@@ -103,21 +100,15 @@ def read(poses: Poses, reading: int) -> Poses:
 
 def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
     """Compare the log evidence of contacts in each reading with that of the poses as they are."""
-    readings = np.array(known.readings)
-    trackers = known.trackers or tuple(Explained(tracker.start(model)) for _ in readings)
-    after = [follow(one, read(poses, i))[0] for i, one in zip(known.readings, trackers, strict=True)]
+    trackers = known.trackers or tuple(Explained(tracker.start(model)) for _ in READINGS)
+    after = tuple(follow(one, read(poses, reading))[0] for reading, one in enumerate(trackers))
     explained, moved_s = np.array([one.state.log_evidence for one in after]), after[0].moved_s
-    behind, best = explained[0] - explained[1:], float(explained[1:].max())
-    if behind.min() < -WRONG_NATS and best > WRONG_FACTOR * explained[0]:
-        near = readings[1:][explained[1:] > best - TIED_NATS]
-        return _settled("quaternions look " + "; or ".join(READINGS[i][0] for i in near))
-    kept = [0, *(np.flatnonzero((behind <= SAFE_NATS) | (moved_s <= SAFE_AFTER_S)) + 1).tolist()]
-    is_usual = moved_s > USUAL_S and behind.min() > -DOUBT_NATS
-    if len(kept) == 1 or is_usual or moved_s > LONGEST_S:
-        return _settled("")
-    return Conventions(tuple(readings[kept].tolist()), tuple(after[i] for i in kept), False, "", NO_POSES)
-
-
-def _settled(found: str) -> Conventions:
-    """The end of the comparison, with the mistake that was ``found``, if any."""
-    return Conventions((), (), True, found, NO_POSES)
+    other, lead = int(explained.argmax()), float(explained[0] - explained[1:].max())
+    if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * explained[0]:
+        near = (explained[1:] > explained[other] - TIED_NATS).nonzero()[0] + 1
+        found = "; or ".join(READINGS[i][0] for i in near)
+        return Conventions((), True, f"quaternions look {found}", NO_POSES)
+    is_safe = moved_s > SAFE_AFTER_S and lead > SAFE_NATS
+    if is_safe or (moved_s > USUAL_S and lead > -DOUBT_NATS) or moved_s > LONGEST_S:
+        return Conventions((), True, "", NO_POSES)
+    return Conventions(after, False, "", NO_POSES)
