@@ -25,6 +25,7 @@ SIGMAS: Final = 10.0
 LEAST_POSES: Final = 3
 """Number of poses that are needed, since single ones may be wrong."""
 CHECK: Final = "check --known (place, size, frames)"
+"""The remedy for knowledge that does not fit."""
 
 
 class Clearance(NamedTuple):

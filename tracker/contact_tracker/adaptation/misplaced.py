@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from contact_tracker.adaptation.clearance import CHECK
 from contact_tracker.adaptation.repeatability import Difference, difference
 from contact_tracker.geometry.elements import ContactGeometry, Element
 from contact_tracker.inspection.stream_checks import Finding
@@ -57,8 +58,8 @@ def findings(found: Misplaced) -> tuple[Finding, ...]:
         return ()
     places = ", ".join(f"{name} by {_size(by)}" for name, by in found.moved if _size(by))
     text = (
-        f"contacts move what is given by {found.sigmas:.0f} of its standard deviations ({places}): check "
-        "--known (place, size, frames), or give larger standard deviations"
+        f"contacts move what is given by {found.sigmas:.0f} of its standard deviations ({places}): {CHECK}, "
+        "or give larger standard deviations"
     )
     return (Finding("knowledge", text, False),)
 

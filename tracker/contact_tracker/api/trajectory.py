@@ -73,7 +73,7 @@ class Trajectory:
         ----------
         stamps : (N,) times in ``unit``, from any origin; or dates or durations of numpy, pandas or the
             standard library, which have their own unit.
-        positions_m : (N, 3) positions of the body's origin in the world (m).
+        positions_m : (N, 3) positions of the body's origin in the world (m); masked ones are not finite.
         quaternions : (N, 4) rotations from body to world, their components in ``order``.
 
         Raises
@@ -82,8 +82,6 @@ class Trajectory:
             The arrays' shapes differ, or ``unit`` or ``order`` is unknown.
         NoPoses
             No pose has passed the gate; the message says why.
-
-        Masked poses of numpy count as not finite.
         """
         stamp_ns, is_time, in_range = _nanoseconds(stamps, unit)
         place, turn = _rows(positions_m, "positions_m", 3), _rows(quaternions, "quaternions", 4)

@@ -142,8 +142,8 @@ def select_for_search(bank: Bank, model: ContactModel) -> Index:
 def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array) -> Array:
     """The best geometries (R, n, S) of ``rows``, independent of their present ones.
 
-    Starts are the best among the solutions of the relaxed problem and the directions ``drawn``. (The compiled
-    kernel leaves out solutions that too few poses determine.) The directions are (R, N, S).
+    Starts are the best among the solutions of the relaxed problem and the directions ``drawn`` (R, N, S).
+    (The compiled kernel leaves out solutions that too few poses determine.)
     """
     moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
