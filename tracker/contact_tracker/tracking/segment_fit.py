@@ -15,7 +15,7 @@ from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.packing import pack
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births, propose_measured
-from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_windows
 from contact_tracker.joints.evidence import find_joint
@@ -24,6 +24,7 @@ from contact_tracker.landmarks.association import is_same_element
 from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
@@ -99,6 +100,8 @@ class SegmentFit:
     share: Array | None = None
     formation: FittedFormation = NO_FORMATION
     joint: Joint | None = None
+    estimate: ElementEstimate | None = None
+    """What the fit says about both elements together; None without elements."""
 
     @property
     def leaves_constraints_unnamed(self) -> bool:
@@ -176,6 +179,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         np.zeros(1),
         share,
         _formation(segment, window, KnownContact(contact, fitted.x[0])),
+        estimate=element_estimate(fitted, contact, scales, window, information),
     )
 
 
