@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from contact_tracker.outputs.text import is_settled
+from contact_tracker.outputs.text import is_open, is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 
@@ -18,10 +18,12 @@ class Changes:
         self.settled = False
 
     def takes(self, belief: Belief) -> bool:
-        """Whether the next belief is reported; updates the last one."""
+        """Whether the next belief is reported: a new label, one that settles, and a settled one that is open
+        again; updates the last one."""
         changed, settles = belief.contact is not self.label, is_settled(belief)
-        is_news = changed or (settles and not self.settled)
-        self.label, self.settled = belief.contact, settles or (self.settled and not changed)
+        opens = self.settled and is_open(belief)
+        is_news = changed or opens or (settles and not self.settled)
+        self.label, self.settled = belief.contact, settles or (self.settled and not changed and not opens)
         return is_news
 
 
