@@ -146,7 +146,7 @@ def test_text_lines_count_time_from_the_first_pose() -> None:
 
 
 def test_where_the_contact_is_open_a_joint_stands_alone_and_a_further_contact_is_no_surer() -> None:
-    """A slider is also two faces on two faces: these are only there if the first is f-f, the slider anyway."""
+    """A slider is also two faces on two faces: these hold only if the first is f-f, the slider anyway."""
     end_ns = ORIGIN_NS + 10**9
     faces = ContactGeometry(FACE, FACE)
     further = FurtherContact(Contact.FF, 1.0, ORIGIN_NS, end_ns, faces, (Contact.EF,), 5)
