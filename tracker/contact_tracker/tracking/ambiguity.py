@@ -168,14 +168,11 @@ def redistribute(
     The most probable contact among them gives to all the others, in proportion to the probability
     ``p_restricted`` that the restriction of the motion is on purpose (T30). That contact is the label itself,
     except on a Viterbi path or with a lag. Free motion gives only where every ``possible`` contact is
-    consistent with it. In any case none of the others is excluded (``with_rivals``). The most probable state
-    stays the most probable one, and the sum stays 1.
+    consistent with it. The most probable state stays the most probable one, and the sum stays 1.
     """
     is_free = label is Contact.FREE
-    if is_free and not set(possible) <= set(others):
-        p_restricted = 0.0
-    if not others or not p_restricted:
-        return with_rivals(probability, label, others)
+    if not others or (is_free and not set(possible) <= set(others)):
+        return probability
     alike = [state.column for state in (label, *others)]
     contacts = [label.column] if is_free else [c for c in alike if c != Contact.FREE.column]
     giver = max(contacts, key=lambda c: (probability[c], c == alike[0]))
@@ -186,8 +183,7 @@ def redistribute(
     change = probability[giver] * (share - (np.arange(len(STATES)) == giver))
     # as far as the giver, and the most probable state, stay ahead of those that are behind them
     most = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
-    given = np.asarray(probability + min(p_restricted, ALMOST * most) * change)
-    return with_rivals(given, label, others)
+    return np.asarray(probability + min(p_restricted, ALMOST * most) * change)
 
 
 def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...]) -> Array:
@@ -195,7 +191,8 @@ def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...])
     most what is left of their probability if each has ``NOT_EXCLUDED`` times that of the label.
 
     The posterior of the hypotheses prefers the label by what came before and by their prior as well, which
-    the motion has not shown. What the label has above its share goes to those below theirs.
+    the motion has not shown. What the label has above its share goes to those below theirs. It is applied to
+    what is reported, not to what the tracker goes by (landmarks, further contacts).
     """
     if not others:
         return probability
@@ -204,12 +201,15 @@ def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...])
     share[label.column] = 1.0
     alike = share > 0.0
     least = share / share.sum() * probability[alike].sum()
-    beyond = float(probability[label.column] - least[label.column])
+    own = float(probability[label.column])
+    # it stays ahead of the states that are behind it
+    behind = np.max(probability, where=~alike & (probability <= own), initial=0.0)
+    beyond = ALMOST * (own - max(float(least[label.column]), float(behind)))
     missing = np.where(alike, np.maximum(least - probability, 0.0), 0.0)
     if beyond <= 0.0 or not missing.any():
         return probability
     given = probability + beyond * missing / missing.sum()
-    given[label.column] = least[label.column]
+    given[label.column] = own - beyond
     return np.asarray(given)
 
 

@@ -59,6 +59,7 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     is_open = telling.contact is contact and telling.is_open
     possible = state.knowledge.allowed
     probability = ambiguity.redistribute(probability, contact, inseparable, p_restricted, possible)
+    probability = ambiguity.with_rivals(probability, contact, inseparable)
     if is_open:
         probability = ambiguity.at_most(probability, contact)
     onset_ns = min(onset_ns, then.stamp_ns)

@@ -276,8 +276,9 @@ class FinishedSegment(NamedTuple):
             shared = (
                 ambiguity.redistribute(given, contact, states, float(p), possible)
                 if fit.share is None
-                else ambiguity.with_rivals(ambiguity.shared(given, fit.share), contact, states)
+                else ambiguity.shared(given, fit.share)
             )
+            shared = ambiguity.with_rivals(shared, contact, states)
             belief["probability"] = (
                 ambiguity.at_most(shared, contact) if fit.leaves_constraints_unnamed else shared
             )
