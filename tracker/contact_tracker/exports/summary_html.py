@@ -5,7 +5,7 @@ from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
-from contact_tracker.outputs.text import JOINT, describe, describe_further, describe_joint, is_open
+from contact_tracker.outputs.text import JOINT, describe, describe_joint, is_open
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.viewer.palette import COLOUR
@@ -80,7 +80,7 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
 
 def _further_row(one: FurtherContact, segment: Segment, origin_ns: int) -> str:
     start_s, end_s = ((t - origin_ns) * 1e-9 for t in (one.start_ns, one.end_ns or segment.end_ns))
-    where = printable(describe_further(one, segment))
+    where = printable(describe(one.geometry, one.inseparable))
     return _row((f"{start_s:.2f}", f"{end_s:.2f}", f"+ {one.contact.value}", f"{one.probability:.2f}", where))
 
 

@@ -345,7 +345,8 @@ class Segmenter:
         self._filtered.clear()
         outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers
         beliefs = Beliefs.join([of_one for _, of_one in found])
-        return Segmentation(tuple(one for one, _ in found), beliefs, Beliefs.join(online), outliers)
+        rows = tuple(row for rows, _ in found for row in rows)
+        return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
 
 
 def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:
