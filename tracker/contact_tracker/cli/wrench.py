@@ -23,7 +23,7 @@ def add_wrench(parser: argparse.ArgumentParser) -> None:
         "decide where motion cannot tell contacts apart",
     )
     group.add_argument(
-        "--mass", type=positive, metavar="KG", help="of the object, if known (default: from free motion)"
+        "--mass", type=positive, metavar="KG", help="mass of the object, if known (default: from free motion)"
     )
 
 
