@@ -92,10 +92,10 @@ class Result:
     def warnings(self) -> tuple[str, ...]:
         """One line per warning, including those of the trajectory and damage of the recording."""
         damage = self.trajectory.damage
-        return (*self.trajectory.notes, *self.own_warnings, *(() if damage is None else (damage,)))
+        return (*self.trajectory.notes, *self._own_warnings, *(() if damage is None else (damage,)))
 
     @property
-    def own_warnings(self) -> tuple[str, ...]:
+    def _own_warnings(self) -> tuple[str, ...]:
         """One line per warning that the trajectory does not have."""
         return (*self.notes, *(() if self.report is None else warnings(self.report)))
 
@@ -290,7 +290,7 @@ def segment(
     tracker = OfflineTracker(given, knowledge, wrenches=evidence, frame_moves=frame_moves)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
     result = Result(poses, found, tracker.report, tuple(notes), evidence is not None)
-    warn_of(result.own_warnings)
+    warn_of(result._own_warnings)
     log_counts(poses.name, {kind: count for kind, count in result.counts.items() if kind == "outlier"})
     return result
 
