@@ -11,6 +11,7 @@ from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.viewer.palette import COLOUR
 
 MOST_ROWS: Final = 200
+_BANNER: Final = "border-left:4px solid #e08000;margin:3px 0;padding:2px 8px"
 _CELL: Final = "padding:2px 10px 2px 0;text-align:left;vertical-align:top"
 
 
@@ -89,9 +90,12 @@ def _row(texts: Sequence[str]) -> str:
     return f"<tr>{cells}</tr>"
 
 
-def notes_html(counts: Mapping[str, int], warnings: Sequence[str]) -> str:
-    """Counts of dropped and repaired poses, and warnings."""
+def counts_html(counts: Mapping[str, int]) -> str:
+    """Counts of dropped and repaired poses."""
     noted = ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
-    parts = [f"<p>noted: {escape(noted)}</p>"] if noted else []
-    parts += [f"<p><b>warning:</b> {escape(printable(text))}</p>" for text in warnings]
-    return "".join(parts)
+    return f"<p>noted: {escape(noted)}</p>" if noted else ""
+
+
+def warnings_html(warnings: Sequence[str]) -> str:
+    """A paragraph for each warning."""
+    return "".join(f'<p style="{_BANNER}"><b>warning:</b> {escape(printable(text))}</p>' for text in warnings)
