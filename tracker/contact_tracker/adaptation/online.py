@@ -63,7 +63,7 @@ class AdaptiveState(NamedTuple):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the stream."""
-        in_stream = findings(self.inspection, self.conventions.unit)
+        in_stream = findings(self.inspection, self.conventions.fitting_units)
         fast = impacts.findings(self.impacts, self.trackers.model.tick_s)
         mixed_up = convention_findings(self.conventions)
         if self.inspection.bodies or self.inspection.units:

@@ -149,7 +149,6 @@ def _of_quaternions(order: tuple[int, ...], sign: float, given: Given) -> Turns:
     return Turns(quat, np.zeros(len(quat)))
 
 
-
 _W_FIRST: Final = "like w x y z in fields that are x y z w"
 _W_LAST: Final = "like x y z w in fields that are w x y z"
 _INVERTED: Final = "and inverted (rotation of the world in the body): reorder and conjugate them"
@@ -178,7 +177,11 @@ def _orders() -> Iterator[tuple[str, str, tuple[int, int, int]]]:
         places = tuple(map(axes.index, (first, second, third)))
         if second != "y":
             numbers = ", ".join("abc"[i] for i in places)
-            yield f'from_euler("{(first + second + third).upper()}", [{numbers}])', first + second + third, places
+            yield (
+                f'from_euler("{(first + second + third).upper()}", [{numbers}])',
+                first + second + third,
+                places,
+            )
 
 
 def _by_three_numbers() -> Iterator[Reading]:
@@ -187,7 +190,9 @@ def _by_three_numbers() -> Iterator[Reading]:
         for code, order, places in _orders():
             keeps_fold = places[1] == 1 and order[0] != order[2]
             if (order, places) != ("zyx", (2, 1, 0)) and not (folds and keeps_fold):
-                yield Reading(f"{what} Rotation.{code} of SciPy", turns=partial(_by_angles, order, places, folds))
+                yield Reading(
+                    f"{what} Rotation.{code} of SciPy", turns=partial(_by_angles, order, places, folds)
+                )
         yield Reading(f"{what} Rotation.from_rotvec([a, b, c]) of SciPy", turns=partial(_by_vector, folds))
 
 

@@ -1,8 +1,8 @@
 """How well contacts explain a window of poses in each of its readings.
 
-Two faces, and a vertex on a face in the world or in the body, stand for all six contacts: one of them holds in
-all but an edge on an edge. For a vertex p and a normal n the residual is n (R p + t) less its mean, linear
-in p for a given n and in n for a given p, so that fits in all readings take few operations on sums over ticks.
+Two faces, and a vertex on a face in the world or in the body, stand for all six contacts: one of them holds
+in all but an edge on an edge. For a vertex p and a normal n the residual is n (R p + t) less its mean, linear
+in p for a given n and in n for a given p. Fits in all readings take few operations on sums over ticks.
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ TICKS: Final = 20
 REACH_M: Final = 0.3
 """Usual distance of a vertex from the origin of its frame."""
 STEPS: Final = 8
-"""Steps of the fit; 15 and more change no sum by a nat."""
+"""Steps of the fit; with 12 no lead changes by more than a few nats."""
 MOVED: Final = 3.0
-"""There is motion if position and orientation both vary by more than this many deviations of a tick's noise."""
+"""There is motion if position and orientation vary by more than this many deviations of a tick's noise."""
 _INVERSE: Final = np.concatenate([np.arange(9).reshape(3, 3).T.ravel(), [12, 13, 14]])
 _INVERSE_SIGN: Final = np.repeat([1.0, -1.0], [9, 3])
 
@@ -84,8 +84,8 @@ def explain(
 def _gains(features: Array, variance: Array, scale: Array, model: Model) -> tuple[Array, Array]:
     """Log evidence and misfit (K,) of the best contact.
 
-    ``features`` (K, T, 15) are the rotation, the position, and the position in the body's axes; ``scale`` (K,)
-    that of positions. Free motion is that of the poses as they are.
+    ``features`` (K, T, 15) are the rotation, the position, and the position in the body's axes; ``scale``
+    (K,) that of positions. Free motion is that of the poses as they are.
     """
     ticks, lever_sq = features.shape[1], model.motion.body_radius_m**2
     jumps = np.square(np.diff(features[0], 2, axis=0)).mean(axis=0)
@@ -111,8 +111,8 @@ def _gains(features: Array, variance: Array, scale: Array, model: Model) -> tupl
 
 
 def _vertex_on_face(sums: Array, ridge: Array) -> Array:
-    """Least sums of squares (B,) of the distance of a point of the body from a plane, with ``ridge`` (B,) times
-    its square; ``sums`` (B, 12, 12) of products of rotation and position, less their means.
+    """Least sums of squares (B,) of the distance of a point of the body from a plane, plus ``ridge`` (B,)
+    times its square; ``sums`` (B, 12, 12) of products of rotation and position, less their means.
 
     It starts from the three normals of the relaxed problem, in which n p' is any matrix, and fits p and n in
     turn.

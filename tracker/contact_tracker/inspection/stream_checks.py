@@ -4,6 +4,7 @@ All statistics are computed on blocks of poses counted from the first one, so th
 batches. Repeated poses are left out.
 """
 
+from collections.abc import Sequence
 from math import inf, pi, sqrt
 from typing import Final, NamedTuple
 
@@ -33,6 +34,8 @@ LEVER_M: Final = 3.0
 COARSE_M: Final = 0.01
 """Position noise above which such a ratio occurs only in other units; that of a mobile robot is a few mm."""
 FAST_M_PER_S: Final = 15.0
+TOSSED_CM_PER_S: Final = 500.0
+USUAL_LEVER_M: Final = 0.12
 SMALL_LEVER_M: Final = 0.0025
 """Such a ratio below, at a speed below ``SLOW_M_PER_S``, occurs only where positions are divided by 100 or
 1000: orientation comes from markers or features that are centimetres apart."""
@@ -131,12 +134,12 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     return inspection._replace(recent=recent[max(end - KEPT, 0) :])
 
 
-def findings(inspection: Inspection, unit: str = "") -> tuple[Finding, ...]:
-    """Findings in the stream so far; ``unit`` is one of the positions in which contacts explain the motion,
-    unlike in metres."""
+def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """Findings in the stream so far; ``fitting_units`` of positions are those in which contacts explain the
+    motion, unlike in metres."""
     found = list[Finding]()
     if inspection.units:
-        found.append(Finding("units", _units_text(inspection, unit), True))
+        found.append(Finding("units", _units_text(inspection, fitting_units), True))
     elif _are_too_small(inspection):
         found.append(Finding("units", _too_small_text(inspection), False))
     if inspection.bodies:
@@ -171,15 +174,17 @@ _FILTERED: Final = (
 )
 
 
-def _units_text(inspection: Inspection, unit: str) -> str:
+def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
     position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+    lever = position / rotation if rotation else inspection.top_m_per_s
+    small = lever > USUAL_LEVER_M * sqrt(1e2 * 1e3) or inspection.top_m_per_s > TOSSED_CM_PER_S
+    name, unit = ("millimetres", "mm") if small else ("centimetres", "cm")
     figures = (
         f"(noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
         f"speed up to {inspection.top_m_per_s:.2g} m/s)"
     )
-    if not unit:
-        return f"positions are far too noisy or too fast for metres {figures}: check their unit and their source"
-    name = {"cm": "centimetres", "mm": "millimetres"}[unit]
+    if unit not in fitting_units:
+        return f"positions are too noisy or too fast for metres {figures}: check their unit and their source"
     return (
         f"positions look like {name} {figures}: convert to metres, or in a table "
         f"give the unit in the names of columns, as in x [{unit}]"
