@@ -199,16 +199,12 @@ def located_by_a_camera() -> Poses:
     return Poses(stamp_ns, way + 0.05 * rng.normal(size=way.shape), turn.as_quat())
 
 
-@needs_kernels
-def test_a_unit_is_named_only_where_contacts_fit_in_it_and_not_in_metres() -> None:
-    box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
-    for poses, said in (
-        (replace(box, position_m=100.0 * box.position_m), "positions look like centimetres"),
-        (located_by_a_camera(), "too noisy or too fast for metres"),
-    ):
-        state, _ = online.advance(online.start(MODEL), poses)
-        (text,) = (finding.text for finding in state.findings if finding.kind == "units")
-        assert said in text
+def test_a_unit_fits_only_where_contacts_do_in_it_and_not_in_metres() -> None:
+    poses = replace(recorded(), position_m=100.0 * recorded().position_m)
+    known = conventions.advance(NOTHING_KNOWN, MODEL, (100.0 * SIGMA[0], SIGMA[1]), poses, has_odd_unit=True)
+    assert "cm" in known.fitting_units
+    poses, sigma = located_by_a_camera(), (0.05, np.radians(0.3))
+    assert conventions.advance(NOTHING_KNOWN, MODEL, sigma, poses, has_odd_unit=True).fitting_units == ()
 
 
 def test_each_order_of_quaternions_undoes_its_mistake() -> None:

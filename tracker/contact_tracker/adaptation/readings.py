@@ -174,7 +174,7 @@ def _orders() -> Iterator[tuple[str, str, tuple[int, int, int]]]:
         for order in (first + second + third, first + second + first):
             yield f'from_euler("{order.upper()}", [a, b, c])', order, (0, 1, 2)
             yield f'from_euler("{order}", [a, b, c])', order[::-1], (2, 1, 0)
-        places = tuple(map(axes.index, (first, second, third)))
+        places = axes.index(first), axes.index(second), axes.index(third)
         if second != "y":
             numbers = ", ".join("abc"[i] for i in places)
             yield (
