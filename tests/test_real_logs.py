@@ -51,7 +51,7 @@ def unturned(poses: Poses) -> Poses:
 
 TWO_BODIES = "two bodies on one topic?"
 FAULTS: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
-    "millimetres": ("positions look like millimetres", millimetres),
+    "millimetres": ("too noisy or too fast for metres", millimetres),
     "alternating": (TWO_BODIES, two_bodies),
     "same stamp": (TWO_BODIES, lambda poses: beside(poses, True, 0)),
     "same stamp, late": (TWO_BODIES, lambda poses: beside(poses, True, 200)),

@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 TEXT: Final = """\
 # The paper's experiments
 
-Ishikawa, Shirafuji and Ota move a cube of 0.2 m by hand on a desk, measure it by motion capture, and estimate the contact from its motion
+In "Objective Functions of Principal Contact Estimation from Motion Based on the Geometrical Singular Condition", S. Ishikawa, S. Shirafuji and
+J. Ota move a cube of 0.2 m by hand on a desk, measure it by motion capture, and estimate the contact from its motion
 ([theory](theory.md#4-the-papers-objective-functions) has their equations and our errata). This page repeats both of their experiments. One
 command writes it, with its pictures, in a few minutes:
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import adaptation
-from contact_tracker.adaptation import rest
+from contact_tracker.adaptation import rest, window_scores
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
@@ -78,7 +78,7 @@ def test_at_rest_only_the_first_tracker_takes_in_ticks() -> None:
     others = states[-1].trackers.trackers[1:]
     assert len({one.ticks for one in others}) == 1
     assert len(states[-1].trackers.rest.kept) <= rest.KEPT_TICKS
-    assert len(states[-1].conventions.waiting) <= (rest.KEPT_TICKS + 1) * RATE_HZ * MODEL.tick_s
+    assert len(states[-1].conventions.waiting) <= (window_scores.TICKS + 2) * RATE_HZ * MODEL.tick_s
 
 
 @needs_kernels

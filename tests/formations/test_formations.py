@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from contact_tracker import adaptation
 from contact_tracker.adaptation.online import AdaptiveState
@@ -24,7 +25,7 @@ from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save
 from contact_tracker.simulate import Phase, Scenario, Simulated, simulate
 from contact_tracker.states import Contact
-from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking import ambiguity, offline_smoother
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 
@@ -164,9 +165,27 @@ def test_beliefs_keep_their_formations_through_columns() -> None:
         for stamp, some in enumerate([(), further, further, ()])
     ]
     kept = Beliefs.join([Beliefs.of(beliefs[:2]), Beliefs.of(beliefs[2:])])
-    assert [belief.further for belief in kept] == [(), further, further, ()]
+    assert [len(belief.further) for belief in kept] == [0, 1, 1, 0]
+    assert [one.probability for belief in kept for one in belief.further] == pytest.approx([0.9 / 7] * 2)
     assert [belief.constraints for belief in kept] == [1, 2, 2, 1]
     assert [len(belief.contacts_json) for belief in kept] == [1, 2, 2, 1]
+
+
+@needs_kernels
+def test_a_ball_in_a_corner_may_have_edges_on_the_line_of_the_corner() -> None:
+    """Its centre keeps to a line: as a vertex on two planes, or as two edges on that line."""
+    rng = np.random.default_rng(1)
+    time_s = np.arange(0.0, 5.0, 0.02)
+    rates, phases = rng.uniform(1.0, 4.0, (4, 6)), rng.uniform(0.0, 6.0, (4, 6))
+    waves = np.sin(time_s[:, None, None] * rates + phases).mean(axis=2)
+    turn = Rotation.from_rotvec(2.5 * waves[:, :3] + rng.normal(size=waves[:, :3].shape) * 1e-3)
+    centre_m, in_body_m = np.pad(0.3 * waves[:, 3:], ((0, 0), (0, 2))), np.array([0.02, 0.03, -0.01])
+    position_m = centre_m - turn.apply(in_body_m) + rng.normal(size=centre_m.shape) * 1e-4
+    poses = Poses((time_s * SECOND).astype(np.int64), position_m, turn.as_quat())
+    *_, segment = offline_smoother.segment(poses, load_model()).segments
+    assert {segment.contact, *segment.inseparable} == {Contact.VF, Contact.EE}
+    (further,) = segment.further
+    assert further.probability <= segment.probability < 0.8
 
 
 def test_a_label_with_unexplained_constraints_is_not_certain() -> None:

@@ -101,7 +101,7 @@ def test_contacts_of_one_face_share_it() -> None:
 
 
 def test_faces_at_another_height_are_another_pair() -> None:
-    """Both sides of a box rest on one table, or one side on two: not the same pair, once offsets are known."""
+    """Both sides of a box rest on one table, or one side on two: that is not the same pair."""
     rng = np.random.default_rng(3)
     world = Map(
         [
@@ -135,7 +135,7 @@ def test_different_elements_stay_apart() -> None:
 def test_unseen_directions_do_not_separate() -> None:
     """Where a sighting shows nothing, its estimate may be anything."""
     rng = np.random.default_rng(5)
-    far = MapElement("v", np.zeros(3), CORNER.place_m + [0.3, 0.0, 0.0])
+    far = MapElement("v", np.zeros(3), CORNER.place_m + 0.3 * np.eye(3)[0])
     world = Map(
         [seen(Contact.VF, (CORNER, TABLE), 0, rng=rng), seen(Contact.VF, (far, TABLE), 100, unknown=[0])],
         REACH_M,
@@ -144,9 +144,7 @@ def test_unseen_directions_do_not_separate() -> None:
 
 
 def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
-    world = Map(
-        [seen(Contact.VF, (CORNER, TABLE), 0), seen(Contact.VF, (OTHER_CORNER, TABLE), 100)], REACH_M
-    )
+    world = Map([seen(Contact.VF, (CORNER, TABLE), 0), seen(Contact.VF, (OTHER_CORNER, TABLE), 100)], REACH_M)
     learned = LeaveOneOut(world)
     corners = {
         tick: [key for key, one in learned.at(tick).elements.items() if one.kind == "v"]
@@ -174,7 +172,7 @@ def test_priors_of_pairs(model: ContactModel) -> None:
     assert not new.information.any()
     assert not new.is_known
     assert new.log_share == pytest.approx(2.0 * np.log(CONCENTRATION / (2.0 + CONCENTRATION)))
-    known = [one for one in found if one.is_known][0]
+    known = next(one for one in found if one.is_known)
     tangent = model.family.tangent(known.mean[None], model.anchors(np.zeros(3))[None])[0]
     values = np.linalg.eigvalsh(tangent.T @ known.information @ tangent)
     assert (values > 1.0).all()

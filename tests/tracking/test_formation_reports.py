@@ -19,7 +19,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.outputs.changes import FormationChanges
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.belief import Belief, FurtherContact
+from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
@@ -35,7 +35,9 @@ COVARIANCE = 1e-6 * np.eye(4)
 GEOMETRY = ContactGeometry(
     Point(np.zeros(3), COVARIANCE[:3, :3]), Plane(np.array([0.0, 0.0, 1.0]), 0.0, COVARIANCE)
 )
-ROW = np.dtype([("start_ns", np.int64), ("stamp_ns", np.int64), ("residual", np.float64, 6)])
+ROW = np.dtype(
+    [("start_ns", np.int64), ("stamp_ns", np.int64), ("count", float), ("residual", np.float64, 6)]
+)
 
 
 def window(first: int, count: int) -> Window:
@@ -64,7 +66,7 @@ def test_constraints_are_those_of_all_contacts_of_the_time() -> None:
     earlier = FittedContact(Contact.VF, 0.9, ((2, 7),), GEOMETRY, ())
     ranks = ((frozenset([0]), 4), (frozenset([1]), 3), (frozenset([0, 1]), 5))
     fit = fitted(Contact.EF, formation=FittedFormation((later, earlier), False, ranks))
-    segment, beliefs = finished(Contact.EF, 0, 10).with_fit(fit)
+    (segment,), beliefs = finished(Contact.EF, 0, 10).with_fit(fit)
     assert [one.contact for one in segment.further] == [Contact.VF, Contact.EF]
     assert [one.constraints for one in segment.further] == [5, 5]
     assert [belief.constraints for belief in beliefs] == [2, 2, 3, 3, 3, 3, 5, 5, 4, 4]
@@ -97,10 +99,21 @@ def test_with_a_lag_an_open_formation_limits_the_probability() -> None:
 
 def test_with_a_lag_contacts_begin_at_their_time() -> None:
     one, two = (further(4),), (replace(further(4), constraints=4), replace(further(8), constraints=4))
-    assert lagging(belief_at(5, Contact.FREE), belief_at(9, further=one)).further == one
+    belief = lagging(belief_at(5, Contact.FREE), belief_at(9, further=one))
+    assert [(f.start_ns, f.constraints) for f in belief.further] == [(4, 2)]
     belief = lagging(belief_at(5, Contact.FREE), belief_at(6, further=one), belief_at(9, further=two))
-    assert (belief.further, belief.constraints) == (one, one[0].constraints)
+    assert ([f.start_ns for f in belief.further], belief.constraints) == ([4], one[0].constraints)
     assert lagging(belief_at(5, Contact.FREE), belief_at(9, further=two)).further == ()
+
+
+def test_a_further_contact_is_never_more_probable_than_the_label_beside_it() -> None:
+    """In ticks, whatever changes them later, and in segments."""
+    belief = belief_at(5, further=(further(4),))
+    assert belief.further[0].probability == pytest.approx(0.9 / 7)
+    doubted = replace(belief, probability=np.eye(7)[3])
+    assert doubted.contacts_json[1]["probability"] == pytest.approx(0.9)
+    row = Segment(0, 9, Contact.VF, 0.28, GEOMETRY, further=belief.further)
+    assert row.contacts_json[1]["probability"] == pytest.approx(0.9 * 0.28)
 
 
 def test_a_resumed_stream_continues_from_the_last_report() -> None:
@@ -134,7 +147,7 @@ def test_neighbours_that_wrenches_make_equal_are_one_segment() -> None:
     first, second = finished(Contact.VF, 0, 6), finished(Contact.EF, 6, 4)
     chosen = [(first, fitted(Contact.VF)), (second, fitted(Contact.VF))]
     ((segment, fit),) = joined_by_wrenches(chosen)
-    joined, beliefs = segment.with_fit(fit)
+    (joined,), beliefs = segment.with_fit(fit)
     assert (joined.start_ns, joined.end_ns, joined.contact) == (0, 999, Contact.VF)
     assert {belief.onset_ns for belief in beliefs} == {0}
     np.testing.assert_array_equal(probabilities(chosen), beliefs.probability)

@@ -47,6 +47,19 @@ def test_free_motion_shares_where_all_possible_contacts_are_open():
     assert (ambiguity.redistribute(posterior, Contact.FREE, faces, 1.0) == posterior).all()
 
 
+@given(posteriors, states, st.sets(states))
+@example(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]), Contact.EE, {Contact.VF})
+def test_no_label_is_certain_beside_a_state_that_is_not_excluded(posterior, label, others):
+    """The first example was reported as e-e 1.00, or v-f."""
+    others = tuple(state for state in STATES if state in others - {label})
+    shared = ambiguity.with_rivals(posterior, label, others)
+    assert is_distribution(shared)
+    assert (shared[label.column] >= shared).all() or not (posterior[label.column] >= posterior).all()
+    assert shared[label.column] <= ambiguity.most_beside(len(others)) + 1e-8
+    again = ambiguity.with_rivals(shared, label, others)
+    assert again == pytest.approx(shared, abs=1e-8)
+
+
 @given(posteriors, states, states)
 def test_indistinguishable_states_share_whichever_is_the_label(posterior, first, second):
     """The shares do not depend on which of the indistinguishable contacts is the label."""

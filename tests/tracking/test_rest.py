@@ -1,4 +1,4 @@
-"""An object at rest: no information, no change of beliefs, and little computation."""
+"""An object at rest: no information, no change of the hypotheses, any contact open, little computation."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from contact_tracker import hmm
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.rests import rest_ticks
 from contact_tracker.states import STATES
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, forward
@@ -49,8 +50,8 @@ def still(ticks: list[FilteredTick]) -> list[int]:
     return [i for i, one in enumerate(ticks) if not one.state.hazard_exposure and i]
 
 
-def test_rest_does_not_change_the_beliefs():
-    """Only the first ticks of a rest, before it is detected, are evaluated; beliefs stay."""
+def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
+    """Only the first ticks of a rest, before it is detected, are evaluated."""
     ticks = seen(5.0)
     waited = still(ticks)
     assert len(waited) > 40
@@ -58,9 +59,14 @@ def test_rest_does_not_change_the_beliefs():
         before, now = ticks[i - 1], ticks[i]
         for old, new in zip(before.state.banks, now.state.banks, strict=True):
             assert new.words is old.words
-        np.testing.assert_array_equal(now.belief.probability, before.belief.probability)
         assert now.belief.contact is before.belief.contact
         assert now.belief.stamp_ns == now.tick.stamp_ns
+    beliefs = [one.belief for one in ticks[MOVED // 20 : waited[-1] + 1]]
+    opened = next(i for i, belief in enumerate(beliefs) if len(belief.inseparable) == 6)
+    assert rest_ticks(MODEL.tick_s) - 1 <= opened <= rest_ticks(MODEL.tick_s)
+    assert all(len(belief.inseparable) == 6 for belief in beliefs[opened:])
+    assert beliefs[opened].probability.max() < 0.65 < beliefs[opened - 1].probability.max()
+    assert not ticks[waited[-1] + 1].belief.inseparable
 
 
 def test_time_at_rest_counts_once_the_object_moves_on():
@@ -76,24 +82,31 @@ def test_time_at_rest_counts_once_the_object_moves_on():
 def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
     ticks = seen(5.0)
     last = still(ticks)[-1]
-    rested, next_tick, contact = ticks[last].state, ticks[last + 1].tick, ticks[last].belief.contact
+    rested, next_tick = ticks[last].state, ticks[last + 1].tick
+    contact = ticks[last].belief.contact
 
     def after(rest_s: float) -> float:
         state = rested._replace(deferred_exposure=rest_s / MODEL.tick_s * hazard_exposure(0.0))
         return float(tracker.update(state, next_tick)[1].probability[contact.column])
 
-    assert after(5.0) > 0.9 * ticks[last].belief.probability[contact.column] > 0.5
+    assert after(5.0) > 0.8 * ticks[MOVED // 20 + 5].belief.probability[contact.column] > 0.5
     assert after(5.0) > after(60.0) > after(600.0)
 
 
 @pytest.mark.parametrize("rest_s", [2.0, 40.0])
-def test_a_rest_in_the_middle_changes_no_segment(rest_s):
-    """Also with a rest longer than the window."""
+def test_a_rest_is_a_row_of_its_own_and_shows_no_contact(rest_s):
+    """Also one that is longer than the window; the rows beside it are as without it."""
     without, with_rest = (segment(paused(s), MODEL).segments for s in (0.0, rest_s))
-    assert [one.contact for one in with_rest] == [one.contact for one in without]
-    for a, b in zip(without, with_rest, strict=True):
-        longer = (b.end_ns - b.start_ns) - (a.end_ns - a.start_ns)
-        assert longer < 0.3e9 or longer == pytest.approx(rest_s * 1e9, abs=0.3e9)
+    faces, edge, rest, on = with_rest
+    assert [one.contact for one in (faces, edge)] == [one.contact for one in without]
+    assert edge.contact is rest.contact is on.contact
+    assert [len(one.inseparable) for one in with_rest] == [0, 0, 6, 0]
+    assert rest.probability < 0.65 < 0.95 < min(edge.probability, on.probability)
+    assert rest.geometry is edge.geometry
+    begins_s, lasts_s = (rest.start_ns - faces.start_ns) * 1e-9, (rest.end_ns - rest.start_ns) * 1e-9
+    assert (begins_s, lasts_s) == pytest.approx((MOVED / RATE_HZ, rest_s), abs=0.15)
+    longer_ns = (on.end_ns - edge.start_ns) - (without[-1].end_ns - without[-1].start_ns)
+    assert longer_ns == pytest.approx(rest_s * 1e9, abs=0.3e9)
 
 
 def test_withheld_poses_at_the_end_do_not_change_earlier_beliefs():

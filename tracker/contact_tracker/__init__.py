@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from contact_tracker.api import Result, Tracker, Trajectory, read, segment
-    from contact_tracker.errors import ContactTrackerError
+    from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
     from contact_tracker.wrenches.wrenches import Wrenches
@@ -18,6 +18,7 @@ __all__ = [
     "Belief",
     "Contact",
     "ContactTrackerError",
+    "ContactTrackerWarning",
     "Result",
     "Segment",
     "Tracker",
@@ -32,6 +33,7 @@ _HOMES = {
     "Belief": "tracking.belief",
     "Contact": "states",
     "ContactTrackerError": "errors",
+    "ContactTrackerWarning": "errors",
     "Result": "api",
     "Segment": "tracking.belief",
     "Tracker": "api",

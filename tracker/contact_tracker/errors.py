@@ -9,6 +9,7 @@
     |   |-- InvalidPose           poses from Python that did not pass the gate
     |   |-- StateError            a saved state that cannot be resumed
     |   `-- NoTruth               evaluation of a recording without ground truth
+    |-- OutputError           from Python: a file cannot be written       (exit code 1)
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
         |-- ChoiceError           what it says of a recording does not fit that recording: others it may
@@ -22,6 +23,8 @@ which the recording does have, the call is wrong. docs/conventions.md says the s
 
 A partly readable recording is not an error: the readable part is processed and the damage reported as a
 status (exit code 3). A fit that does not converge is a status as well.
+
+From Python, what is doubtful, but no error, is a ``ContactTrackerWarning`` of the module ``warnings``.
 """
 
 
@@ -59,6 +62,10 @@ class StateError(InputError):
 
 class NoTruth(InputError):
     """The recording has no ground truth."""
+
+
+class OutputError(ContactTrackerError):
+    """A result or a state cannot be written."""
 
 
 class ViewerError(ContactTrackerError):
@@ -107,5 +114,9 @@ class KnowledgeError(UsageError):
         return type(self), (self.key, self.reason)  # it crosses from a worker process
 
 
-class SlowUpdate(UserWarning):
+class ContactTrackerWarning(UserWarning):
+    """What the command line warns of, from Python: a fault of the input, in the same words."""
+
+
+class SlowUpdate(ContactTrackerWarning):
     """Numpy replaces the compiled kernels. The command line reports it in one line."""

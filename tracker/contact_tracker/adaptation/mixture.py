@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.states import STATES
-from contact_tracker.tracking.ambiguity import at_most
+from contact_tracker.tracking.ambiguity import at_most, with_rivals
 from contact_tracker.tracking.belief import Belief
 
 Array = NDArray[np.float64]
@@ -43,6 +43,7 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
             further=(),
             is_open=False,
         )
+    probability = with_rivals(probability, label, source.inseparable)  # as of the other trackers they may be
     # only one of the trackers searches further contacts, and only its label is limited
     return replace(source, probability=at_most(probability, label) if source.is_open else probability)
 

@@ -117,8 +117,8 @@ class OfflineTracker:
         self, stream: Iterator[Poses], detail: Detail
     ) -> tuple[Iterator[Poses], Iterator[Poses], Beliefs]:
         """Poses until the model is chosen, the rest, and the online beliefs until then, if ``detail`` is
-        enough."""
-        inspected, beliefs, count = list[Poses](), list[Beliefs](), 0
+        enough. The conventions of the poses are tested on as many as that takes."""
+        inspected, ahead, beliefs, count = list[Poses](), list[Poses](), list[Beliefs](), 0
         for some in stream:
             used = 0
             while used < len(some) and not self._state.is_decided:
@@ -127,14 +127,17 @@ class OfflineTracker:
                 beliefs.append(_in_columns(new, detail))
                 used += len(part)
             inspected.append(some[:used])
-            count += used
-            if self._state.is_decided or count >= MOST_POSES:
-                stream = chain([some[used:]] if used < len(some) else [], stream)
+            count += len(some)
+            if used < len(some):
+                self._state = online.check_conventions(self._state, some[used:])
+                ahead.append(some[used:])
+            is_known = self._state.is_decided and self._state.conventions.is_settled
+            if is_known or count >= MOST_POSES:
                 break
-        else:
+        if not self._state.is_decided and count < MOST_POSES:
             self._state, new = online.finish(self._state)
             beliefs.append(_in_columns(new, detail))
-        return _released(inspected), stream, Beliefs.join(beliefs)
+        return _released(inspected), chain(_released(ahead), stream), Beliefs.join(beliefs)
 
 
 def _in_columns(beliefs: list[Belief], detail: Detail) -> Beliefs:

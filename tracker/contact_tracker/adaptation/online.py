@@ -52,8 +52,8 @@ class AdaptiveState(NamedTuple):
 
     @property
     def is_decided(self) -> bool:
-        """Whether the choice of ticks and noise is final, and the order of quaternions is known."""
-        return self.trackers.is_decided and self.conventions.is_settled
+        """Whether the choice of ticks and noise is final."""
+        return self.trackers.is_decided
 
     @property
     def best(self) -> TrackerState | None:
@@ -63,14 +63,15 @@ class AdaptiveState(NamedTuple):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the stream."""
-        in_stream = findings(self.inspection)
+        in_stream = findings(self.inspection, self.conventions.fitting_units)
         fast = impacts.findings(self.impacts, self.trackers.model.tick_s)
+        mixed_up = convention_findings(self.conventions)
         if self.inspection.bodies or self.inspection.units:
-            fast = ()
+            fast = mixed_up = ()
         return (
             *in_stream,
             *fast,
-            *convention_findings(self.conventions),
+            *mixed_up,
             *(clearance.findings(self.clearance) or (() if fast else self._contradictions)),
         )
 
@@ -86,9 +87,9 @@ class AdaptiveState(NamedTuple):
 
     @property
     def may_be_in_doubt(self) -> bool:
-        """The same, or it is not known yet: impacts may be shorter than a tick, and the prior map may be
-        wrong."""
-        if self.contradiction.is_likely:
+        """The same, or it is not known yet: impacts may be shorter than a tick, and the prior map or the
+        conventions of the poses may be wrong."""
+        if self.contradiction.is_likely or self.conventions.is_likely:
             return True
         knowledge = self.trackers.knowledge
         too_early = bool(knowledge.object and knowledge.environment) and not self.inspection.blocks
@@ -178,6 +179,19 @@ def inspect_poses(state: AdaptiveState, poses: Poses) -> AdaptiveState:
     return state._replace(inspection=inspect(state.inspection, poses), clearance=away, impacts=hits)
 
 
+def check_conventions(state: AdaptiveState, poses: Poses) -> AdaptiveState:
+    """Update the test of conventions by poses, which may be tracked elsewhere."""
+    trackers = state.trackers.trackers
+    if not trackers or trackers[0].averaging is None:
+        return state
+    noise = trackers[0].averaging.stream.noise
+    sigma = noise.sigma_position_m, noise.sigma_rotation_rad
+    known = advance_conventions(
+        state.conventions, trackers[0].model, sigma, poses, has_odd_unit=state.inspection.units
+    )
+    return state._replace(conventions=known)
+
+
 def check_prior_map(state: AdaptiveState, poses: Poses) -> AdaptiveState:
     """Update the test of a contradiction to the prior map by poses, which are tracked elsewhere."""
     trackers = state.trackers
@@ -227,13 +241,10 @@ def _update_trackers(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveStat
     pending = state.uninspected[state.taken_in :]
     if not pending:
         return state, []
-    poses, conventions = Poses.join(pending), state.conventions
+    poses = Poses.join(pending)
     trackers, beliefs = side_by_side.advance(state.trackers, poses, detail)
-    if trackers.trackers:
-        model, rests = trackers.trackers[0].model, trackers.rest.goes_on(state.trackers.rest)
-        conventions = advance_conventions(conventions, model, trackers.knowledge, poses, rests)
-    state = state._replace(trackers=trackers, conventions=conventions, taken_in=len(state.uninspected))
-    state = check_prior_map(state, poses)
+    state = state._replace(trackers=trackers, taken_in=len(state.uninspected))
+    state = check_prior_map(check_conventions(state, poses), poses)
     return state, _with_doubt(state, beliefs)
 
 

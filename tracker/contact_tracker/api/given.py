@@ -1,20 +1,59 @@
-"""Conversion of arguments in several forms: model, noise, prior map."""
+"""Conversion and checks of arguments: paths, names, numbers, model, noise, prior map."""
 
+import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from reprlib import repr
 from typing import Any
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
-from contact_tracker.errors import UsageError
+from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.prior_map_files.loading import knowledge_from, load_knowledge
 
 ModelLike = str | os.PathLike[str] | Model
 Known = str | os.PathLike[str] | Mapping[str, Any] | PriorMap | None
 Deviations = str | tuple[float, float] | None
+
+
+def path_from(value: Any, name: str = "path") -> str:
+    """A path as text; raises UsageError if ``value`` is none."""
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if isinstance(text, str) and "\0" not in text:
+        return text
+    raise UsageError(f"{name} is the name of a file, not {repr(value)}")
+
+
+def name_from(value: Any, name: str) -> str | None:
+    """Text, or None if it is not given; raises UsageError."""
+    if value is None or isinstance(value, str):
+        return value
+    raise UsageError(f"{name} is text, not {repr(value)}")
+
+
+def number_from(value: Any, name: str, bounds: str, is_within: Callable[[float], bool]) -> float:
+    """A finite number within ``bounds``; raises UsageError, which ``name`` begins."""
+    try:
+        number = real_number(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if math.isfinite(number) and is_within(number):
+        return number
+    raise UsageError(f"{name} is a number {bounds}, not {repr(value)}")
+
+
+@contextmanager
+def errors_as(kind: type[ContactTrackerError], path: str) -> Iterator[None]:
+    """Turn errors of the system while a file is read or written into ours."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{error.filename or path}: {error.strerror or error}") from error
 
 
 def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations = None) -> Model:
@@ -27,7 +66,7 @@ def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations 
     UsageError
         The noise or the accuracy is invalid.
     """
-    found = model if isinstance(model, Model) else load_model(os.fspath(model))
+    found = model if isinstance(model, Model) else load_model(path_from(model, "model"))
     if noise is not None:
         found = found.with_noise(*_deviations_from(noise, "noise"))
     if accuracy is not None:
@@ -42,9 +81,9 @@ def _deviations_from(
     try:
         if isinstance(value, str):
             return deviations(value, may_be_zero)
-        position_m, rotation_rad = map(float, value)
+        position_m, rotation_rad = map(real_number, value)
         return plausible((position_m, rotation_rad), value, may_be_zero)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(f"{name} is '0.3mm,0.15deg' or (metres, radians): {error}") from error
 
 
@@ -59,8 +98,6 @@ def knowledge_of(known: Known, note: Callable[[str], None]) -> PriorMap:
         return known
     if isinstance(known, Mapping):
         return knowledge_from(known, Path(), note)
-    try:
-        path = os.fspath(known)
-    except TypeError as error:
-        raise UsageError(f"known is a file, a table of its keys or a PriorMap, not {known!r}") from error
-    return load_knowledge(path, note)
+    if not isinstance(known, str | os.PathLike):
+        raise UsageError(f"known is a file, a table of its keys or a PriorMap, not {repr(known)}")
+    return load_knowledge(path_from(known, "known"), note)

@@ -2,16 +2,26 @@
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from contact_tracker.adaptation import OfflineTracker, Report
-from contact_tracker.adaptation.with_wrenches import NoLoad, mass_doubt, wrench_evidence
-from contact_tracker.api.given import Deviations, Known, ModelLike, knowledge_of, model_from
-from contact_tracker.api.trajectory import Trajectory, read
-from contact_tracker.errors import UsageError
+from contact_tracker.api.given import (
+    Deviations,
+    Known,
+    ModelLike,
+    errors_as,
+    knowledge_of,
+    model_from,
+    number_from,
+    path_from,
+)
+from contact_tracker.api.notices import log_counts, log_text, warn_of
+from contact_tracker.api.trajectory import Trajectory, is_table, read
+from contact_tracker.config.parameters import Model
+from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, printable
 from contact_tracker.exports.columns import (
     BELIEF_COLUMNS,
     SEGMENT_COLUMNS,
@@ -22,13 +32,15 @@ from contact_tracker.exports.columns import (
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
-from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
+from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.exports.writing import write_outcome, write_pieces
 from contact_tracker.extras import extra
+from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
-from contact_tracker.recording import parts_of, read_wrenches
+from contact_tracker.recording import WrenchLog, parts_of, read_wrenches
+from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
 from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.wrenches import Wrenches
@@ -78,10 +90,14 @@ class Result:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One line per warning, including damage of the recording."""
+        """One line per warning, including those of the trajectory and damage of the recording."""
         damage = self.trajectory.damage
-        found = () if self.report is None else tuple(warnings(self.report))
-        return (*self.notes, *self.trajectory.notes, *found, *(() if damage is None else (damage,)))
+        return (*self.trajectory.notes, *self._own_warnings, *(() if damage is None else (damage,)))
+
+    @property
+    def _own_warnings(self) -> tuple[str, ...]:
+        """One line per warning that the trajectory does not have."""
+        return (*self.notes, *(() if self.report is None else warnings(self.report)))
 
     def to_pandas(self, rows: Rows = "ticks") -> "pandas_table.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.
@@ -111,7 +127,7 @@ class Result:
             pyarrow is not installed.
         UsageError
             The existing file is a recording, or an input of this result.
-        OSError
+        OutputError
             The file cannot be written.
         """
         self._write(path, overwrite, ".parquet")
@@ -154,6 +170,11 @@ class Result:
             from contact_tracker.viewer.notebook import show_in_notebook
         from contact_tracker.viewer.offline import Shown
 
+        sizes = (("width", width), ("height", height))
+        width, height = (
+            int(number_from(pixels, name, "of pixels", lambda count: count >= 1.0)) for name, pixels in sizes
+        )
+
         def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
             deque(poses, maxlen=0)
             yield self.segmentation
@@ -163,14 +184,15 @@ class Result:
         return show_in_notebook(shown, width, height)
 
     def __str__(self) -> str:
-        return "\n".join(table(self.segments, self._origin_ns, self.with_wrenches))
+        banner = (f"warning: {printable(text)}" for text in self.warnings)
+        return "\n".join((*banner, *table(self.segments, self._origin_ns, self.with_wrenches)))
 
     def __repr__(self) -> str:
         return f"<Result of {self.trajectory!r}: {len(self.segments)} segments, {len(self.beliefs)} ticks>"
 
     def _repr_html_(self) -> str:
-        notes = notes_html(self.counts, self.warnings)
-        return f"{ribbon_html(self.segments)}{table_html(self.segments, self._origin_ns)}{notes}"
+        shown = ribbon_html(self.segments) + table_html(self.segments, self._origin_ns)
+        return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
 
     @property
     def _origin_ns(self) -> int:
@@ -184,7 +206,11 @@ class Result:
         raise UsageError(f"rows is 'ticks' or 'segments', not {rows!r}")
 
     def _write(self, name: str | os.PathLike[str], overwrite: bool, *suffixes: str) -> None:
-        path, trajectory = Path(name), self.trajectory
+        path, trajectory = Path(path_from(name)), self.trajectory
+        with errors_as(OutputError, str(path)):
+            self._write_file(path, trajectory, overwrite, *suffixes)
+
+    def _write_file(self, path: Path, trajectory: Trajectory, overwrite: bool, *suffixes: str) -> None:
         if path.suffix.lower() not in suffixes:
             raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
         log = trajectory.path if trajectory.path is not None and os.path.exists(trajectory.path) else None
@@ -239,36 +265,53 @@ def segment(
         The trajectory cannot be used.
     UsageError
         An argument, the model or the prior knowledge is invalid.
+
+    Warns
+    -----
+    ContactTrackerWarning
+        What ``contact-tracker segment`` warns of, once for this result; ``Result.warnings`` has it all.
     """
+    if mass_kg is not None:
+        if wrench is None:
+            raise UsageError("mass_kg is of use with wrench only")
+        mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
     given = model_from(model, noise, accuracy)
     notes = list[str]()
     knowledge = knowledge_of(known, notes.append)
     poses = _trajectory_of(trajectory)
     evidence = None
     if wrench is not None:
-        measured = _wrenches_of(wrench, poses, notes.append)
-        try:
-            evidence, load = wrench_evidence(poses.poses, measured, given, knowledge, mass_kg)
-            notes.extend(filter(None, [mass_doubt(load, mass_kg)]))
-        except NoLoad as reason:
-            notes.append(f"the wrench is not used: {reason}")
+        used = _evidence_of(wrench, poses, given, knowledge, mass_kg)
+        evidence = used.evidence
+        notes += used.warnings
+        if not used.is_warning:
+            log_text(used.text)
     frame_moves = poses.source is not None and poses.source.frame_moves
     tracker = OfflineTracker(given, knowledge, wrenches=evidence, frame_moves=frame_moves)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
-    return Result(poses, found, tracker.report, tuple(notes), evidence is not None)
+    result = Result(poses, found, tracker.report, tuple(notes), evidence is not None)
+    warn_of(result._own_warnings)
+    log_counts(poses.name, {kind: count for kind, count in result.counts.items() if kind == "outlier"})
+    return result
 
 
-def _wrenches_of(given: str | Wrenches, trajectory: Trajectory, note: Callable[[str], None]) -> Wrenches:
+def _evidence_of(
+    given: str | Wrenches, trajectory: Trajectory, model: Model, knowledge: PriorMap, mass_kg: float | None
+) -> RecordedEvidence:
     if isinstance(given, Wrenches):
-        return given
+        valid = given.valid
+        found = WrenchLog(valid, len(given) - len(valid), 0, 0, "", "as given", None)
+        return evidence_of(found, "the wrench", trajectory.poses, model, knowledge, mass_kg)
+    if not isinstance(given, str):
+        raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(given).__name__}")
     if trajectory.path is None or trajectory.source is None:
         raise UsageError(
             "wrench is a topic, but this trajectory is not from a recording that can be read again"
         )
-    found = read_wrenches(trajectory.path, given, trajectory.source, trajectory.poses, trajectory.by_log_time)
-    if found.noted:
-        note(f"of the messages on {given}: {found.noted}")
-    return found.wrenches
+    path, poses = trajectory.path, trajectory.poses
+    with errors_as(UnreadableRecording, path):
+        found = read_wrenches(path, given, trajectory.source, poses, trajectory.by_log_time)
+    return evidence_of(found, given, poses, model, knowledge, mass_kg)
 
 
 def _trajectory_of(given: Any) -> Trajectory:
@@ -276,7 +319,7 @@ def _trajectory_of(given: Any) -> Trajectory:
         return given
     if isinstance(given, str | os.PathLike):
         return read(given)
-    if hasattr(given, "columns") or isinstance(given, Mapping):
+    if is_table(given):
         return Trajectory.from_dataframe(given)
     raise UsageError(
         f"a trajectory is a Trajectory, the path of a recording or a DataFrame, not {type(given).__name__}"

@@ -4,17 +4,31 @@ import operator
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Self, SupportsIndex
+from typing import Any, Final, Self, SupportsIndex
 
 from contact_tracker import adaptation
 from contact_tracker.adaptation import AdaptiveState
-from contact_tracker.api.given import Deviations, Known, ModelLike, knowledge_of, model_from
-from contact_tracker.errors import InvalidPose, StateError, UsageError
-from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.api.given import (
+    Deviations,
+    Known,
+    ModelLike,
+    errors_as,
+    knowledge_of,
+    model_from,
+    number_from,
+    path_from,
+)
+from contact_tracker.api.notices import log_counts, warn_of, words_of
+from contact_tracker.errors import InvalidPose, OutputError, StateError
+from contact_tracker.motion.pose_validation import PoseGate, remarks_on
 from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.outputs.adaptation import warnings
 from contact_tracker.saved_state import load, save
 from contact_tracker.tracking.belief import Belief
+
+_ENOUGH: Final = 100
+"""Poses after which what is dropped of them is judged, and so often again while no tick is complete."""
 
 
 class Tracker:
@@ -29,6 +43,11 @@ class Tracker:
     ------
     UsageError
         An argument is invalid.
+
+    Warns
+    -----
+    ContactTrackerWarning
+        The prior knowledge is doubtful; in ``update`` and ``finish``, the poses are. Of each stream, once.
     """
 
     def __init__(
@@ -40,11 +59,14 @@ class Tracker:
         accuracy: Deviations = None,
     ) -> None:
         given, notes = model_from(model, noise, accuracy), list[str]()
-        if not isinstance(lag_s, int | float) or not 0.0 <= lag_s <= given.search.window_s:
-            raise UsageError(f"lag_s is 0 to {given.search.window_s:g} s, not {lag_s!r}")
+        most_s = given.search.window_s
+        lag_s = number_from(lag_s, "lag_s", f"from 0 to {most_s:g}", lambda lag_s: 0.0 <= lag_s <= most_s)
         self._notes = notes
         self._state = adaptation.start(given, lag_s, knowledge_of(known, notes.append))
         self._gate = PoseGate()
+        self._given = 0
+        self._told = set[str]()
+        self._warn_of_news(notes)
 
     def update(
         self, stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]
@@ -67,12 +89,20 @@ class Tracker:
         InvalidPose
             The stamp is not an integer, or there are not three and four numbers.
         """
-        return _newest(self._advance(self._gate.admit(_pose(stamp_ns, position_m, quat_xyzw))))
+        beliefs = self._advance(self._gate.admit(_pose(stamp_ns, position_m, quat_xyzw)))
+        self._given += 1
+        if beliefs or self._given % _ENOUGH == 0:
+            self._warn_of_news(self._found_in_poses())
+            if self._given >= _ENOUGH:
+                self._warn_of_news(self._found_in_counts())
+        return _newest(beliefs)
 
     def finish(self) -> list[Belief]:
         """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
         beliefs = self._advance(self._gate.finish())
         self._state, rest = adaptation.finish(self._state)
+        self._warn_of_news(self.warnings)
+        log_counts("poses", self.counts)
         return [*beliefs, *rest]
 
     @property
@@ -84,12 +114,13 @@ class Tracker:
     @property
     def warnings(self) -> tuple[str, ...]:
         """One line per warning so far."""
-        found = adaptation.report(self._state)
-        return (*self._notes, *(() if found is None else warnings(found)))
+        return (*self._notes, *self._found_in_poses(), *self._found_in_counts())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the state to a file, atomically; raises OSError."""
-        save(Path(path), (self._state, self._gate, tuple(self._notes)))
+        """Save the state to a file, atomically; raises UsageError or OutputError."""
+        name = path_from(path)
+        with errors_as(OutputError, name):
+            save(Path(name), (self._state, self._gate, tuple(self._notes), self._given))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -98,16 +129,32 @@ class Tracker:
         Raises
         ------
         StateError
-            The file is not a tracker's state, is damaged, or was saved by another version.
-        OSError
-            The file cannot be read.
+            The file cannot be read, is not a tracker's state, is damaged, or was saved by another version.
         """
-        match load(Path(path)):
-            case (AdaptiveState() as state, PoseGate() as gate, tuple() as notes):
+        name = path_from(path)
+        with errors_as(StateError, name):
+            saved = load(Path(name))
+        match saved:
+            case (AdaptiveState() as state, PoseGate() as gate, tuple() as notes, int() as given):
                 tracker = cls.__new__(cls)
                 tracker._state, tracker._gate, tracker._notes = state, gate, [*map(str, notes)]
+                tracker._given = given
+                tracker._told = set(map(words_of, tracker.warnings))
                 return tracker
-        raise StateError(f"{os.fspath(path)}: it is no state of a tracker")
+        raise StateError(f"{name}: it is no state of a tracker")
+
+    def _found_in_poses(self) -> Sequence[str]:
+        found = adaptation.report(self._state)
+        return () if found is None else tuple(warnings(found))
+
+    def _found_in_counts(self) -> Sequence[str]:
+        return remarks_on(self._gate.counts, self._given)
+
+    def _warn_of_news(self, texts: Sequence[str]) -> None:
+        for text in texts:
+            if (words := words_of(text)) not in self._told:
+                self._told.add(words)
+                warn_of([text])
 
     def _advance(self, poses: Sequence[Pose]) -> list[Belief]:
         beliefs = list[Belief]()
@@ -124,13 +171,20 @@ def _newest(beliefs: list[Belief]) -> Belief | None:
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:
     """A pose of plain numbers, not validated yet."""
     try:
-        stamp = operator.index(stamp_ns)
+        stamp = operator.index(_no_flag(stamp_ns))
     except TypeError as error:
         text = f"stamps are integers in nanoseconds, not {stamp_ns!r}: multiply seconds by 1e9 and round"
         raise InvalidPose(text) from error
     try:
-        x, y, z = map(float, position_m)
-        qx, qy, qz, qw = map(float, quat_xyzw)
-    except (TypeError, ValueError) as error:
+        x, y, z = map(real_number, position_m)
+        qx, qy, qz, qw = map(real_number, quat_xyzw)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidPose("a pose has three coordinates and a quaternion xyzw") from error
     return Pose(stamp, (x, y, z), (qx, qy, qz, qw))
+
+
+def _no_flag(value: Any) -> Any:
+    """``value``, unless it is a truth value, which is an integer, too."""
+    if isinstance(value, bool):
+        raise TypeError
+    return value

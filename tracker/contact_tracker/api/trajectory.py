@@ -12,11 +12,14 @@ from typing import Any, Final, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact_tracker.api.given import errors_as, name_from, path_from
+from contact_tracker.api.notices import log_counts, warn_of
 from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.pose_validation import gate, remark_on_times
+from contact_tracker.motion.pose_validation import gate, remarks_on
 from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.real_numbers import real_numbers
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.named_columns import metres_of, time_ns_of
 from contact_tracker.recording.time_units import doubt_of_unit
@@ -43,7 +46,7 @@ class Trajectory:
     damage : one line if the recording is truncated or damaged.
     log_offset_ns : delay from a pose's stamp to its log time.
     vertices_m : (V, 3) of the object in the body frame, if the recording has them.
-    notes : one line for each warning about the recording.
+    notes : one line for each warning about the recording, except for the damage.
     by_log_time : whether the stamps are log times, as the headers have none.
     """
 
@@ -57,6 +60,10 @@ class Trajectory:
     vertices_m: Array | None = None
     notes: tuple[str, ...] = ()
     by_log_time: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.poses, Poses) or not isinstance(self.counts, Mapping):
+            raise UsageError("poses are columns that have passed the gate: take Trajectory.from_arrays")
 
     @classmethod
     def from_arrays(
@@ -79,13 +86,18 @@ class Trajectory:
         Raises
         ------
         UsageError
-            The arrays' shapes differ, or ``unit`` or ``order`` is unknown.
+            The arrays' shapes differ, they are not of real numbers, or ``unit`` or ``order`` is unknown.
         NoPoses
             No pose has passed the gate; the message says why.
+
+        Warns
+        -----
+        ContactTrackerWarning
+            The unit of the stamps is doubtful, or many poses are dropped.
         """
         stamp_ns, is_time, in_range = _nanoseconds(stamps, unit)
         place, turn = _rows(positions_m, "positions_m", 3), _rows(quaternions, "quaternions", 4)
-        if order not in _ORDERS:
+        if not isinstance(order, str) or order not in _ORDERS:
             raise UsageError(f"order is 'xyzw' or 'wxyz', not {order!r}")
         if not len(stamp_ns) == len(place) == len(turn):
             raise UsageError(f"{len(stamp_ns)} stamps, {len(place)} positions_m and {len(turn)} quaternions")
@@ -103,7 +115,10 @@ class Trajectory:
             if _has_own_unit(stamps)
             else doubt_of_unit(stamp_ns[usable] / TIMES_NS[unit], TIMES_NS[unit])
         )
-        return cls(passed, counts, notes=tuple(filter(None, (doubt, remark_on_times(counts, len(columns))))))
+        notes = (*filter(None, (doubt,)), *remarks_on(counts, len(columns)))
+        warn_of(notes)
+        log_counts("poses", counts)
+        return cls(passed, counts, notes=notes)
 
     @classmethod
     def from_dataframe(
@@ -130,10 +145,18 @@ class Trajectory:
             A column is missing or not numeric, or the unit in a name is unknown.
         NoPoses
             No pose has passed the gate.
+
+        Warns
+        -----
+        ContactTrackerWarning
+            As ``from_arrays``.
         """
-        if len(position_m) != 3 or len(quat_xyzw) != 4:
-            raise UsageError("position_m names three columns and quat_xyzw four, x y z w")
-        place, turn = ([_column(table, name) for name in names] for names in (position_m, quat_xyzw))
+        if not is_table(table):
+            raise UsageError(f"a table is a DataFrame or a mapping of columns, not {type(table).__name__}")
+        if unit is not None:
+            _refuse_other(unit)
+        place = _side_by_side(table, position_m, "position_m", 3)
+        turn = _side_by_side(table, quat_xyzw, "quat_xyzw", 4)
         time = _column(table, stamp)
         try:
             metres = metres_of(position_m)
@@ -141,8 +164,7 @@ class Trajectory:
         except UnreadableRecording as error:
             raise UsageError(str(error)) from error
         named: Unit = next((name for name in get_args(Unit) if TIMES_NS[name] == time_ns), "s")
-        positions_m = _rows(np.column_stack(place), "positions_m", 3) * metres
-        return cls.from_arrays(time, positions_m, np.column_stack(turn), "xyzw", unit or named)
+        return cls.from_arrays(time, place * metres, turn, "xyzw", unit or named)
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
@@ -207,22 +229,35 @@ def read(
         There are several sources; choose one.
     MissingExtra
         The format needs a library that is not installed.
+    UsageError
+        An argument is of the wrong type.
+
+    Warns
+    -----
+    ContactTrackerWarning
+        What ``contact-tracker`` says of the recording: damage, a guess, many dropped poses.
     """
+    text = path_from(path)
+    given = (("topic", topic), ("parent", parent), ("child", child), ("relative_to", relative_to))
+    topic, parent, child, relative_to = (name_from(value, name) for name, value in given)
     if parent is not None and child is None:
         raise UsageError("parent needs child, the frame of the body")
     if unit is not None:
         _refuse_other(unit)
     frame = child if parent is None else f"{parent}->{child}"
-    text = os.fspath(path)
     if text == "-":
         raise UsageError("a recording is read from a file, not from standard input")
-    log = open_log(text, topic, frame, relative_to=relative_to, time_unit=unit)
-    poses = Poses.join(list(log.batches()))
+    with errors_as(UnreadableRecording, text):
+        log = open_log(text, topic, frame, relative_to=relative_to, time_unit=unit)
+        poses = Poses.join(list(log.batches()))
     counts = dict(log.counts)
     if not len(poses):
         noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
         raise NoPoses(f"{text}: no pose that can be used{f'; noted: {noted}' if noted else ''}")
-    vertices_m = vertices_from_metadata(read_metadata(text))
+    with errors_as(UnreadableRecording, text):
+        vertices_m = vertices_from_metadata(read_metadata(text))
+    warn_of(log.warnings)
+    log_counts(text, counts)
     return Trajectory(
         poses,
         counts,
@@ -238,7 +273,7 @@ def read(
 
 
 def _refuse_other(unit: str) -> None:
-    if unit not in TIMES_NS:
+    if not isinstance(unit, str) or unit not in TIMES_NS:
         raise UsageError(f"unit is {', '.join(map(repr, TIMES_NS))}, not {unit!r}")
 
 
@@ -247,16 +282,20 @@ def _nanoseconds(
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
     """Stamps, which of them are finite times, and which of these are in range."""
     _refuse_other(unit)
-    given = _times(stamps)
+    wrong = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
+    try:
+        given = _times(stamps)
+    except ValueError as error:  # lists of different lengths
+        raise UsageError(wrong) from error
     if given.ndim != 1:
         raise UsageError(f"stamps have the shape (N,), not {given.shape}")
     if given.dtype.kind in "mM":
         is_time = ~np.isnat(given)
         return given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
     try:
-        numbers = given if given.dtype.kind in "iu" and not np.ma.is_masked(given) else _floats(given)
-    except (TypeError, ValueError) as error:
-        raise UsageError("stamps are no numbers or dates: convert text, as by pandas.to_datetime") from error
+        numbers = given if given.dtype.kind in "iu" and not np.ma.is_masked(given) else real_numbers(given)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(wrong) from error
     with np.errstate(all="ignore"):
         is_time = np.isfinite(numbers)
         in_range = is_time & (np.abs(numbers.astype(float)) * TIMES_NS[unit] <= RANGE_NS)
@@ -284,22 +323,35 @@ def _times(stamps: ArrayLike) -> NDArray[Any]:
     return np.array(utc, "datetime64[ns]").reshape(given.shape)
 
 
-def _floats(values: ArrayLike) -> Array:
-    """Numbers as floats; masked ones are NaN."""
-    return np.ma.filled(np.ma.asanyarray(values).astype(float), np.nan)
-
-
 def _rows(values: ArrayLike, name: str, width: int) -> Array:
     try:
-        found = _floats(values)
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"{name} are no numbers") from error
+        found = real_numbers(values)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(f"{name} are no real numbers") from error
     if found.ndim != 2 or found.shape[1] != width:
         raise UsageError(f"{name} have the shape (N, {width}), not {found.shape}")
     return found
 
 
+def is_table(value: Any) -> bool:
+    """Whether ``value`` has named columns."""
+    return hasattr(value, "columns") or isinstance(value, Mapping)
+
+
+def _side_by_side(table: Any, names: Sequence[str], name: str, width: int) -> Array:
+    """The columns of these names as an array (N, width)."""
+    if not isinstance(names, Sequence) or len(names) != width:
+        raise UsageError(f"{name} names {width} columns, {' '.join('xyzw'[:width])}")
+    columns = [_column(table, one) for one in names]
+    try:
+        return _rows(np.ma.column_stack(columns), name, width)
+    except ValueError as error:
+        raise UsageError(f"{name} has columns of different lengths") from error
+
+
 def _column(table: Any, name: str) -> NDArray[Any]:
+    if not isinstance(name, str):
+        raise UsageError(f"the name of a column is text, not {name!r}")
     names = [str(one) for one in getattr(table, "columns", table)]
     if name not in names:
         with_unit = (one for one in names if re.match(rf"{re.escape(name)}\W", one))

@@ -72,7 +72,7 @@ def add_time_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--time-unit",
         choices=tuple(TIMES_NS),
-        help="of the times in a table: s, ms, us or ns (default: as their column is named, or as they look)",
+        help="unit of the times in a table: s, ms, us or ns (default: by the column's name, or as they look)",
         metavar="UNIT",
     )
 

@@ -62,6 +62,7 @@ def _evaluate(
 ) -> "tuple[Evaluation, str | None]":
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.evaluation.evaluate import Evaluator
+    from contact_tracker.outputs.adaptation import warnings
     from contact_tracker.recording import need_truth, open_log
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import with_pose_callback
@@ -84,6 +85,6 @@ def _evaluate(
             evaluator.add_piece(piece)
     if not evaluator.frames:
         raise NoPoses(f"{name}: no pose that can be used")
-    for finding in () if tracker.report is None else tracker.report.findings:
-        warn(f"{name}: {finding.text}")
+    for line in (*log.remarks, *(() if tracker.report is None else warnings(tracker.report))):
+        warn(f"{name}: {line}")
     return evaluator.finish(), log.damage

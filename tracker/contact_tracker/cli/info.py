@@ -117,7 +117,7 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
         for first in range(0, len(source.beginning), BATCH_POSES):
             some = source.beginning[first : first + BATCH_POSES]
             state, beliefs = adaptation.advance(state, some, Detail.WEIGHTS)
-            used += len(beliefs) * (len(state.trackers.trackers) + len(state.conventions.trackers))
+            used += len(beliefs) * len(state.trackers.trackers)
             if used >= share:
                 break
         left -= used

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def add_known(parser: argparse.ArgumentParser) -> None:
     """``--known`` and its shortcuts."""
     group = parser.add_argument_group(
-        "what is known", "in metres; with a minus in front, write --plane=-1,0,0,0.5"
+        "what is known", "in metres; a value that begins with a minus is written as --plane=-1,0,0,0.5"
     )
     group.add_argument("--known", metavar="FILE", help="a TOML file that says what is known and how exactly")
     group.add_argument(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 HELP: Final = "what holds now: a line per change while poses stream in"
 DESCRIPTION: Final = """\
-Follow the contacts of a recording or of a stream of poses, each answer from the data up to its
+Follow the contacts in a recording or a stream of poses; each answer uses the data up to its
 time only. A line per change goes to stdout: time, contact, probability, onset and where the
 contact lies. Times are seconds since the recording's first pose."""
 EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=seconds,
         default=0.0,
         metavar="S",
-        help="report the state of S seconds ago, with what came since (default: 0)",
+        help="report the state of S seconds ago, using the poses since then (default: 0)",
     )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument(

@@ -97,6 +97,7 @@ class SavedStream:
             source.used,
             changes.label,
             changes.settled,
+            changes.open,
             formation.before,
         )
         save(self._path, progress)
@@ -130,7 +131,8 @@ class SavedStream:
         log.carry_on(saved.gate, stamping, saved.taken, saved.released, is_same_log)
         self._source.carry_on(saved.origin_ns, saved.first_ns, saved.last_ns, saved.used)
         changes, formation = self._shown
-        changes.label, changes.settled, formation.before = saved.label, saved.settled, saved.further
+        changes.label, changes.settled, changes.open = saved.label, saved.settled, saved.open
+        formation.before = saved.further
         self.state = saved.now
 
     def _stop(self, number: int, _: FrameType | None) -> None:

@@ -145,14 +145,13 @@ class Source:
         from contact_tracker.recording import read_metadata
         from contact_tracker.viewer.hull import vertices_from_metadata
 
-        notes = filter(None, (self._log.note, *self._log.remarks, self._log.damage))
         return Outcome(
             "standard input" if self.is_stdin else Path(self._name).name or self._name,
             poses,
             found,
             self.origin_ns,
             self.counts,
-            (*notes, *(() if adapted is None else warnings(adapted))),
+            (*self._log.warnings, *(() if adapted is None else warnings(adapted))),
             "" if adapted is None else noise_text(adapted),
             self._log.source.frame_id,
             self._log.source.child_frame_id,
@@ -169,10 +168,6 @@ class Source:
                 warn(line)
         for line in self._log.remarks:
             warn(f"{self._name}: {line}")
-        if self._log.counts.get("clock_reset") and Path(self._name).is_dir():
-            warn(
-                f"{self._name}: time runs backward in it; if its files are recordings of their own, name one"
-            )
         if self._log.damage is None:
             return DONE
         warn(f"{self._name}: {self._log.damage}")

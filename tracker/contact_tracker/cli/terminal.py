@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from enum import IntEnum
 from typing import Any, Final
 
-from contact_tracker.errors import SlowUpdate, printable
+from contact_tracker.errors import ContactTrackerWarning, printable
 
 _YELLOW: Final = "33"
 _RED: Final = "31"
@@ -82,7 +82,7 @@ def take_over_warnings() -> None:
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any) -> None:
     """Print a warning in one line, without its place in the code."""
     text = " ".join(str(message).split())
-    warn(text if issubclass(category, SlowUpdate) else f"{category.__name__}: {text}")
+    warn(text if issubclass(category, ContactTrackerWarning) else f"{category.__name__}: {text}")
 
 
 class _LogLine(logging.Handler):

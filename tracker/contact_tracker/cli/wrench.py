@@ -23,7 +23,7 @@ def add_wrench(parser: argparse.ArgumentParser) -> None:
         "decide where motion cannot tell contacts apart",
     )
     group.add_argument(
-        "--mass", type=positive, metavar="KG", help="of the object, if known (default: from free motion)"
+        "--mass", type=positive, metavar="KG", help="mass of the object, if known (default: from free motion)"
     )
 
 
@@ -51,9 +51,10 @@ def evidence_of(
         found = recorded_evidence(name, args.wrench, log, model, knowledge, args.mass, set_done)
     if found is None:
         return None  # the command itself says so
-    (warn if found.is_warning else say)(f"{name}: {found.text}")
-    if found.mass_doubt is not None:
-        warn(f"{name}: {found.mass_doubt}")
+    if not found.is_warning:
+        say(f"{name}: {found.text}")
+    for line in found.warnings:
+        warn(f"{name}: {line}")
     return found.evidence
 
 

@@ -14,7 +14,7 @@ from plotly.graph_objects import Figure, Mesh3d, Scatter, Scatter3d
 from contact_tracker import __version__
 from contact_tracker.errors import printable
 from contact_tracker.exports.outcome import Outcome
-from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
+from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.text import describe
@@ -62,7 +62,8 @@ def write_report(outcome: Outcome, path: Path) -> None:
     with path.open("w", encoding="utf-8") as file:
         file.write(f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>')
         file.write(f"<style>{_STYLE}</style><script>{_plotly_js()}</script></head><body><h1>{title}</h1>")
-        file.write(f"<p>{escape(printable(facts))}</p>{notes_html(outcome.counts, outcome.warnings)}")
+        file.write(warnings_html(outcome.warnings))
+        file.write(f"<p>{escape(printable(facts))}</p>{counts_html(outcome.counts)}")
         ribbon = f'<div style="margin:0 {_RIGHT_PX}px 0 {_LEFT_PX}px">{ribbon_html(found.segments)}</div>'
         file.write(f"<h2>Labels</h2>{ribbon}<p>{legend}</p>")
         file.write("<h2>Probabilities</h2>" + _posteriors(outcome).to_html(**settings))

@@ -5,12 +5,13 @@ from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
-from contact_tracker.outputs.text import JOINT, describe, describe_further, describe_joint, is_open
+from contact_tracker.outputs.text import JOINT, describe, describe_joint, is_open
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.viewer.palette import COLOUR
 
 MOST_ROWS: Final = 200
+_BANNER: Final = "border-left:4px solid #e08000;margin:3px 0;padding:2px 8px"
 _CELL: Final = "padding:2px 10px 2px 0;text-align:left;vertical-align:top"
 
 
@@ -80,7 +81,7 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
 
 def _further_row(one: FurtherContact, segment: Segment, origin_ns: int) -> str:
     start_s, end_s = ((t - origin_ns) * 1e-9 for t in (one.start_ns, one.end_ns or segment.end_ns))
-    where = printable(describe_further(one, segment))
+    where = printable(describe(one.geometry, one.inseparable))
     return _row((f"{start_s:.2f}", f"{end_s:.2f}", f"+ {one.contact.value}", f"{one.probability:.2f}", where))
 
 
@@ -89,9 +90,12 @@ def _row(texts: Sequence[str]) -> str:
     return f"<tr>{cells}</tr>"
 
 
-def notes_html(counts: Mapping[str, int], warnings: Sequence[str]) -> str:
-    """Counts of dropped and repaired poses, and warnings."""
+def counts_html(counts: Mapping[str, int]) -> str:
+    """Counts of dropped and repaired poses."""
     noted = ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
-    parts = [f"<p>noted: {escape(noted)}</p>"] if noted else []
-    parts += [f"<p><b>warning:</b> {escape(printable(text))}</p>" for text in warnings]
-    return "".join(parts)
+    return f"<p>noted: {escape(noted)}</p>" if noted else ""
+
+
+def warnings_html(warnings: Sequence[str]) -> str:
+    """A paragraph for each warning."""
+    return "".join(f'<p style="{_BANNER}"><b>warning:</b> {escape(printable(text))}</p>' for text in warnings)

@@ -4,6 +4,7 @@ All statistics are computed on blocks of poses counted from the first one, so th
 batches. Repeated poses are left out.
 """
 
+from collections.abc import Sequence
 from math import inf, pi, sqrt
 from typing import Final, NamedTuple
 
@@ -133,11 +134,12 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     return inspection._replace(recent=recent[max(end - KEPT, 0) :])
 
 
-def findings(inspection: Inspection) -> tuple[Finding, ...]:
-    """Findings in the stream so far."""
+def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """Findings in the stream so far; ``fitting_units`` of positions are those in which contacts explain the
+    motion, unlike in metres."""
     found = list[Finding]()
     if inspection.units:
-        found.append(Finding("units", _units_text(inspection), True))
+        found.append(Finding("units", _units_text(inspection, fitting_units), True))
     elif _are_too_small(inspection):
         found.append(Finding("units", _too_small_text(inspection), False))
     if inspection.bodies:
@@ -172,15 +174,20 @@ _FILTERED: Final = (
 )
 
 
-def _units_text(inspection: Inspection) -> str:
+def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
     position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
     lever = position / rotation if rotation else inspection.top_m_per_s
     small = lever > USUAL_LEVER_M * sqrt(1e2 * 1e3) or inspection.top_m_per_s > TOSSED_CM_PER_S
-    unit, short = ("millimetres", "mm") if small else ("centimetres", "cm")
+    name, unit = ("millimetres", "mm") if small else ("centimetres", "cm")
+    figures = (
+        f"(noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
+        f"speed up to {inspection.top_m_per_s:.2g} m/s)"
+    )
+    if unit not in fitting_units:
+        return f"positions are too noisy or too fast for metres {figures}: check their unit and their source"
     return (
-        f"positions look like {unit} (noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
-        f"speed up to {inspection.top_m_per_s:.2g} m/s): convert to metres, or in a table "
-        f"give the unit in the names of columns, as in x [{short}]"
+        f"positions look like {name} {figures}: convert to metres, or in a table "
+        f"give the unit in the names of columns, as in x [{unit}]"
     )
 
 

@@ -72,7 +72,12 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     return Poses.join([*parts, Poses.collect(passed.finish())])
 
 
-def remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
+def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
+    """One line for each reason for which many of ``total`` poses were dropped; they are warnings."""
+    return tuple(filter(None, (_remark_on_times(counts, total),)))
+
+
+def _remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
     """One line if many of ``total`` poses were dropped since they are not in order of time, or most have the
     time of another."""
     backward = counts.get("backward_stamp", 0) - RESET_RUN * counts.get("clock_reset", 0)

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from contact_tracker.outputs.text import is_settled
+from contact_tracker.outputs.text import is_open, is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 
@@ -11,17 +11,21 @@ SAME_NS: Final = 1_000_000_000
 
 
 class Changes:
-    """The last reported ``label``, and whether it was ``settled``."""
+    """The last reported ``label``, and whether it was ``settled``, or ``open`` among all states."""
 
     def __init__(self) -> None:
         self.label: Contact | None = None
         self.settled = False
+        self.open = False
 
     def takes(self, belief: Belief) -> bool:
-        """Whether the next belief is reported; updates the last one."""
+        """Whether the next belief is reported: a new label, one that settles, and free motion that is open
+        among all states, as at rest; updates the last one."""
         changed, settles = belief.contact is not self.label, is_settled(belief)
-        is_news = changed or (settles and not self.settled)
-        self.label, self.settled = belief.contact, settles or (self.settled and not changed)
+        opens = belief.contact is Contact.FREE and is_open(belief) and not self.open
+        is_news = changed or opens or (settles and not self.settled)
+        self.label, self.settled = belief.contact, settles or (self.settled and not changed and not opens)
+        self.open = is_open(belief) if is_news else self.open
         return is_news
 
 

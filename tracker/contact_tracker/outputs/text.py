@@ -78,7 +78,7 @@ def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = Fal
             last = end if one.end_ns is None else _seconds(one.end_ns, origin_ns)
             yield (
                 f"{begin:8.2f}  {last:8.2f}  {JOINS + one.contact.value:<7} {one.probability:5.2f}  "
-                f"{describe_further(one, segment)}"
+                f"{describe(one.geometry, one.inseparable)}"
             ).rstrip()
         if segment.joint is not None:
             yield (
@@ -105,12 +105,6 @@ def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = 
     return "; ".join(filter(None, [where, others and f"or {others}"]))
 
 
-def describe_further(further: FurtherContact, segment: Segment) -> str:
-    """As ``describe``; the probability of a further contact is that beside the label, which may be open."""
-    where = describe(further.geometry, further.inseparable)
-    return f"{where}; given {segment.contact.value}" if is_open(segment) else where
-
-
 def describe_joint(joint: Joint, contact_is_open: bool) -> str:
     """``axis ... on axis ...; pitch ...``, of the object and the surroundings.
 
@@ -132,9 +126,9 @@ def alternatives(inseparable: Sequence[Contact]) -> str:
     return "any other" if _are_all(inseparable) else ", ".join(inseparable)
 
 
-def is_open(segment: Segment) -> bool:
-    """Whether the motion leaves the contact of a segment open among all states."""
-    return _are_all(segment.inseparable)
+def is_open(one: Segment | Belief) -> bool:
+    """Whether the motion leaves the contact open among all states."""
+    return _are_all(one.inseparable)
 
 
 def _are_all(others: Sequence[Contact]) -> bool:

@@ -24,6 +24,8 @@ class Keys:
     def __init__(self, table: Any, name: str) -> None:
         if not isinstance(table, dict):
             raise KnowledgeError(name, "must be a table")
+        if not all(isinstance(key, str) for key in table):
+            raise KnowledgeError(name, "the names of its keys must be text")
         self._table: dict[str, Any] = table
         self._name = name
         self._asked: list[str] = []

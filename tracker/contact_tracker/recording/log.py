@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
-from contact_tracker.motion.pose_validation import PoseGate, remark_on_times
+from contact_tracker.motion.pose_validation import PoseGate, remarks_on
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer
@@ -48,6 +48,7 @@ _MOST_HEAD: Final = 200_000
 """Messages kept until the requested frames are connected."""
 _LATE: Final = 8
 """Most late sources that are named."""
+_SEVERAL: Final = "time runs backward in it; if its files are recordings of their own, name one"
 _FEW: Final = 50
 """The first poses are always read one by one."""
 
@@ -118,12 +119,19 @@ class PoseLog:
     @property
     def remarks(self) -> tuple[str, ...]:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
-        guess; many poses are out of order (unknown of a log that was carried on)."""
+        guess; many poses are out of order (unknown of a log that was carried on); a folder's clock was
+        reset."""
         count = self.counts.get("known_definition", 0)
         why = self._why or (self._composer.why if self._composer is not None else None)
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
-        disorder = None if self._is_resumed else remark_on_times(self.counts, self.taken)
-        return tuple(filter(None, (assumed, disorder)))
+        disorder = () if self._is_resumed else remarks_on(self.counts, self.taken)
+        is_reset = self.counts.get("clock_reset") and self._reading.is_folder
+        return (*filter(None, (assumed,)), *disorder, *((_SEVERAL,) if is_reset else ()))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that is doubtful of the poses, one line each, and the damage last; final after iteration."""
+        return tuple(filter(None, (self.note, *self.remarks, self.damage)))
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses

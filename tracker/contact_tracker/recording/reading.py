@@ -213,6 +213,11 @@ class Reading:
         self.budget = WorkBudget()
 
     @property
+    def is_folder(self) -> bool:
+        """Whether the recording is a folder of parts."""
+        return os.path.isdir(self.path)
+
+    @property
     def damage(self) -> str | None:
         """One line, or None without damage."""
         return "; ".join(filter(None, (self._damage.text, self.budget.damage))) or None
@@ -288,7 +293,7 @@ class Reading:
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether each is the only one; when following, new ones, too."""
-        single = not os.path.isdir(self.path)
+        single = not self.is_folder
         if self._follow is None:
             yield from ((part, single) for part in parts_of(self.path))
             return

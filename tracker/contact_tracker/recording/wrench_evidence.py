@@ -8,7 +8,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording.log import PoseLog
-from contact_tracker.recording.wrenches import read_wrenches
+from contact_tracker.recording.wrenches import WrenchLog, read_wrenches
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 
@@ -61,11 +61,25 @@ def recorded_evidence(
     if not len(poses):
         return None
     found = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
+    return evidence_of(found, topic, poses, model, knowledge, mass_kg, progress)
+
+
+def evidence_of(
+    found: WrenchLog,
+    name: str,
+    poses: Poses,
+    model: Model,
+    knowledge: PriorMap,
+    mass_kg: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> RecordedEvidence:
+    """What wrenches say that were read as ``found`` and that messages call ``name``; otherwise as
+    ``recorded_evidence``."""
     noted = f"; {found.noted}" if found.noted else ""
     try:
         evidence, load = wrench_evidence(poses, found.wrenches, model, knowledge, mass_kg, progress)
     except NoLoad as reason:
-        return RecordedEvidence(None, f"{topic} is not used: {reason}{noted}", bool(noted))
+        return RecordedEvidence(None, f"{name} is not used: {reason}{noted}", bool(noted))
     return RecordedEvidence(
         evidence,
         f"{len(found.wrenches)} wrenches {found.taken}{noted}; "

@@ -18,7 +18,7 @@ class Progress(NamedTuple):
     ``taken`` poses were read, with the ``gate`` and the ``stamping`` (see ``recording.stamping``); those that
     the gate has ``released`` are still to be tracked.
     ``origin_ns``, ``first_ns`` and ``last_ns`` are stamps, ``used`` the number of valid poses; ``label`` is
-    the last that was shown, ``settled`` whether as settled, and ``further`` the further contacts.
+    the last that was shown, ``settled`` and ``open`` whether as that, and ``further`` the further contacts.
     """
 
     initial: AdaptiveState
@@ -35,4 +35,5 @@ class Progress(NamedTuple):
     used: int
     label: Contact | None
     settled: bool
+    open: bool
     further: tuple[FurtherContact, ...]

@@ -1,6 +1,6 @@
 """Results of the tracker: beliefs of ticks, and segments."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -34,26 +34,41 @@ class FurtherContact:
 
     Parameters
     ----------
-    contact, probability, geometry : its kind, the probability that it is present, and its elements.
+    contact, geometry : its kind and its elements.
+    given_label : the probability that it is present, if the labelled contact is.
     start_ns, end_ns : the time for which it holds (both included); without an end it still does.
     inseparable : kinds that the motion does not distinguish from ``contact``, given the contacts before it.
     constraints : number of independent constraints of all contacts at the time; in a segment, the most while
         this one holds.
+    p_label : the probability of the labelled contact beside it.
     """
 
     contact: Contact
-    probability: float
+    given_label: float
     start_ns: int
     end_ns: int | None
     geometry: ContactGeometry
     inseparable: tuple[Contact, ...]
     constraints: int
+    p_label: float = 1.0
+
+    @property
+    def probability(self) -> float:
+        """That it is present beside the labelled contact: never above that of the latter."""
+        return self.given_label * self.p_label
 
     def to_json(self) -> dict[str, Any]:
         """An entry of ``contacts``."""
         return contact_json(
             self.contact, self.probability, (self.start_ns, self.end_ns), self.geometry, self.inseparable
         )
+
+
+def beside(further: tuple[FurtherContact, ...], p_label: float) -> tuple[FurtherContact, ...]:
+    """The further contacts beside a label of this probability; the same object if they are that already."""
+    if all(one.p_label == p_label for one in further):
+        return further
+    return tuple(replace(one, p_label=p_label) for one in further)
 
 
 def contact_json(
@@ -107,6 +122,10 @@ class Belief:
     joint: Joint | None = None
     is_open: bool = False
 
+    def __post_init__(self) -> None:
+        p_label = float(self.probability[self.contact.column])
+        object.__setattr__(self, "further", beside(self.further, p_label))
+
     @property
     def constraints(self) -> int:
         """Number of independent constraints of the reported contacts together."""
@@ -156,11 +175,12 @@ class SegmentPart(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline.
+    """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline: a row of the result.
 
-    ``probability`` is the smoothed posterior of ``contact``, averaged over the segment; ``inseparable`` are
-    the states that the segment's motion does not distinguish from ``contact``; ``further`` contacts hold for
-    all of the segment or a part; ``joint`` is the joint in which the object moves, if any.
+    A rest has a row of its own (``motion.rests``). ``probability`` is the smoothed posterior of ``contact``,
+    averaged over the segment; ``inseparable`` are the states that the segment's motion does not distinguish
+    from ``contact``; ``further`` contacts hold for all of the segment or a part; ``joint`` is the joint in
+    which the object moves, if any.
     """
 
     start_ns: int
@@ -171,6 +191,9 @@ class Segment:
     inseparable: tuple[Contact, ...] = ()
     further: tuple[FurtherContact, ...] = ()
     joint: Joint | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "further", beside(self.further, self.probability))
 
     @property
     def contacts_json(self) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief, FurtherContact
+from contact_tracker.tracking.posterior import open_beside
 from contact_tracker.tracking.state import TrackerState, scales_of
 
 ESTABLISHED: Final = 0.8
@@ -43,10 +44,11 @@ def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[T
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
     formation = online.advance(state.formation, ticks, first)
     state = state._replace(formation=formation)
+    belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
     if formation.is_open:
         capped = ambiguity.at_most(belief.probability, label)
         belief = replace(belief, probability=capped, is_open=True)
-    return state, replace(belief, further=_reported(state, belief, tick))
+    return state, belief
 
 
 def pause_formation(state: TrackerState) -> TrackerState:
@@ -62,13 +64,14 @@ def _reported(state: TrackerState, belief: Belief, tick: Tick) -> tuple[FurtherC
     return tuple(
         FurtherContact(
             one.elements.contact,
-            float(expit(power * one.log_odds)),
+            float(expit(power * one.log_odds)) * ambiguity.most_beside(len(others)),
             max(tick.start_ns - (now - one.since) * state.model.tick_ns, belief.onset_ns),
             None,
             one.geometry,
-            tuple(kind for kind in one.inseparable if state.knowledge.allows(kind)),
+            others,
             state.formation.constraints,
         )
         for one in state.formation.tracked
+        for others in [tuple(filter(state.knowledge.allows, one.inseparable))]
         if one.is_present
     )

@@ -351,13 +351,14 @@ class Segmenter:
         fitted = joined_by_wrenches([*zip(finished, fits, strict=True)])
         found = [one.with_fit(fit) for one, fit in fitted]
         if self._record is not None:
-            for (one, fit), (segment, _) in zip(fitted, found, strict=True):
-                self._record.note_segment(one, fit, segment)
+            for (one, fit), (parts, _) in zip(fitted, found, strict=True):
+                self._record.note_segment(one, fit, parts)
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers
         beliefs = Beliefs.join([of_one for _, of_one in found])
-        return Segmentation(tuple(one for one, _ in found), beliefs, Beliefs.join(online), outliers)
+        rows = tuple(row for rows, _ in found for row in rows)
+        return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
 
 
 def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:

@@ -1,5 +1,6 @@
 """What a pass over a recording leaves for a map: its ticks, and what its sure segments say about elements."""
 
+from collections.abc import Sequence
 from typing import Final
 
 from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
@@ -39,11 +40,12 @@ class PassRecord:
             self.ticks.clear()
             self.sightings.clear()
 
-    def note_segment(self, finished: FinishedSegment, fit: SegmentFit, segment: Segment) -> None:
-        """Append a segment; only a sure one says something about its elements."""
-        if segment.contact is not Contact.FREE:
-            self.contacts.append(segment.contact)
-        is_sure = segment.probability >= MAP_INSERTION_PROBABILITY and not segment.inseparable
+    def note_segment(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> None:
+        """Append a segment with its moved and resting parts; only a sure one says something about its
+        elements."""
+        if fit.contact is not Contact.FREE:
+            self.contacts.append(fit.contact)
+        is_sure = any(one.probability >= MAP_INSERTION_PROBABILITY and not one.inseparable for one in parts)
         if fit.estimate is not None and is_sure and not self.is_full:
             index = finished.ticks.window.index
             self.sightings.append(Sighting(int(index[0]), int(index[-1]) + 1, fit.estimate))

@@ -10,6 +10,8 @@ from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.birth_proposals import named
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.landmarks.element_pairs import element_pairs
+from contact_tracker.motion.rests import rests_now
+from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief
@@ -57,6 +59,7 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     is_open = telling.contact is contact and telling.is_open
     possible = state.knowledge.allowed
     probability = ambiguity.redistribute(probability, contact, inseparable, p_restricted, possible)
+    probability = ambiguity.with_rivals(probability, contact, inseparable)
     if is_open:
         probability = ambiguity.at_most(probability, contact)
     onset_ns = min(onset_ns, then.stamp_ns)
@@ -92,20 +95,58 @@ def state_posterior(state: TrackerState, stamp_ns: int) -> Belief:
 def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief:
     """The belief in which states that the motion does not distinguish from the label share its
     probability."""
-    label, onset = belief.contact, state.free_since
-    if label is not Contact.FREE:
-        onset = int(state.banks[label.column].onset[state.best_rows[label.column]])
-    rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
-    since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
-    freedom = ambiguity.freedom_of(label, since, onset < state.window.index[0])
+    label, possible = belief.contact, state.knowledge.allowed
+    rivals, since, older = _compared_since_onset(state, label)
+    freedom = ambiguity.freedom_of(label, since, older)
     others = ambiguity.indistinguishable(label, rivals, freedom)
     p_restricted = ambiguity.p_restricted(freedom.underused, since, state.model.tick_s)
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
     inseparable = tuple(other for other in others if state.knowledge.allows(other))
-    possible = state.knowledge.allowed
     probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
     return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
+
+
+def open_beside(state: TrackerState, belief: Belief) -> Belief:
+    """The belief in which other contacts that fit as well share the label's probability, if there are further
+    contacts beside it."""
+    label, knowledge = belief.contact, state.knowledge
+    if not belief.further:
+        return belief
+    rivals, since, _ = _compared_since_onset(state, label)
+    alike = set(filter(knowledge.allows, ambiguity.alike_in_formation(label, rivals)))
+    if not alike:
+        return belief
+    others = tuple(one for one in STATES if one in alike | {*belief.inseparable})
+    p_restricted = ambiguity.p_restricted(True, since, state.model.tick_s)
+    given = state_posterior(state, belief.stamp_ns).probability
+    probability = ambiguity.redistribute(given, label, others, p_restricted, knowledge.allowed)
+    return replace(belief, probability=probability, inseparable=others, p_restricted=p_restricted)
+
+
+def _compared_since_onset(
+    state: TrackerState, label: Contact
+) -> tuple[ambiguity.CompetingEvidence, Window, bool]:
+    """How well each state explains the ticks since the onset of the label; those of the window, and whether
+    there were others."""
+    onset = state.free_since
+    if label is not Contact.FREE:
+        onset = int(state.banks[label.column].onset[state.best_rows[label.column]])
+    rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
+    since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
+    return rivals, since, onset < state.window.index[0]
+
+
+def open_at_rest(state: TrackerState, belief: Belief) -> Belief:
+    """The belief after a tick with frames: if the object rests, it does not tell the label from others."""
+    others = ambiguity.others_at_rest(belief.contact, state.knowledge)
+    if not others or belief.inseparable == others or not rests_now(state.sliding_window, state.model.tick_s):
+        return belief
+    given, p_restricted = state_posterior(state, belief.stamp_ns).probability, ambiguity.CHANGED_AT_REST
+    probability = ambiguity.redistribute(given, belief.contact, others, p_restricted, state.knowledge.allowed)
+    if belief.is_open:
+        probability = ambiguity.at_most(probability, belief.contact)
+    return replace(belief, probability=probability, inseparable=others, p_restricted=p_restricted)
 
 
 def with_curved_motion(state: TrackerState, label: Contact, tests_curvature: bool) -> TrackerState:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,8 +26,10 @@ from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.map.sighting import ElementEstimate
+from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.lifted_pose import T
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.rests import at_rest
+from contact_tracker.motion.window import SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import FurtherContact, Segment
@@ -57,10 +60,11 @@ class SegmentTicks:
 
 
 class FittedContact(NamedTuple):
-    """A further contact in ``spans`` of ticks, by the numbers of their first and last."""
+    """A further contact in ``spans`` of ticks, by the numbers of their first and last; ``given_label`` as in
+    ``FurtherContact``."""
 
     contact: Contact
-    probability: float
+    given_label: float
     spans: tuple[tuple[int, int], ...]
     geometry: ContactGeometry
     inseparable: tuple[Contact, ...]
@@ -171,16 +175,14 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     where = contact_geometry(
         fitted, 0, contact, scales, window, segment.origin_m, model.systematic, information
     )
-    return SegmentFit(
-        label,
-        named(where, pair),
-        inseparable,
-        p_restricted,
-        np.zeros(1),
-        share,
-        _formation(segment, window, KnownContact(contact, fitted.x[0])),
-        estimate=element_estimate(fitted, contact, scales, window, information),
-    )
+    formation = _formation(segment, window, KnownContact(contact, fitted.x[0]))
+    alike = tuple(filter(knowledge.allows, ambiguity.alike_in_formation(label, rivals)))
+    if formation.further and alike and share is None:
+        inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
+        p_restricted = ambiguity.p_restricted(True, window, model.tick_s)
+    estimate = element_estimate(fitted, contact, scales, window, information)
+    geometry, curved = named(where, pair), np.zeros(1)
+    return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)
 
 
 def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, by_motion: Bank) -> Bank:
@@ -208,16 +210,12 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
     ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.knowledge, model.systematic)
     found = find_formation(ticks, first)
     power = model.certainty.posterior_power
-    further = (
-        FittedContact(
-            one.contact,
-            float(expit(power * one.log_odds)),
-            tuple((int(window.index[run.first]), int(window.index[run.end - 1])) for run in one.runs),
-            one.geometry,
-            tuple(kind for kind in one.inseparable if segment.knowledge.allows(kind)),
-        )
-        for one in found.further
-    )
+    further = []
+    for one in found.further:
+        others = tuple(filter(segment.knowledge.allows, one.inseparable))
+        given_label = float(expit(power * one.log_odds)) * ambiguity.most_beside(len(others))
+        spans = tuple((int(window.index[run.first]), int(window.index[run.end - 1])) for run in one.runs)
+        further.append(FittedContact(one.contact, given_label, spans, one.geometry, others))
     return FittedFormation(tuple(further), found.is_open, found.ranks)
 
 
@@ -266,53 +264,77 @@ class FinishedSegment(NamedTuple):
             ticks,
         )
 
-    def with_fit(self, fit: SegmentFit) -> tuple[Segment, Beliefs]:
-        """The segment and the beliefs of its ticks."""
-        contact, column = fit.contact, fit.contact.column
+    def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
+        """The segment, split where the object rests, and the beliefs of its ticks."""
+        contact, column, knowledge = fit.contact, fit.contact.column, self.ticks.knowledge
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
-        p_restricted = np.maximum(fit.p_restricted, curved)
-        possible = self.ticks.knowledge.allowed
-        is_open = (curved > 0.5) & (fit.share is None)
+        p_restricted, possible = np.maximum(fit.p_restricted, curved), knowledge.allowed
+        is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
         others = [possible if one else fit.inseparable for one in is_open]
+        open_at_rest = ambiguity.others_at_rest(contact, knowledge)
+        if open_at_rest and fit.share is None:
+            resting = self._rests()
+            p_restricted[resting] = ambiguity.CHANGED_AT_REST
+            others = [open_at_rest if rests else one for rests, one in zip(resting, others, strict=True)]
         for belief, given, states, p in zip(beliefs, self.posterior, others, p_restricted, strict=True):
             shared = (
                 ambiguity.redistribute(given, contact, states, float(p), possible)
                 if fit.share is None
                 else ambiguity.shared(given, fit.share)
             )
+            shared = ambiguity.with_rivals(shared, contact, states)
             belief["probability"] = (
                 ambiguity.at_most(shared, contact) if fit.leaves_constraints_unnamed else shared
             )
             belief["inseparable"] = [state in states for state in STATES]
-        start_ns = int(self.rows["start_ns"][0])
-        beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
+        beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["p_restricted"] = p_restricted
         beliefs["geometry"] = -1 if fit.geometry is None else 0
-        beliefs["joint"] = -1 if fit.joint is None else 0
+        beliefs["joint"] = np.where(resting, -1, -1 if fit.joint is None else 0)
         further = self._further(fit.formation)
-        contacts = tuple(one for _, one in further)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
-        probability = float(beliefs["probability"][:, column].mean())
-        segment = Segment(
-            start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable, contacts, fit.joint
+        contacts = tuple(one for _, one in further)
+        changes = [*np.flatnonzero(np.diff(resting)) + 1, len(resting)]
+        segments = tuple(
+            Segment(
+                *self._span(first, end),
+                contact,
+                float(beliefs["probability"][first:end, column].mean()),
+                fit.geometry,
+                open_at_rest if resting[first] else fit.inseparable,
+                _within(contacts, *self._span(first, end)),
+                None if resting[first] else fit.joint,
+            )
+            for first, end in pairwise([0, *changes])
         )
         geometries = [] if fit.geometry is None else [pack(fit.geometry)]
         joints = [] if fit.joint is None else [fit.joint]
-        return segment, Beliefs(beliefs, geometries, formations, joints)
+        return segments, Beliefs(beliefs, geometries, formations, joints)
+
+    def _rests(self) -> NDArray[np.bool_]:
+        """Which ticks (n,) are at rest; motion too short to be told from the end of a rest belongs to it."""
+        resting = at_rest(SlidingWindow(self.ticks.window, self.rows["count"]), self.ticks.model.tick_s)
+        edges = np.flatnonzero(np.diff(resting, prepend=False, append=False))
+        for first, end in pairwise([0, *edges, len(resting)]):
+            if end - first < NOW_TICKS and resting.any():
+                resting[first:end] = True
+        return resting
+
+    def _span(self, first: int, end: int) -> tuple[int, int]:
+        """Start and end (ns) of the ticks ``first`` to ``end`` (excluded)."""
+        begins = np.append(self.rows["start_ns"], self.end_ns + 1)
+        return int(begins[first]), int(begins[end] - 1)
 
     def _further(self, formation: FittedFormation) -> list[tuple[int, FurtherContact]]:
         """The further contacts with times and indices, in the order of their start times."""
-        begins = self.rows["start_ns"]
-        ends = np.append(begins[1:] - 1, self.end_ns)
         before = int(self.ticks.window.index[0])
         found = [
             FurtherContact(
                 one.contact,
-                one.probability,
-                int(begins[first - before]),
-                int(ends[last - before]),
+                one.given_label,
+                *self._span(first - before, last - before + 1),
                 one.geometry,
                 one.inseparable,
                 formation.constraints_with(number),
@@ -358,6 +380,16 @@ def _is_one(before: tuple[FinishedSegment, SegmentFit], after: tuple[FinishedSeg
         return one.geometry is other.geometry
     return is_same_element(one.geometry.object, other.geometry.object) and is_same_element(
         one.geometry.environment, other.geometry.environment
+    )
+
+
+def _within(further: Sequence[FurtherContact], start_ns: int, end_ns: int) -> tuple[FurtherContact, ...]:
+    """The parts of further contacts, whose ends are known, within a time."""
+    spans = [(max(one.start_ns, start_ns), min(one.end_ns or end_ns, end_ns)) for one in further]
+    return tuple(
+        replace(one, start_ns=first_ns, end_ns=last_ns)
+        for one, (first_ns, last_ns) in zip(further, spans, strict=True)
+        if first_ns <= last_ns
     )
 
 

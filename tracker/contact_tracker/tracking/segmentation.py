@@ -179,7 +179,7 @@ class Segmentation:
 
     Parameters
     ----------
-    segments : the Viterbi path, in order, covering every tick.
+    segments : the Viterbi path, in order, covering every tick; split where the object rests.
     beliefs : T beliefs with the Viterbi label and the smoothed posterior.
     filtered : T online beliefs, from data up to each tick only.
     outliers : number of poses that were left out as outliers.

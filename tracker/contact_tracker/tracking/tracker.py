@@ -14,12 +14,14 @@ from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import SlidingWindow, advance_windows, hold_window
 from contact_tracker.states import Contact
 from contact_tracker.tracking import measurement_update
+from contact_tracker.tracking.ambiguity import with_rivals
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.formation_tracking import follow_formation, pause_formation
 from contact_tracker.tracking.posterior import (
     answer,
     flush_lag,
     label_geometry,
+    open_at_rest,
     share_among_indistinguishable,
     state_posterior,
     with_curved_motion,
@@ -142,10 +144,9 @@ def update_each(
 def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tuple[TrackerState, Belief]:
     """Pass an uninformative tick: the belief stays as it was."""
     assert state.belief is not None
-    return _record_belief(
-        measurement_update.propagate_without_update(state, sliding, tick.outliers),
-        replace(state.belief, stamp_ns=tick.stamp_ns),
-    )
+    state = measurement_update.propagate_without_update(state, sliding, tick.outliers)
+    assert state.belief is not None
+    return _record_belief(state, tick, replace(state.belief, stamp_ns=tick.stamp_ns))
 
 
 def can_hold(state: TrackerState) -> bool:
@@ -214,10 +215,15 @@ def read_posterior(
         state, belief = follow_formation(state, belief, tick)
     else:
         state = pause_formation(state)
-    return _record_belief(state, belief)
+    return _record_belief(state, tick, belief)
 
 
-def _record_belief(state: TrackerState, belief: Belief) -> tuple[TrackerState, Belief]:
+def _record_belief(state: TrackerState, tick: Tick, belief: Belief) -> tuple[TrackerState, Belief]:
+    if tick.count:
+        belief = open_at_rest(state, belief)
+    if belief.inseparable:
+        probability = with_rivals(belief.probability, belief.contact, belief.inseparable)
+        belief = replace(belief, probability=probability)
     length = state.lag_history.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
     return state._replace(recent=recent, belief=belief), belief

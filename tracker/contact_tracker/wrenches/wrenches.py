@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.vectors import cross
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.real_numbers import real_numbers
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ class Wrenches:
     Raises
     ------
     UsageError
-        The shapes differ.
+        The shapes differ, the stamps are not integers, or the others no real numbers.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -36,6 +37,16 @@ class Wrenches:
     moment_nm: Array
 
     def __post_init__(self) -> None:
+        try:
+            stamp_ns = np.asarray(self.stamp_ns)
+            numbers = real_numbers(self.force_n), real_numbers(self.moment_nm)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise UsageError("forces and moments are no real numbers") from error
+        if stamp_ns.ndim != 1 or (len(stamp_ns) and stamp_ns.dtype.kind not in "iu"):
+            raise UsageError("stamps of wrenches are (N,) integers in nanoseconds: multiply seconds by 1e9")
+        object.__setattr__(self, "stamp_ns", stamp_ns.astype(np.int64))
+        for name, values in zip(("force_n", "moment_nm"), numbers, strict=True):
+            object.__setattr__(self, name, values)
         shape = (len(self.stamp_ns), 3)
         if np.shape(self.force_n) != shape or np.shape(self.moment_nm) != shape:
             shapes = f"{np.shape(self.force_n)} and {np.shape(self.moment_nm)}"
