@@ -14,6 +14,7 @@ from contact_tracker.tracking.offline_smoother import segment
 RECORDINGS = Path(__file__).resolve().parent.parent / "recordings"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "offline", "online"),
     [("paper_experiment", 0.97, 0.68), ("all_states", 0.95, 0.6), ("robot_1khz", 0.95, 0.6)],

@@ -307,7 +307,7 @@ def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty
     assert load_model(str(path)) == model
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(end=st.floats(0.0, 4.5), begin=st.floats(0.0, 4.5))
 def test_truth_of_any_part_is_learned_from(logs, begin, end):
     """Also if the truth begins after the end of the recording, or is empty."""

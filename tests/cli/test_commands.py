@@ -1,4 +1,4 @@
-"""The command line, in real processes with real files: exit codes and streams."""
+"""The command line with real files: exit codes and streams."""
 
 import argparse
 import csv
@@ -18,6 +18,7 @@ import pytest
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
+from command_line import ENVIRONMENT, PROGRAM, ROOT, Done, run
 from contact_tracker.adaptation import online
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import whole_file
@@ -35,26 +36,11 @@ from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
-ROOT = Path(__file__).resolve().parents[2]
-PROGRAM = [sys.executable, "-m", "contact_tracker"]
-ENVIRONMENT = os.environ | {
-    "PYTHONPATH": str(ROOT / "tracker"),
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
 NAMES = [state.value for state in STATES]
 RATE_HZ = 100
 SIGMA_M = 3e-4
 LENGTH_S = 2
 START_NS = 1_700_000_000_000_000_000
-
-
-def run(
-    *arguments: object, stdin: bytes | None = None, cwd: Path | None = None
-) -> "subprocess.CompletedProcess[str]":
-    command = [*PROGRAM, *map(str, arguments)]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, input=stdin, cwd=cwd, timeout=120)
-    return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
 PROC = Path("/proc")
@@ -79,7 +65,7 @@ def wait_until_it_waits(process: "subprocess.Popen[bytes]") -> None:
         time.sleep(0.2)
 
 
-def assert_one_line_error(done: "subprocess.CompletedProcess[str]", code: int, *parts: str) -> None:
+def assert_one_line_error(done: Done, code: int, *parts: str) -> None:
     assert done.returncode == code, done.stderr
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()
@@ -129,7 +115,7 @@ def test_the_parser_loads_nothing_that_takes_time() -> None:
 def test_help_takes_a_quarter_of_a_second_at_most() -> None:
     def seconds_of_cpu() -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        assert run("--help").returncode == 0
+        subprocess.run([*PROGRAM, "--help"], env=ENVIRONMENT, stdout=subprocess.DEVNULL, check=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

@@ -3,20 +3,18 @@
 import os
 import subprocess
 import sys
-import termios
 import warnings
 from pathlib import Path
 
 import pytest
 
+from command_line import ENVIRONMENT, run, shown_on_a_terminal
 from contact_tracker.cli import terminal
 from contact_tracker.ground_truth import Truth
 from contact_tracker.processes import Runner
 from contact_tracker.recording import write_recording
 from mcap_logs import Topic, poses_topic, smooth_poses, write_log
 
-ROOT = Path(__file__).resolve().parents[2]
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
 RED, ERASED, BELL = "\x1b[31m", "\x9b2J", "\x07"
 ODD = f"{RED}a\n{ERASED}{BELL}\r\u2028b"
 ODD_BYTES = os.fsdecode(b"\xff\x9b")
@@ -42,13 +40,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def run(folder: Path, arguments: list[str]) -> "subprocess.CompletedProcess[bytes]":
-    command = [sys.executable, "-m", "contact_tracker", *arguments]
-    return subprocess.run(command, env=ENVIRONMENT, cwd=folder, capture_output=True, timeout=120)
-
-
-def assert_printable(text: bytes) -> None:
-    for line in text.decode().split("\n"):
+def assert_printable(text: str) -> None:
+    for line in text.split("\n"):
         assert line.isprintable(), line
 
 
@@ -113,11 +106,11 @@ LOG, CUT, TEXT = f"{ODD}.mcap", f"{ODD}cut.mcap", f"{ODD}text.mcap"
     else "",
 )  # fmt: skip
 def test_names_of_any_kind_are_printed_in_lines(code: int, arguments: list[str], folder: Path) -> None:
-    done = run(folder, arguments)
+    done = run(*arguments, cwd=folder)
     assert done.returncode == code, done.stderr
     for text in (done.stdout, done.stderr):
         assert_printable(text)
-    lines = done.stderr.decode().splitlines()
+    lines = done.stderr.splitlines()
     assert all(line.startswith("contact-tracker: ") for line in lines), lines
 
 
@@ -134,21 +127,10 @@ def test_names_of_any_kind_are_printed_in_lines(code: int, arguments: list[str],
 )
 def test_names_of_any_kind_are_shown_in_progress(arguments: list[str], folder: Path) -> None:
     """On a terminal, in which progress and status may move the cursor, but no name."""
-    ours, theirs = os.openpty()
-    termios.tcsetwinsize(theirs, (24, 200))
-    command = [sys.executable, "-m", "contact_tracker", *arguments]
-    with subprocess.Popen(command, env=ENVIRONMENT, cwd=folder, stdout=subprocess.DEVNULL, stderr=theirs):
-        os.close(theirs)
-        shown = b""
-        try:
-            while part := os.read(ours, 4096):
-                shown += part
-        except OSError:  # the other end is closed
-            pass
-    os.close(ours)
-    assert b"poses" in shown or b"recordings" in shown
+    shown = shown_on_a_terminal(*arguments, cwd=folder)
+    assert "poses" in shown or "recordings" in shown
     for odd in (RED, ERASED, BELL, "\u2028"):
-        assert odd.encode() not in shown
+        assert odd not in shown
 
 
 WARN = "import warnings; warnings.warn('a\\x1b\\n  b')"
