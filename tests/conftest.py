@@ -8,7 +8,9 @@ from hypothesis import HealthCheck, settings
 
 from shared_recordings import SHARED_RECORDINGS
 
-settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "busy", deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("busy")  # other load on the machine must not fail property tests
 
 
