@@ -106,13 +106,6 @@ def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves
     assert bool(is_certain) is frame_moves
 
 
-@pytest.mark.long
-@needs_kernels
-@pytest.mark.parametrize("name", ["paper_experiment", "all_states", "robot_1khz", "vision_30hz"])
-def test_valid_recordings_have_no_warnings(name: str) -> None:
-    assert tracked(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap"))))[0] == []
-
-
 def slow_vertex_on_a_table() -> Poses:
     """60 s at 100 Hz with 0.3 mm and 0.1 deg, in turns and shifts of 7 to 16 s."""
     rng, t = np.random.default_rng(1), np.arange(6000) * 0.01
