@@ -15,7 +15,7 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
 SEGMENT = ["segment", LOG, "--processes", "3", "-o", "out.csv"]
 CALIBRATE = [
     "calibrate",
-    str(ROOT / "recordings"),
+    *(str(ROOT / "recordings" / f"{name}.mcap") for name in ("robot_1khz", "vision_30hz")),
     "--only",
     "transitions",
     "--processes",
@@ -49,7 +49,7 @@ def assert_same_as_undisturbed(arguments: list[str], folder: Path, output: str) 
     assert (folder / arguments[-1]).read_bytes() == (other / arguments[-1]).read_bytes()
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.2, 0.8])
+@pytest.mark.parametrize("delay_s", [0.02, 0.4])
 @pytest.mark.parametrize("arguments", [SEGMENT, CALIBRATE], ids=["segment", "calibrate"])
 def test_a_helper_that_is_killed_is_one_line_and_1(
     arguments: list[str], delay_s: float, tmp_path: Path
