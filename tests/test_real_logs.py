@@ -60,7 +60,15 @@ FAULTS: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "millimetres",
+        "next stamp, late",
+        *(pytest.param(one, marks=pytest.mark.long) for one in list(FAULTS)[1:4]),
+        "unturned",
+    ],
+)
 def test_no_label_is_certain_while_the_stream_is_in_doubt(fault: str, tmp_path: Path, capsys: Any) -> None:
     text, distorted = FAULTS[fault]
     log = str(write_log(tmp_path / "a.mcap", [poses_topic(distorted(raw(7.0)))]))

@@ -68,11 +68,11 @@ def waits(state: AdaptiveState) -> bool:
 
 @needs_kernels
 def test_at_rest_only_the_first_tracker_takes_in_ticks() -> None:
-    states, beliefs = followed(resting(recorded(FACE_TO_EDGE).poses, 20.0))
+    states, beliefs = followed(resting(recorded(FACE_TO_EDGE).poses, 30.0))
     assert len(states[-1].trackers.trackers) > 3
     assert np.mean([waits(state) for state in states]) > 0.6
     stamps = np.diff([belief.stamp_ns for belief in beliefs])
-    assert len(beliefs) > 190
+    assert len(beliefs) > 290
     assert stamps.min() > 0
     assert stamps.max() < 2 * stamps.min()
     others = states[-1].trackers.trackers[1:]
@@ -127,7 +127,7 @@ def test_in_bursts_of_poses_the_noise_is_decided_as_well() -> None:
 
 
 @needs_kernels
-@pytest.mark.parametrize("size", [7, 400])
+@pytest.mark.parametrize("size", [7])
 def test_however_poses_come_trackers_wait_alike(size: int) -> None:
     moving = recorded(FACE_TO_EDGE).poses
     poses = then(then(resting(moving, 6.0), moving[:300]), moving[300:500], pause_s=3.0)
