@@ -18,7 +18,7 @@ import pytest
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from command_line import ENVIRONMENT, PROGRAM, ROOT, Done, run
+from command_line import ENVIRONMENT, PROGRAM, ROOT, Done, run, shown_on_a_terminal
 from contact_tracker.adaptation import online
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import whole_file
@@ -490,19 +490,9 @@ def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path, number: sign
 
 
 def test_a_status_line_shows_on_a_terminal(log: Path) -> None:
-    terminal, other_end = os.openpty()
-    command = [*PROGRAM, "live", str(log), "--json"]
-    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=other_end):
-        os.close(other_end)
-        shown = b""
-        try:
-            while part := os.read(terminal, 4096):
-                shown += part
-        except OSError:  # the terminal's other end is closed
-            pass
-    os.close(terminal)
-    assert b"\r" in shown
-    assert f"{LENGTH_S * RATE_HZ} poses".encode() in shown
+    shown = shown_on_a_terminal("live", log, "--json")
+    assert "\r" in shown
+    assert f"{LENGTH_S * RATE_HZ} poses" in shown
 
 
 def test_view_of_a_pipe_has_every_pose(log: Path, tmp_path: Path) -> None:
@@ -547,9 +537,9 @@ def test_simulate_makes_the_same_recording_twice(tmp_path: Path) -> None:
 
 
 def test_evaluate_warns_of_knowledge_that_does_not_fit() -> None:
-    log = str(ROOT / "recordings" / "paper_experiment.mcap")
-    wrong = run("evaluate", log, "--json", "--up", "0,0,1")
-    assert "paper_experiment.mcap: --up does not fit the motion" in wrong.stderr
+    log = str(ROOT / "recordings" / "robot_1khz.mcap")
+    wrong = run("evaluate", log, "--json", "--up", "1,0,0")
+    assert "robot_1khz.mcap: --up does not fit the motion" in wrong.stderr
 
 
 def test_evaluate_names_ambiguous_recordings_and_goes_on(log: Path, tmp_path: Path) -> None:
@@ -681,14 +671,23 @@ def test_info_of_many_bodies_takes_little_longer_than_of_one(
 RECORDING = ROOT / "recordings" / "vision_30hz.mcap"
 
 
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its first 13 s."""
+    poses = Poses.collect(open_log(str(RECORDING)))[:400]
+    return write_log(tmp_path_factory.mktemp("stream") / "log.mcap", [poses_topic(poses)], chunk_size=4096)
+
+
 @pytest.mark.parametrize("json_lines", [False, True])
-def test_a_live_stream_resumes_after_a_restart_byte_for_byte(tmp_path: Path, json_lines: bool) -> None:
+def test_a_live_stream_resumes_after_a_restart_byte_for_byte(
+    recording: Path, tmp_path: Path, json_lines: bool
+) -> None:
     part, log, state = tmp_path / "part.mcap", tmp_path / "log.mcap", tmp_path / "s.state"
-    poses = Poses.collect(open_log(str(RECORDING)))
-    whole = write_log(log, [poses_topic(poses)], chunk_size=4096).read_bytes()
+    whole = recording.read_bytes()
+    log.write_bytes(whole)
     options = ["--json"] if json_lines else []
     output = ""
-    for share in (0.2, 0.201, 0.6):
+    for share in (0.3, 0.301, 0.6):
         part.write_bytes(whole[: int(share * len(whole))])
         done = run("live", part, "--state", state, *options)
         assert done.returncode == 3, "it is truncated"
@@ -704,9 +703,9 @@ def test_a_live_stream_resumes_after_a_restart_byte_for_byte(tmp_path: Path, jso
     assert (again.stdout, again.returncode) == ("", 0)
 
 
-def test_a_terminated_live_stream_resumes(tmp_path: Path) -> None:
+def test_a_terminated_live_stream_resumes(recording: Path, tmp_path: Path) -> None:
     state = tmp_path / "s.state"
-    command = [*PROGRAM, "live", str(RECORDING), "--json", "--rate", "5", "--state", str(state)]
+    command = [*PROGRAM, "live", str(recording), "--json", "--rate", "2", "--state", str(state)]
     output = b""
     for number in (signal.SIGTERM, signal.SIGINT):
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
@@ -716,8 +715,8 @@ def test_a_terminated_live_stream_resumes(tmp_path: Path) -> None:
             live.send_signal(number)
             output += live.stdout.read()
             assert live.wait(timeout=60) == 128 + number
-    rest_of_it = run("live", RECORDING, "--json", "--state", state)
-    alone = run("live", RECORDING, "--json").stdout.splitlines()
+    rest_of_it = run("live", recording, "--json", "--state", state)
+    alone = run("live", recording, "--json").stdout.splitlines()
     found = (output.decode() + rest_of_it.stdout).splitlines()
     assert found == alone[: len(found)]
     assert len(alone) - len(found) <= 1
@@ -789,14 +788,14 @@ def test_a_live_stream_is_saved_while_it_waits_on_standard_input(tmp_path: Path)
     assert state.is_file()
 
 
-def test_a_state_that_does_not_fit_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: Path) -> None:
     state = tmp_path / "s.state"
-    run("live", RECORDING, "--state", state)
-    assert_one_line_error(run("live", RECORDING, "--state", state, "--lag", "1"), 2, "another model, --lag")
-    assert_one_line_error(run("live", RECORDING, "--state", state, "--start", "1"), 2, "--state")
+    run("live", log, "--state", state)
+    assert_one_line_error(run("live", log, "--state", state, "--lag", "1"), 2, "another model, --lag")
+    assert_one_line_error(run("live", log, "--state", state, "--start", "1"), 2, "--state")
     state.write_bytes(state.read_bytes()[:-2000])
-    assert_one_line_error(run("live", RECORDING, "--state", state), 1, "no saved state")
-    assert_one_line_error(run("live", RECORDING, "--state", tmp_path), 1, "it is a folder")
+    assert_one_line_error(run("live", log, "--state", state), 1, "no saved state")
+    assert_one_line_error(run("live", log, "--state", tmp_path), 1, "it is a folder")
 
 
 def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path: Path) -> None:
