@@ -129,6 +129,7 @@ def tallies(score) -> list[Tally]:
     return [score.evaluation.online, score.evaluation.offline]
 
 
+@pytest.mark.long
 def test_folds_are_reported(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     two = [str(logs / "log_0.mcap"), str(logs / "log_1.mcap")]
     output = tmp_path / "mine.toml"

@@ -24,7 +24,8 @@ LIES = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists p
 
 
 def batch(*arguments: object, stdin: bytes = b"") -> Done:
-    return command("batch", *arguments, stdin=stdin)
+    processes = () if {"--processes", "--scheduler"} & set(arguments) else ("--processes", 1)
+    return command("batch", *arguments, *processes, stdin=stdin)
 
 
 @pytest.fixture(scope="module")

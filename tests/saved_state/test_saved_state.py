@@ -58,7 +58,14 @@ def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: b
 
 
 @needs_kernels
-@pytest.mark.parametrize(("name", "count", "lag_s"), [("vision_30hz", 700, 1.0), ("all_states", 1500, 0.0)])
+@pytest.mark.parametrize(
+    ("name", "count", "lag_s"),
+    [
+        ("vision_30hz", 300, 1.0),
+        ("all_states", 600, 0.0),
+        pytest.param("all_states", 2500, 1.0, marks=pytest.mark.long),
+    ],
+)
 def test_a_restored_stream_continues_bit_for_bit(tmp_path: Path, name: str, count: int, lag_s: float) -> None:
     poses = recorded(name, count)
     cuts = {1, 5, 11, 12, 13, 59, 60, 61, *range(100, count, 397)}
@@ -67,8 +74,8 @@ def test_a_restored_stream_continues_bit_for_bit(tmp_path: Path, name: str, coun
 
 @needs_kernels
 def test_knowledge_is_part_of_the_state(tmp_path: Path) -> None:
-    poses = recorded("all_states", 800)
-    with_cuts = lines(poses, {3, 70, 150, 701}, tmp_path / "s", known=True)
+    poses = recorded("all_states", 400)
+    with_cuts = lines(poses, {3, 70, 150, 301}, tmp_path / "s", known=True)
     assert with_cuts == lines(poses, set(), tmp_path / "s", known=True)
 
 
