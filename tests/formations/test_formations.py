@@ -181,6 +181,7 @@ def test_a_label_with_unexplained_constraints_is_not_certain() -> None:
     np.testing.assert_array_equal(ambiguity.at_most(capped, Contact.FF), capped)
 
 
+@pytest.mark.long
 @needs_kernels
 def test_further_contacts_are_searched_among_known_elements() -> None:
     true = made("vertex_and_vertex").truth.intervals[0]
