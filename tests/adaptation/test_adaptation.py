@@ -192,14 +192,6 @@ def test_a_stream_may_end_before_its_rate_is_known_and_continue_after_its_end() 
     assert adaptation.report(adaptation.start(MODEL)) is None
 
 
-def test_the_readme_s_loop_over_poses_gives_beliefs() -> None:
-    state, stamps = adaptation.start(MODEL), []
-    for pose in recorded(FACE_TO_EDGE).poses[:300]:
-        state, belief = adaptation.step(state, pose)
-        stamps += [] if belief is None else [belief.stamp_ns]
-    assert len(stamps) == 14
-
-
 def test_evidence_is_that_of_all_paths() -> None:
     """As by smoothing over all hypotheses, except for those that were pruned."""
     whole = RecordedPass.over(forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL))

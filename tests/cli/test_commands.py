@@ -192,17 +192,13 @@ def test_version() -> None:
         (["lve", "x.mcap"], ["lve", "did you mean live?"]),
         (["segment", "x.mcap", "--tpic", "a"], ["--tpic", "did you mean --topic?"]),
         (["segment", "x.mcap", "--plane", "-1,0,0,2"], ["--plane", "--option=-1,0,0"]),
-        (["segment", "x.mcap", "--ovrwrite=1"], ["did you mean --overwrite?"]),
         (["segment", "x.mcap", "--lag", "1"], ["--lag 1; --lag is an option of live (see"]),
         (["info", "x.mcap", "--wrench=/w"], ["--wrench is an option of segment, batch and evaluate"]),
         (["segment", "x.mcap", "-q", "-v"], ["-v", "-q"]),
         (["--print-completion", "fish"], ["bash, zsh, tcsh"]),
-        (["live"], ["LOG"]),
         (["live", "x.mcap", "--start", "-1"], ["--start", "negative"]),
         (["live", "x.mcap", "--rate", "0"], ["--rate", "not above zero"]),
-        (["live", "x.mcap", "--start", "nan"], ["--start", "finite"]),
         (["live", "x.mcap", "--start", "1e300"], ["--start", "beyond"]),
-        (["segment", "x.mcap", "--duration", "1e301"], ["--duration", "beyond"]),
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
         (
             ["segment", "x.mcap", "-o", "out.txt"],
@@ -215,7 +211,6 @@ def test_version() -> None:
             ["--json is an option of live, info and evaluate", "segment --help"],
         ),
         (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
-        (["simulate", "--seed", "-3"], ["--seed"]),
         (["simulate", "paper_experiment"], ["-o FILE.mcap"]),
         (["simulate", "unheard_of", "-o", "x.mcap"], ["unheard_of", "paper_experiment"]),
         (["evaluate", "-"], ["file"]),
@@ -237,19 +232,13 @@ def test_input_that_cannot_be_used_is_one_line_and_1(command: str, tmp_path: Pat
     "arguments",
     [
         ["live", "--topic", "/none"],
-        ["segment", "--topic", "/none"],
         ["segment", "--all", "--topic", "/none"],
         ["info", "--topic", "/none"],
         ["live", "--frame", "none"],
-        ["segment", "--frame", "none"],
         ["segment", "--frame", "none->of->it"],
-        ["evaluate", "--frame", "none"],
         ["view", "--frame", "none", "--save", "x.rrd"],
-        ["info", "--frame", "none"],
         ["live", "--relative-to", "none"],
-        ["segment", "--relative-to", "none"],
         ["segment", "--wrench", "/none"],
-        ["evaluate", "--wrench", "/none"],
         ["segment", "--start", "1e6"],
         ["segment", "--time-unit", "ms"],
     ],
@@ -268,15 +257,6 @@ def test_other_recordings_may_have_what_one_lacks(option: str, log: Path, tmp_pa
     done = run("segment", log, log, option, "/none", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("/none") == 2
-
-
-def test_control_characters_in_names_are_escaped(tmp_path: Path) -> None:
-    assert "\x1b" not in run("live", "\x1b[2Jgone.mcap", cwd=tmp_path).stderr
-
-
-@pytest.mark.parametrize("command", ["live", "segment", "evaluate"])
-def test_an_unknown_model_is_2_and_named(command: str, log: Path) -> None:
-    assert_one_line_error(run(command, log, "--model", "unheard_of"), 2, "unheard_of")
 
 
 def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -> None:

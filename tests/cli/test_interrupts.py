@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from command_line import ENVIRONMENT, ROOT
 from contact_tracker import exit_codes
 from contact_tracker.__main__ import INTERRUPTED
 
-ROOT = Path(__file__).resolve().parents[2]
 LOG = str(ROOT / "recordings" / "paper_experiment.mcap")
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
 AS_A_MODULE = "import runpy; runpy.run_module('contact_tracker', run_name='__main__')"
 AS_A_PROGRAM = "import sys; from contact_tracker.__main__ import main; sys.exit(main())"  # what pip writes
 # An interrupt as the N-th module is looked for.
