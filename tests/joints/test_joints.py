@@ -225,6 +225,7 @@ def test_a_pitch_that_systematic_errors_explain_makes_no_screw() -> None:
     assert screws == [JointKind.SCREW] * 6
 
 
+@pytest.mark.long
 @needs_kernels
 def test_a_screw_of_a_large_pitch_stays_one_with_large_systematic_errors() -> None:
     """Its hinge fits far worse than free motion, with which the screw has to compete."""

@@ -484,7 +484,9 @@ def test_a_growing_folder_is_followed_from_part_to_part(tmp_path: Path) -> None:
 
 
 def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(12_000))], chunk_size=16_384, **INDEX_LESS)
+    path = write_log(
+        tmp_path / "a.mcap", [poses_topic(smooth_poses(12_000))], chunk_size=16_384, **INDEX_LESS
+    )
     assert sum(1 for _ in open_log(str(path))) == 12_000  # caches of the libraries are filled
     tracemalloc.start()
     try:
