@@ -185,6 +185,8 @@ def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.C
         (["LOGS", "--only", "nose", "-o", "m.toml"], 2, ["nose", "noise.floor_position_m"]),
         (["LOGS", "--start", "unheard_of", "-o", "m.toml"], 2, ["unheard_of", "default"]),
         (["LOGS", "--folds", "4", "-o", "m.toml"], 2, ["--folds 4 of 3 recordings"]),
+        (["LOGS", "--folds", "1", "-o", "m.toml"], 2, ["--folds", "above 1"]),
+        (["LOGS", "--processes", "0", "-o", "m.toml"], 2, ["--processes"]),
         (["LOGS", "--labelled", "--unlabelled", "-o", "m.toml"], 2, ["--unlabelled", "not allowed"]),
         (["-", "-o", "m.toml"], 2, ["calibrate", "file"]),
         (["absent.mcap", "-o", "m.toml"], 1, ["absent.mcap"]),

@@ -198,6 +198,7 @@ def test_version() -> None:
         (["--print-completion", "fish"], ["bash, zsh, tcsh"]),
         (["live", "x.mcap", "--start", "-1"], ["--start", "negative"]),
         (["live", "x.mcap", "--rate", "0"], ["--rate", "not above zero"]),
+        (["live", "x.mcap", "--start", "nan"], ["--start", "finite"]),
         (["live", "x.mcap", "--start", "1e300"], ["--start", "beyond"]),
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
         (
@@ -211,6 +212,7 @@ def test_version() -> None:
             ["--json is an option of live, info and evaluate", "segment --help"],
         ),
         (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
+        (["simulate", "--seed", "-3"], ["--seed"]),
         (["simulate", "paper_experiment"], ["-o FILE.mcap"]),
         (["simulate", "unheard_of", "-o", "x.mcap"], ["unheard_of", "paper_experiment"]),
         (["evaluate", "-"], ["file"]),
