@@ -241,6 +241,7 @@ def test_input_that_cannot_be_used_is_one_line_and_1(command: str, tmp_path: Pat
         ["view", "--frame", "none", "--save", "x.rrd"],
         ["live", "--relative-to", "none"],
         ["segment", "--wrench", "/none"],
+        ["evaluate", "--wrench", "/none"],
         ["segment", "--start", "1e6"],
         ["segment", "--time-unit", "ms"],
     ],
