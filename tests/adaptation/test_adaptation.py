@@ -39,7 +39,6 @@ from smooth_motion import moving
 
 PAPER = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 FILTERS = {
-    "moving average over 5": lambda poses: moving_average(poses, 5),
     "interpolated": interpolated,
     "low-passed at 20 Hz": lambda poses: low_pass(poses, 20.0),
 }
