@@ -109,15 +109,13 @@ def test_the_table_names_nothing_that_is_gone() -> None:
     assert {name for row in LAYERS for name in row} == {part(path) for path in PARTS}
 
 
-@pytest.mark.parametrize("path", PARTS, ids=ids)
-def test_data_flows_one_way(path: Path) -> None:
-    own = part(path)
-    for name in imports(path):
+def test_data_flows_one_way() -> None:
+    for path, name in ((one, name) for one in PARTS for name in imports(one)):
         if name.startswith("contact_tracker.") and name != "contact_tracker.__version__":
-            other = name.split(".")[1]
+            own, other = part(path), name.split(".")[1]
             is_before = layer(other) < layer(own) or other == own
-            assert is_before, f"{own} imports {other}, which comes after it or beside it"
-            assert own not in ALONE or other == own, f"{own} stands alone, but imports {other}"
+            assert is_before, f"{ids(path)} imports {other}, which comes after it or beside it"
+            assert own not in ALONE or other == own, f"{ids(path)} stands alone, but imports {other}"
 
 
 def module(name: str) -> str:
@@ -140,45 +138,45 @@ def test_no_modules_import_each_other() -> None:
     TopologicalSorter(graph).prepare()  # raises CycleError
 
 
-@pytest.mark.parametrize("path", PARTS, ids=ids)
-def test_each_foreign_library_has_one_importer(path: Path) -> None:
-    for name in imports(path):
+def test_each_foreign_library_has_one_importer() -> None:
+    for path, name in ((one, name) for one in PARTS for name in imports(one)):
         importer = SINGLE_IMPORTER.get(name.split(".")[0])
         importers = importer if isinstance(importer, tuple) else (importer,)
-        assert {None, part(path), ids(path)} & set(importers), f"{name} is imported by {importer} only"
+        found = {None, part(path), ids(path)} & set(importers)
+        assert found, f"{ids(path)} imports {name}, which {importer} does only"
 
 
-@pytest.mark.parametrize("path", [p for p in PARTS if part(p) in CORE and ids(p) not in READS_FILES], ids=ids)
-def test_the_core_does_no_io(path: Path) -> None:
-    for name in imports(path):
-        assert name.split(".")[0] not in IO_MODULES, f"the core imports {name}"
-    for node in ast.walk(tree(path)):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            assert node.func.id not in IO_CALLS, f"line {node.lineno}: the core calls {node.func.id}"
+def test_the_core_does_no_io() -> None:
+    for path in (p for p in PARTS if part(p) in CORE and ids(p) not in READS_FILES):
+        for name in imports(path):
+            assert name.split(".")[0] not in IO_MODULES, f"{ids(path)}: the core imports {name}"
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                called = f"{ids(path)}:{node.lineno}: the core calls {node.func.id}"
+                assert node.func.id not in IO_CALLS, called
 
 
-@pytest.mark.parametrize("path", [p for p in PARTS if ids(p) not in READS_FILES | {PRINTS}], ids=ids)
-def test_only_one_file_prints(path: Path) -> None:
+def test_only_one_file_prints() -> None:
     """It escapes control characters."""
-    for node in ast.walk(tree(path)):
-        match node:
-            case ast.Call(func=ast.Name("print")):
-                pytest.fail(f"line {node.lineno}: only {PRINTS} prints")
-            case ast.Attribute(ast.Attribute(ast.Name("sys"), "stdout" | "stderr"), "write" | "writelines"):
-                pytest.fail(f"line {node.lineno}: only {PRINTS} prints")
+    for path in (p for p in PARTS if ids(p) not in READS_FILES | {PRINTS}):
+        for node in ast.walk(tree(path)):
+            match node:
+                case ast.Call(func=ast.Name("print")):
+                    pytest.fail(f"{ids(path)}:{node.lineno}: only {PRINTS} prints")
+                case ast.Attribute(
+                    ast.Attribute(ast.Name("sys"), "stdout" | "stderr"), "write" | "writelines"
+                ):
+                    pytest.fail(f"{ids(path)}:{node.lineno}: only {PRINTS} prints")
 
 
-@pytest.mark.parametrize("path", sources(), ids=ids)
-def test_a_file_has_one_reason_to_exist(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES
-    assert ast.get_docstring(tree(path)), "the first line of a file says why it exists"
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "tracker/core").rglob("*.?pp")), ids=lambda path: path.name)
-def test_a_file_of_the_core_has_one_too(path: Path) -> None:
-    lines = path.read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= MAX_LINES
-    assert lines[0].startswith("// ")
+def test_a_file_has_one_reason_to_exist() -> None:
+    for path in sources():
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES, ids(path)
+        assert ast.get_docstring(tree(path)), f"{ids(path)}: the first line of a file says why it exists"
+    for path in (ROOT / "tracker/core").rglob("*.?pp"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert len(lines) <= MAX_LINES, path
+        assert lines[0].startswith("// "), path
 
 
 def test_the_package_itself_imports_nothing_heavy() -> None:

@@ -30,6 +30,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 TUTORIAL = (ROOT / "docs" / "tutorial_first_segmentation.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_the_tutorial_runs_as_it_is_written(tmp_path: Path) -> None:
     ran = 0
     for step in steps(TUTORIAL):
@@ -41,6 +42,7 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path: Path) -> None:
     assert ran >= 6
 
 
+@pytest.mark.long
 def test_the_calibration_on_the_models_page_runs_as_it_is_written(tmp_path: Path) -> None:
     (tmp_path / "recordings").symlink_to(ROOT / "recordings")
     (step,) = steps(MODELS.partition("## Calibration")[2])
@@ -71,6 +73,7 @@ def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
     assert all(stamp.isdecimal() and contact in list(Contact) for stamp, contact, _ in lines)
 
 
+@pytest.mark.long
 def test_the_page_on_python_runs_from_top_to_bottom(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
     code = "\n".join(text for language, text in FENCED.findall(page) if language == "python")
@@ -88,6 +91,7 @@ def test_the_page_on_python_runs_from_top_to_bottom(tmp_path: Path) -> None:
     assert made <= {path.name for path in tmp_path.iterdir() if path.stat().st_size > 0}
 
 
+@pytest.mark.long
 def test_the_page_on_batches_runs_from_top_to_bottom(tmp_path: Path) -> None:
     """With short recordings in the folder of the page, one of them broken."""
     page = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
@@ -115,6 +119,7 @@ def test_the_page_on_batches_names_every_column() -> None:
     assert {"segments_ff", "segments_free", "time_ff_s", "time_free_s"} <= named & SUMMARY_COLUMNS.keys()
 
 
+@pytest.mark.long
 def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """In a separate kernel, in its folder; it shows a table and a figure."""
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")

@@ -35,6 +35,7 @@ def test_every_page_with_the_command_says_how_it_is_found() -> None:
     assert {name for name in with_command if "source .venv/bin/activate" not in page(name)} == set()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(RUN_HERE))
 def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
     pytest.importorskip("polars")
@@ -64,6 +65,7 @@ def recorded(seconds: float) -> Poses:
     return poses[1000 : 1000 + round(200 * seconds)]
 
 
+@pytest.mark.long
 def test_the_page_on_the_paper_is_the_output_of_its_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -83,6 +85,7 @@ def without_figures(text: str) -> list[str]:
     return [re.sub(r"^\| N ", "| ", line) for line in loosely(text)]
 
 
+@pytest.mark.long
 def test_the_pictures_of_the_contacts_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(DOCS / "examples"))

@@ -60,10 +60,18 @@ FAULTS: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "millimetres",
+        "next stamp, late",
+        *(pytest.param(one, marks=pytest.mark.long) for one in list(FAULTS)[1:4]),
+        "unturned",
+    ],
+)
 def test_no_label_is_certain_while_the_stream_is_in_doubt(fault: str, tmp_path: Path, capsys: Any) -> None:
     text, distorted = FAULTS[fault]
-    log = str(write_log(tmp_path / "a.mcap", [poses_topic(distorted(raw(12.0)))]))
+    log = str(write_log(tmp_path / "a.mcap", [poses_topic(distorted(raw(7.0)))]))
     out = tmp_path / "out.jsonl"
     assert run(["segment", log, "-o", str(out)]) == 0
     assert run(["live", log, "--json"]) == 0
@@ -78,6 +86,7 @@ def test_no_label_is_certain_while_the_stream_is_in_doubt(fault: str, tmp_path: 
     assert any(line.startswith("  warning") and text in line for line in capsys.readouterr().out.splitlines())
 
 
+@pytest.mark.long
 def test_the_choice_is_reported(tmp_path: Path, capsys: Any) -> None:
     filtered = str(write_log(tmp_path / "a.mcap", [poses_topic(low_pass(raw(24.0), 20.0))]))
     assert run(["info", filtered, "--json"]) == 0
@@ -96,12 +105,11 @@ def test_the_choice_is_reported(tmp_path: Path, capsys: Any) -> None:
 
 
 def test_given_noise_is_used_and_reported(tmp_path: Path, capsys: Any) -> None:
-    log = str(write_log(tmp_path / "a.mcap", [poses_topic(raw(6.0))]))
-    for command in (["segment", log], ["live", log], ["view", log, "--save", str(tmp_path / "a.rrd")]):
-        assert run([*command, "--noise", "0.3mm,0.15deg"]) == 0
+    log = str(write_log(tmp_path / "a.mcap", [poses_topic(raw(1.0))]))
+    commands = (["segment", log], ["live", log], ["view", log, "--save", str(tmp_path / "a.rrd")])
+    for command, noise in zip(commands, ("300um, 2.618mrad", *["0.3mm,0.15deg"] * 2), strict=True):
+        assert run([*command, "--noise", noise]) == 0
         assert "noise 0.3 mm 0.15 deg a pose (as given)" in capsys.readouterr().err
-    assert run(["segment", log, "--noise", "300um, 2.618mrad"]) == 0
-    assert "noise 0.3 mm 0.15 deg a pose (as given)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,7 @@ def test_readme_names_every_recording() -> None:
     assert len(COMMANDS) == 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
 def test_committed_recordings_are_reproduced_by_their_commands(name: str, tmp_path: Path) -> None:
     made = tmp_path / name

@@ -43,8 +43,14 @@ def tracked(name: str, knowledge: PriorMap) -> tuple[list[str], Segmentation]:
 
 
 @needs_kernels
-@pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.7, 0.2, 0.6]])
-@pytest.mark.parametrize("name", ["paper_experiment", "wall_in_between", "robot_1khz"])
+@pytest.mark.parametrize(
+    ("name", "direction"),
+    [
+        ("robot_1khz", [1.0, 0.0, 0.0]),
+        pytest.param("paper_experiment", [0.0, 0.0, 1.0], marks=pytest.mark.long),
+        pytest.param("wall_in_between", [0.7, 0.2, 0.6], marks=pytest.mark.long),
+    ],
+)
 def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong(
     name: str, direction: list[float]
 ) -> None:
@@ -59,8 +65,9 @@ def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong(
     assert scores.online.sure_wrong < 0.01, "before it is reported"
 
 
+@pytest.mark.long
 @needs_kernels
-@pytest.mark.parametrize("name", ["paper_experiment", "all_states", "wall_in_between", "vision_30hz"])
+@pytest.mark.parametrize("name", ["all_states", "vision_30hz"])
 def test_a_correct_direction_is_not_reported(name: str) -> None:
     texts, found = tracked(name, up([*UP[:2], UP[2] + 0.03]))  # a degree and more off
     assert texts == []
@@ -86,7 +93,7 @@ def tilting(rng: np.random.Generator, normal: np.ndarray[Any, Any]) -> Poses:
 
 
 @needs_kernels
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edge(seed: int) -> None:
     """A box with a face on a wall across the edge would tilt like that too, if ``--up`` did not exclude it;
     this counts for nothing, as the hand may restrict the motion."""
@@ -111,6 +118,7 @@ def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, f
     assert (found.beliefs.probability.max() > 0.9) == fits
 
 
+@pytest.mark.long
 @needs_kernels
 def test_a_box_of_another_size_is_reported() -> None:
     box = knowledge_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})

@@ -150,6 +150,8 @@ def tracked(poses: Poses) -> tuple[list[str], Segmentation]:
     return [finding.text for finding in tracker.report.findings], found
 
 
+@pytest.mark.long
+@needs_kernels
 @pytest.mark.parametrize("mistake", ["w first", "w last in fields of w first"])
 def test_readings_that_explain_the_motion_alike_are_all_named(mistake: str) -> None:
     """Turns about few axes are alike in the orders of quaternions but for half turns."""
@@ -168,6 +170,7 @@ def test_while_a_mistake_is_found_no_label_is_certain() -> None:
     assert max(belief.probability.max() for belief in found.beliefs) < 0.9
 
 
+@pytest.mark.long
 @needs_kernels
 @pytest.mark.parametrize("frame_moves", [False, True])
 def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves: bool) -> None:

@@ -49,6 +49,7 @@ def accuracy_finding(poses, accuracy=None):
     return [one for one in tracker.report.findings if one.kind == "accuracy"]
 
 
+@pytest.mark.long
 def test_it_is_found_in_a_bent_volume_and_not_without_errors_or_where_they_are_given():
     poses = Poses.collect(open_log(str(PAPER)))[::2]
     distorted = bent(poses, np.random.default_rng(6))

@@ -103,6 +103,7 @@ def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
     assert names(waiting.passed(flat_on("plane 1"), nothing)) == ["plane 1"] * 2, "memory is bounded"
 
 
+@pytest.mark.long
 def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
     """One of the right direction, 10 cm off: a face on a face alone would be on it."""
     paper = Path(__file__).resolve().parents[2] / "recordings" / "paper_experiment.mcap"

@@ -224,6 +224,7 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
 
 
 def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses, tmp_path: Path) -> None:
+    poses = poses[:800]
     state, expected = start(load_model()), []
     for pose in gate(poses):
         state, new = advance(state, pose)
@@ -232,7 +233,7 @@ def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses,
     tracker, beliefs = contact_tracker.Tracker(), []
     for number, pose in enumerate(poses):
         beliefs += filter(None, [tracker.update(*pose)])
-        if number == 700:
+        if number == 500:
             tracker.save(tmp_path / "state")
             tracker = contact_tracker.Tracker.load(tmp_path / "state")
     beliefs += tracker.finish()

@@ -129,6 +129,7 @@ def tallies(score) -> list[Tally]:
     return [score.evaluation.online, score.evaluation.offline]
 
 
+@pytest.mark.long
 def test_folds_are_reported(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     two = [str(logs / "log_0.mcap"), str(logs / "log_1.mcap")]
     output = tmp_path / "mine.toml"
@@ -185,12 +186,10 @@ def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.C
         (["LOGS", "--start", "unheard_of", "-o", "m.toml"], 2, ["unheard_of", "default"]),
         (["LOGS", "--folds", "4", "-o", "m.toml"], 2, ["--folds 4 of 3 recordings"]),
         (["LOGS", "--folds", "1", "-o", "m.toml"], 2, ["--folds", "above 1"]),
-        (["LOGS", "--folds", "-2", "-o", "m.toml"], 2, ["--folds"]),
         (["LOGS", "--processes", "0", "-o", "m.toml"], 2, ["--processes"]),
         (["LOGS", "--labelled", "--unlabelled", "-o", "m.toml"], 2, ["--unlabelled", "not allowed"]),
         (["-", "-o", "m.toml"], 2, ["calibrate", "file"]),
         (["absent.mcap", "-o", "m.toml"], 1, ["absent.mcap"]),
-        (["text.mcap", "-o", "m.toml"], 1, ["text.mcap", "not an MCAP file"]),
         (["folder.toml", "-o", "m.toml"], 1, ["folder.toml", "holds no recording (.mcap"]),
         (["LOGS", "UNLABELLED", "--labelled", "-o", "m.toml"], 1, ["unlabelled.mcap", "no truth"]),
     ],
@@ -307,7 +306,7 @@ def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty
     assert load_model(str(path)) == model
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(end=st.floats(0.0, 4.5), begin=st.floats(0.0, 4.5))
 def test_truth_of_any_part_is_learned_from(logs, begin, end):
     """Also if the truth begins after the end of the recording, or is empty."""

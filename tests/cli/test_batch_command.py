@@ -17,19 +17,15 @@ import pytest
 from test_killed_workers import PROC, helpers_of, is_running
 
 from batches import BROKEN, contents, run, write_broken, write_recordings
+from command_line import ENVIRONMENT, PROGRAM, Done
+from command_line import run as command
 
-ROOT = Path(__file__).resolve().parents[2]
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
-PROGRAM = [sys.executable, "-m", "contact_tracker", "batch"]
 LIES = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists processes in files")
 
 
-def batch(
-    *arguments: object, stdin: bytes | None = None, **options: object
-) -> "subprocess.CompletedProcess[str]":
-    command = [*PROGRAM, *map(str, arguments)]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, input=stdin, timeout=300)
-    return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
+def batch(*arguments: object, stdin: bytes = b"") -> Done:
+    processes = () if {"--processes", "--scheduler"} & set(arguments) else ("--processes", 1)
+    return command("batch", *arguments, *processes, stdin=stdin)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +52,7 @@ def whole(logs: Path) -> dict[str, bytes]:
 def in_the_middle(logs: Path, dataset: Path) -> "Iterator[subprocess.Popen[bytes]]":
     """A run of which some recordings are done and some are not."""
     with subprocess.Popen(
-        [*PROGRAM, str(logs), "--output", str(dataset), "--processes", "2"],
+        [*PROGRAM, "batch", str(logs), "--output", str(dataset), "--processes", "2"],
         env=ENVIRONMENT,
         stderr=subprocess.PIPE,
         start_new_session=True,
@@ -110,6 +106,7 @@ def test_a_worker_that_is_killed_loses_nothing(logs: Path, whole: dict[str, byte
     assert contents(tmp_path / "dataset") == whole
 
 
+@pytest.mark.long
 def test_a_cluster_makes_the_same_dataset(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     environment = {"PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
@@ -229,9 +226,9 @@ def test_a_name_on_standard_input_that_is_gone_is_a_row(tmp_path: Path) -> None:
 def test_a_missing_extra_is_one_line(library: str, extra: str, arguments: list[str], tmp_path: Path) -> None:
     (log,) = write_recordings(tmp_path / "logs", 1)
     program = f"import sys; sys.modules[{library!r}] = None; from contact_tracker.__main__ import main; "
-    command = [sys.executable, "-c", program + "sys.exit(main())", "batch", str(log), *arguments]
+    words = [sys.executable, "-c", program + "sys.exit(main())", "batch", str(log), *arguments]
     done = subprocess.run(
-        [*command, "-o", str(tmp_path / "dataset")], env=ENVIRONMENT, capture_output=True, text=True
+        [*words, "-o", str(tmp_path / "dataset")], env=ENVIRONMENT, capture_output=True, text=True
     )
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()

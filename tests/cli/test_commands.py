@@ -1,4 +1,4 @@
-"""The command line, in real processes with real files: exit codes and streams."""
+"""The command line with real files: exit codes and streams."""
 
 import argparse
 import csv
@@ -18,6 +18,7 @@ import pytest
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
+from command_line import ENVIRONMENT, PROGRAM, ROOT, Done, run, shown_on_a_terminal
 from contact_tracker.adaptation import online
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import whole_file
@@ -35,26 +36,11 @@ from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
-ROOT = Path(__file__).resolve().parents[2]
-PROGRAM = [sys.executable, "-m", "contact_tracker"]
-ENVIRONMENT = os.environ | {
-    "PYTHONPATH": str(ROOT / "tracker"),
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
 NAMES = [state.value for state in STATES]
 RATE_HZ = 100
 SIGMA_M = 3e-4
 LENGTH_S = 2
 START_NS = 1_700_000_000_000_000_000
-
-
-def run(
-    *arguments: object, stdin: bytes | None = None, cwd: Path | None = None
-) -> "subprocess.CompletedProcess[str]":
-    command = [*PROGRAM, *map(str, arguments)]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, input=stdin, cwd=cwd, timeout=120)
-    return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
 PROC = Path("/proc")
@@ -79,7 +65,7 @@ def wait_until_it_waits(process: "subprocess.Popen[bytes]") -> None:
         time.sleep(0.2)
 
 
-def assert_one_line_error(done: "subprocess.CompletedProcess[str]", code: int, *parts: str) -> None:
+def assert_one_line_error(done: Done, code: int, *parts: str) -> None:
     assert done.returncode == code, done.stderr
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()
@@ -129,7 +115,7 @@ def test_the_parser_loads_nothing_that_takes_time() -> None:
 def test_help_takes_a_quarter_of_a_second_at_most() -> None:
     def seconds_of_cpu() -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        assert run("--help").returncode == 0
+        subprocess.run([*PROGRAM, "--help"], env=ENVIRONMENT, stdout=subprocess.DEVNULL, check=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -206,17 +192,14 @@ def test_version() -> None:
         (["lve", "x.mcap"], ["lve", "did you mean live?"]),
         (["segment", "x.mcap", "--tpic", "a"], ["--tpic", "did you mean --topic?"]),
         (["segment", "x.mcap", "--plane", "-1,0,0,2"], ["--plane", "--option=-1,0,0"]),
-        (["segment", "x.mcap", "--ovrwrite=1"], ["did you mean --overwrite?"]),
         (["segment", "x.mcap", "--lag", "1"], ["--lag 1; --lag is an option of live (see"]),
         (["info", "x.mcap", "--wrench=/w"], ["--wrench is an option of segment, batch and evaluate"]),
         (["segment", "x.mcap", "-q", "-v"], ["-v", "-q"]),
         (["--print-completion", "fish"], ["bash, zsh, tcsh"]),
-        (["live"], ["LOG"]),
         (["live", "x.mcap", "--start", "-1"], ["--start", "negative"]),
         (["live", "x.mcap", "--rate", "0"], ["--rate", "not above zero"]),
         (["live", "x.mcap", "--start", "nan"], ["--start", "finite"]),
         (["live", "x.mcap", "--start", "1e300"], ["--start", "beyond"]),
-        (["segment", "x.mcap", "--duration", "1e301"], ["--duration", "beyond"]),
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
         (
             ["segment", "x.mcap", "-o", "out.txt"],
@@ -251,17 +234,12 @@ def test_input_that_cannot_be_used_is_one_line_and_1(command: str, tmp_path: Pat
     "arguments",
     [
         ["live", "--topic", "/none"],
-        ["segment", "--topic", "/none"],
         ["segment", "--all", "--topic", "/none"],
         ["info", "--topic", "/none"],
         ["live", "--frame", "none"],
-        ["segment", "--frame", "none"],
         ["segment", "--frame", "none->of->it"],
-        ["evaluate", "--frame", "none"],
         ["view", "--frame", "none", "--save", "x.rrd"],
-        ["info", "--frame", "none"],
         ["live", "--relative-to", "none"],
-        ["segment", "--relative-to", "none"],
         ["segment", "--wrench", "/none"],
         ["evaluate", "--wrench", "/none"],
         ["segment", "--start", "1e6"],
@@ -282,15 +260,6 @@ def test_other_recordings_may_have_what_one_lacks(option: str, log: Path, tmp_pa
     done = run("segment", log, log, option, "/none", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("/none") == 2
-
-
-def test_control_characters_in_names_are_escaped(tmp_path: Path) -> None:
-    assert "\x1b" not in run("live", "\x1b[2Jgone.mcap", cwd=tmp_path).stderr
-
-
-@pytest.mark.parametrize("command", ["live", "segment", "evaluate"])
-def test_an_unknown_model_is_2_and_named(command: str, log: Path) -> None:
-    assert_one_line_error(run(command, log, "--model", "unheard_of"), 2, "unheard_of")
 
 
 def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -> None:
@@ -504,19 +473,9 @@ def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path, number: sign
 
 
 def test_a_status_line_shows_on_a_terminal(log: Path) -> None:
-    terminal, other_end = os.openpty()
-    command = [*PROGRAM, "live", str(log), "--json"]
-    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=other_end):
-        os.close(other_end)
-        shown = b""
-        try:
-            while part := os.read(terminal, 4096):
-                shown += part
-        except OSError:  # the terminal's other end is closed
-            pass
-    os.close(terminal)
-    assert b"\r" in shown
-    assert f"{LENGTH_S * RATE_HZ} poses".encode() in shown
+    shown = shown_on_a_terminal("live", log, "--json")
+    assert "\r" in shown
+    assert f"{LENGTH_S * RATE_HZ} poses" in shown
 
 
 def test_view_of_a_pipe_has_every_pose(log: Path, tmp_path: Path) -> None:
@@ -561,9 +520,9 @@ def test_simulate_makes_the_same_recording_twice(tmp_path: Path) -> None:
 
 
 def test_evaluate_warns_of_knowledge_that_does_not_fit() -> None:
-    log = str(ROOT / "recordings" / "paper_experiment.mcap")
-    wrong = run("evaluate", log, "--json", "--up", "0,0,1")
-    assert "paper_experiment.mcap: --up does not fit the motion" in wrong.stderr
+    log = str(ROOT / "recordings" / "robot_1khz.mcap")
+    wrong = run("evaluate", log, "--json", "--up", "1,0,0")
+    assert "robot_1khz.mcap: --up does not fit the motion" in wrong.stderr
 
 
 def test_evaluate_names_ambiguous_recordings_and_goes_on(log: Path, tmp_path: Path) -> None:
@@ -695,14 +654,23 @@ def test_info_of_many_bodies_takes_little_longer_than_of_one(
 RECORDING = ROOT / "recordings" / "vision_30hz.mcap"
 
 
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its first 13 s."""
+    poses = Poses.collect(open_log(str(RECORDING)))[:400]
+    return write_log(tmp_path_factory.mktemp("stream") / "log.mcap", [poses_topic(poses)], chunk_size=4096)
+
+
 @pytest.mark.parametrize("json_lines", [False, True])
-def test_a_live_stream_resumes_after_a_restart_byte_for_byte(tmp_path: Path, json_lines: bool) -> None:
+def test_a_live_stream_resumes_after_a_restart_byte_for_byte(
+    recording: Path, tmp_path: Path, json_lines: bool
+) -> None:
     part, log, state = tmp_path / "part.mcap", tmp_path / "log.mcap", tmp_path / "s.state"
-    poses = Poses.collect(open_log(str(RECORDING)))
-    whole = write_log(log, [poses_topic(poses)], chunk_size=4096).read_bytes()
+    whole = recording.read_bytes()
+    log.write_bytes(whole)
     options = ["--json"] if json_lines else []
     output = ""
-    for share in (0.2, 0.201, 0.6):
+    for share in (0.3, 0.301, 0.6):
         part.write_bytes(whole[: int(share * len(whole))])
         done = run("live", part, "--state", state, *options)
         assert done.returncode == 3, "it is truncated"
@@ -718,9 +686,9 @@ def test_a_live_stream_resumes_after_a_restart_byte_for_byte(tmp_path: Path, jso
     assert (again.stdout, again.returncode) == ("", 0)
 
 
-def test_a_terminated_live_stream_resumes(tmp_path: Path) -> None:
+def test_a_terminated_live_stream_resumes(recording: Path, tmp_path: Path) -> None:
     state = tmp_path / "s.state"
-    command = [*PROGRAM, "live", str(RECORDING), "--json", "--rate", "5", "--state", str(state)]
+    command = [*PROGRAM, "live", str(recording), "--json", "--rate", "2", "--state", str(state)]
     output = b""
     for number in (signal.SIGTERM, signal.SIGINT):
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
@@ -730,8 +698,8 @@ def test_a_terminated_live_stream_resumes(tmp_path: Path) -> None:
             live.send_signal(number)
             output += live.stdout.read()
             assert live.wait(timeout=60) == 128 + number
-    rest_of_it = run("live", RECORDING, "--json", "--state", state)
-    alone = run("live", RECORDING, "--json").stdout.splitlines()
+    rest_of_it = run("live", recording, "--json", "--state", state)
+    alone = run("live", recording, "--json").stdout.splitlines()
     found = (output.decode() + rest_of_it.stdout).splitlines()
     assert found == alone[: len(found)]
     assert len(alone) - len(found) <= 1
@@ -803,14 +771,14 @@ def test_a_live_stream_is_saved_while_it_waits_on_standard_input(tmp_path: Path)
     assert state.is_file()
 
 
-def test_a_state_that_does_not_fit_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: Path) -> None:
     state = tmp_path / "s.state"
-    run("live", RECORDING, "--state", state)
-    assert_one_line_error(run("live", RECORDING, "--state", state, "--lag", "1"), 2, "another model, --lag")
-    assert_one_line_error(run("live", RECORDING, "--state", state, "--start", "1"), 2, "--state")
+    run("live", log, "--state", state)
+    assert_one_line_error(run("live", log, "--state", state, "--lag", "1"), 2, "another model, --lag")
+    assert_one_line_error(run("live", log, "--state", state, "--start", "1"), 2, "--state")
     state.write_bytes(state.read_bytes()[:-2000])
-    assert_one_line_error(run("live", RECORDING, "--state", state), 1, "no saved state")
-    assert_one_line_error(run("live", RECORDING, "--state", tmp_path), 1, "it is a folder")
+    assert_one_line_error(run("live", log, "--state", state), 1, "no saved state")
+    assert_one_line_error(run("live", log, "--state", tmp_path), 1, "it is a folder")
 
 
 def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path: Path) -> None:

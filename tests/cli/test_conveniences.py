@@ -1,7 +1,6 @@
 """Conveniences of the command line: help, completion, colours, verbosity, and outputs by suffix."""
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -10,17 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from command_line import ENVIRONMENT, PROGRAM, ROOT, run, shown_on_a_terminal
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import write_recording
 from mcap_logs import smooth_poses
-
-ROOT = Path(__file__).resolve().parents[2]
-PROGRAM = [sys.executable, "-m", "contact_tracker"]
-ENVIRONMENT = os.environ | {
-    "PYTHONPATH": str(ROOT / "tracker"),
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
 
 
 @pytest.fixture(scope="module")
@@ -35,37 +27,9 @@ def log(tmp_path_factory: pytest.TempPathFactory, poses: Poses) -> Path:
     return path
 
 
-def run(*arguments: object, stdin: bytes | None = None) -> "subprocess.CompletedProcess[bytes]":
-    command = [*PROGRAM, *map(str, arguments)]
-    return subprocess.run(command, env=ENVIRONMENT, capture_output=True, input=stdin, timeout=120)
-
-
-def on_a_terminal(*arguments: object, **environment: str) -> str:
-    """The output to a terminal."""
-    pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
-    controller, terminal = pty.openpty()
-    termios.tcsetwinsize(terminal, (24, 100))
-    command = [*PROGRAM, *map(str, arguments)]
-    variables = {k: v for k, v in ENVIRONMENT.items() if k != "NO_COLOR"} | {"TERM": "xterm"} | environment
-    with subprocess.Popen(command, env=variables, stdout=terminal, stderr=terminal) as process:
-        os.close(terminal)
-        shown = bytearray()
-        while True:
-            try:
-                data = os.read(controller, 65536)
-            except OSError:  # Linux: the other side is closed
-                break
-            if not data:
-                break
-            shown += data
-        process.wait()
-    os.close(controller)
-    return shown.decode()
-
-
 def test_without_arguments_there_is_help_and_it_is_no_success() -> None:
     done = run()
-    assert (done.returncode, done.stdout) == (2, b"")
+    assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == run("--help").stdout
 
 
@@ -73,7 +37,7 @@ def test_a_shell_completes_commands_and_options() -> None:
     pytest.importorskip("shtab")
     done = run("--print-completion", "bash")
     assert done.returncode == 0, done.stderr
-    script = done.stdout.decode() + (
+    script = done.stdout + (
         "\nCOMP_WORDS=(contact-tracker segment --to); COMP_CWORD=2; COMP_LINE='contact-tracker segment --to'"
         "\n_shtab_contact_tracker; printf '%s\\n' \"${COMPREPLY[@]}\""
         "\nCOMP_WORDS=(contact-tracker se); COMP_CWORD=1"
@@ -85,33 +49,33 @@ def test_a_shell_completes_commands_and_options() -> None:
 
 def test_colours_are_used_on_terminals_only(log: Path, tmp_path: Path) -> None:
     absent = tmp_path / "absent.mcap"
-    assert "\x1b[1;31merror:\x1b[0m" in on_a_terminal("info", absent)
+    assert "\x1b[1;31merror:\x1b[0m" in shown_on_a_terminal("info", absent)
     for environment in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
-        assert "\x1b" not in on_a_terminal("info", absent, **environment)
-    assert b"\x1b" not in run("info", absent).stderr
+        assert "\x1b" not in shown_on_a_terminal("info", absent, environment=environment)
+    assert "\x1b" not in run("info", absent).stderr
 
 
 def test_progress_has_a_total_where_it_is_known() -> None:
     recording = ROOT / "recordings" / "robot_1khz.mcap"  # a shorter one is done before anything is shown
-    assert re.search(r"\d+%.*\d+/10500 ", on_a_terminal("segment", recording))
-    assert "poses" in (shown := on_a_terminal("segment", recording, "--duration", "4"))
+    assert re.search(r"\d+%.*\d+/10500 ", shown_on_a_terminal("segment", recording))
+    assert "poses" in (shown := shown_on_a_terminal("segment", recording, "--duration", "4"))
     assert "/10500" not in shown
-    assert "poses" not in on_a_terminal("segment", recording, "-q")
+    assert "poses" not in shown_on_a_terminal("segment", recording, "-q")
 
 
 def test_quiet_prints_no_messages_and_verbose_prints_the_settings(log: Path) -> None:
     usual, quiet, verbose = (run("segment", log, *more) for more in ((), ("-q",), ("-v",)))
     assert usual.stdout == quiet.stdout == verbose.stdout
     assert len(quiet.stderr) < len(usual.stderr) < len(verbose.stderr)
-    assert all(line.startswith(b"contact-tracker: warning:") for line in quiet.stderr.splitlines())
-    assert b"/object/pose" in verbose.stderr
-    assert b"default.toml" in verbose.stderr
+    assert all(line.startswith("contact-tracker: warning:") for line in quiet.stderr.splitlines())
+    assert "/object/pose" in verbose.stderr
+    assert "default.toml" in verbose.stderr
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "MCAP", "Html", "srt", "CSV", "jsonl"])
 def test_every_suffix_is_an_output_in_whatever_case(log: Path, tmp_path: Path, suffix: str) -> None:
     done = run("segment", log, "-o", tmp_path / f"out.{suffix}")
-    assert (done.returncode, done.stdout) == (0, b""), done.stderr
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
     content = (tmp_path / f"out.{suffix}").read_bytes()
     begins = {
         "parquet": b"PAR1",
@@ -148,7 +112,7 @@ def test_standard_input_gives_result_channels_alone(log: Path, tmp_path: Path) -
 def test_live_writes_the_lines_that_it_prints(log: Path, tmp_path: Path, suffix: str) -> None:
     done = run("live", log, "--json", "-o", tmp_path / f"out.{suffix}")
     assert done.returncode == 0, done.stderr
-    lines = done.stdout.decode().splitlines()
+    lines = done.stdout.splitlines()
     if suffix == "jsonl":
         assert (tmp_path / "out.jsonl").read_text().splitlines() == lines
     else:
@@ -196,7 +160,7 @@ def test_the_table_of_outputs_has_all_of_them() -> None:
     rows = re.findall(r"^\| `(\w+) -o FILE(\.\w+)` \|.*\| (?:`(\w+)` )?\|$", page, re.MULTILINE)
     for command in ("segment", "live"):
         suffixes = {suffix for name, suffix, _ in rows if name == command}
-        wrong = run(command, "x", "-o", "x.none").stderr.decode()
+        wrong = run(command, "x", "-o", "x.none").stderr
         assert suffixes == set(re.findall(r"(\.\w+)(?= or|$)", wrong.partition("must end in ")[2].strip()))
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert {extra for *_, extra in rows if extra} <= extras.keys()

@@ -108,7 +108,10 @@ def test_info_composes_nothing_of_standard_input_and_says_so(tmp_path: Path) -> 
         assert_one_line_error(done, 2, "reads the recording twice, which standard input does not allow")
 
 
-@pytest.mark.parametrize("command", ["live", "segment", "view", "batch", "info"])
+@pytest.mark.parametrize(
+    "command",
+    ["segment", *(pytest.param(one, marks=pytest.mark.long) for one in ("live", "view", "batch", "info"))],
+)
 def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(tmp_path: Path, command: str) -> None:
     """A table in the frame of the cup that moves on it."""
     pytest.importorskip("pyarrow" if command == "batch" else "numpy")
@@ -123,7 +126,7 @@ def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(tmp_path: P
     assert "inverse" not in done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("command", ["live", "segment", "info"])
+@pytest.mark.parametrize("command", ["live", "info"])
 def test_a_table(tmp_path: Path, command: str) -> None:
     pytest.importorskip("polars")
     path = tmp_path / "a.txt"
@@ -152,7 +155,7 @@ def test_only_mcap_is_followed(tmp_path: Path) -> None:
     assert_one_line_error(run("live", path, "--follow"), 2, "only an MCAP file can be followed")
 
 
-@pytest.mark.parametrize("command", ["info", "segment", "live"])
+@pytest.mark.parametrize("command", ["info", "live"])
 def test_an_assumed_definition_is_reported_in_one_line(tmp_path: Path, command: str) -> None:
     path = write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
     (tmp_path / "b.mcap").write_bytes(without_definitions(path))

@@ -1,22 +1,16 @@
 """``segment`` of several recordings, and of all objects in one."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from command_line import Done, run
 from contact_tracker.recording import write_recording
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
-ROOT = Path(__file__).resolve().parents[2]
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "OMP_NUM_THREADS": "1"}
 
-
-def segment(folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "contact_tracker", "segment", *arguments]
-    return subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=120)
+def segment(folder: Path, *arguments: str) -> Done:
+    return run("segment", *arguments, cwd=folder)
 
 
 @pytest.fixture(scope="module")

@@ -269,7 +269,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
             load_model(str(binary))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(text=st.text(max_size=200))
 def test_any_text_is_a_model_or_an_error_in_one_line(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("models") / "any.toml"

@@ -72,7 +72,7 @@ def segment(contact: Contact, first: int, last: int, found: ContactGeometry | No
 # --- elements --------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(SEEDS, st.sampled_from("fev"))
 def test_the_nearest_point_is_nearest(seed: int, kind: str) -> None:
     rng = np.random.default_rng(seed)

@@ -113,6 +113,7 @@ def test_without_beliefs_nothing_is_found() -> None:
     assert found.several_s > 0.9
 
 
+@pytest.mark.long
 def test_the_report_scores_further_contacts_offline_and_online(capsys: pytest.CaptureFixture[str]) -> None:
     path = str(ROOT / "recordings" / "wall_in_between.mcap")
     assert run(["evaluate", path, "--json"]) == 0

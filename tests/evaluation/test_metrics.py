@@ -328,7 +328,7 @@ def true_column(truth: Truth, stamp: int) -> int:
     return UNSCORED
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(SEEDS, st.booleans())
 def test_sums_agree_with_every_millisecond(seed: int, online: bool) -> None:
     scored, truth, stamps, ticks, labels, p = random_case(seed, unscored=True)
@@ -370,7 +370,7 @@ def test_sums_agree_with_every_millisecond(seed: int, online: bool) -> None:
         assert result.calibration_error == pytest.approx(sum(gaps) / seconds)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(SEEDS)
 def test_changes_agree_with_every_millisecond(seed: int) -> None:
     scored, truth, stamps, ticks, labels, p = random_case(seed, unscored=False)
@@ -405,7 +405,7 @@ def test_changes_agree_with_every_millisecond(seed: int) -> None:
 # --- invariants ------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(SEEDS)
 def test_a_perfect_belief_is_perfect(seed: int) -> None:
     scored, *_ = random_case(seed, unscored=True)
@@ -422,7 +422,7 @@ def test_a_perfect_belief_is_perfect(seed: int) -> None:
     assert not np.isnan([result.boundary_error_s, result.detection_delay_s]).any()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(SEEDS, st.permutations(range(7)))
 def test_metrics_do_not_depend_on_the_order_of_states(seed: int, order: list[int]) -> None:
     scored, _, stamps, ticks, labels, p = random_case(seed, unscored=True)
@@ -440,7 +440,7 @@ def test_metrics_do_not_depend_on_the_order_of_states(seed: int, order: list[int
     assert b.delay_s == pytest.approx(a.delay_s)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(SEEDS, SEEDS)
 def test_adding_recordings_is_concatenating_them(seed_a: int, seed_b: int) -> None:
     def recording(seed: int) -> tuple[Ints, Truth, Ints, NDArray[np.float64]]:

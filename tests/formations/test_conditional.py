@@ -112,7 +112,7 @@ def test_the_relaxed_problem_indicates_only_unknown_contacts(contact: Contact) -
 
 
 @given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=8), st.floats(0.01, 0.6))
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_presence_is_the_best_of_all_paths(ratio: list[float], change: float) -> None:
     def weight(path: tuple[int, ...]) -> float:
         total = np.log(AT_FIRST if path[0] else 1.0 - AT_FIRST)

@@ -56,8 +56,9 @@ def only_further(name: str) -> FurtherContact:
     return further
 
 
+@pytest.mark.long
 @needs_kernels
-@pytest.mark.parametrize("order", [[1, 2, 3, 0], [3, 0, 1, 2], [0, 1, 2, 3]])
+@pytest.mark.parametrize("order", [[1, 2, 3, 0], [3, 0, 1, 2]])
 def test_no_further_contact_repeats_another(order: list[int]) -> None:
     """Wrong orders of quaternions give motion that keeps constraints, but no contacts beside the first."""
     poses = Poses.collect(open_log(str(RECORDINGS / "paper_experiment.mcap")))[:4000]
@@ -121,12 +122,15 @@ def test_a_further_contact_begins_and_ends() -> None:
 
 
 @needs_kernels
-@pytest.mark.parametrize("contact", [Contact.FF, Contact.EF, Contact.VF, Contact.EE])
-def test_a_single_contact_has_no_further_ones(contact: Contact) -> None:
+@pytest.mark.parametrize(
+    "contact",
+    [Contact.FF, *(pytest.param(c, marks=pytest.mark.long) for c in (Contact.EF, Contact.VF, Contact.EE))],
+)
+def test_a_single_contact_has_no_further_ones_and_is_no_joint(contact: Contact) -> None:
     """Two vertices on the table would be an edge, three a face."""
-    poses = simulate(Scenario((Phase(contact, 12.0),)), 1).poses
+    poses = simulate(Scenario((Phase(contact, 10.0),)), 1).poses
     result = adaptation.segment(poses, load_model())
-    assert not any(segment.further for segment in result.segments)
+    assert not any(segment.further or segment.joint for segment in result.segments)
     _, beliefs = adaptation.advance(adaptation.start(load_model()), poses)
     assert not any(belief.further for belief in beliefs)
 
@@ -196,6 +200,7 @@ def test_a_label_with_unexplained_constraints_is_not_certain() -> None:
     np.testing.assert_array_equal(ambiguity.at_most(capped, Contact.FF), capped)
 
 
+@pytest.mark.long
 @needs_kernels
 def test_further_contacts_are_searched_among_known_elements() -> None:
     true = made("vertex_and_vertex").truth.intervals[0]

@@ -42,7 +42,8 @@ def test_the_filter_of_free_motion_is_filterpy():
     program = (
         f"import sys; sys.path.append({SUPPORT!r}); import short_recordings as short;"
         "print('filterpy' in sys.modules);"
-        "short.segmented(short.FACE_TO_EDGE); print('filterpy' in sys.modules)"
+        "short.segment(short.recorded(short.FACE_TO_EDGE).poses[:60], short.MODEL);"
+        "print('filterpy' in sys.modules)"
     )
     for in_use in "01":
         assert output_of(program, CONTACT_TRACKER_COMPILED=in_use).split() == ["False", "True"]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -28,6 +28,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @each_contact
+@settings(max_examples=20)
 @given(seeds)
 def test_jacobians_are_derivatives(contact, seed):
     rng = np.random.default_rng(seed)
@@ -77,13 +78,13 @@ def window_of(name, seed, seconds=6.0):
     return Window(np.arange(len(time_s)), lifts, rows * VARIANCE, rows * EXCESS)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", [name for name in MOTIONS if "sphere" in name or "cylinder" in name])
 def test_contact_along_curved_surfaces_has_evidence(name, seed):
     assert curved_evidence(window_of(name, seed), SCALES) > 10.0
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_free_motion_has_none(seed):
     assert curved_evidence(window_of("free", seed), SCALES) < -100.0
     assert curved_evidence(window_of("free", seed, 4.0), SCALES) < -100.0

@@ -43,13 +43,14 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 EDGE_FACE: Final = CONTACT_MODELS[Contact.EF.column]
-SHIPPED: Final = sorted((Path(__file__).parents[2] / "recordings").glob("*.mcap"))
+SHIPPED: Final = sorted((Path(__file__).parents[2] / "recordings").glob("[rv]*.mcap"))
 KERNELS_OR_NOT: Final = [
     False,
     pytest.param(True, marks=pytest.mark.skipif(not compiled.in_use(), reason="no kernels")),
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_pruning_does_not_change_the_beliefs(path: Path) -> None:
     poses, model = Poses.collect(open_log(str(path))), load_model()
@@ -58,14 +59,14 @@ def test_pruning_does_not_change_the_beliefs(path: Path) -> None:
     assert other.hypotheses > 1.3 * own.hypotheses
     same, apart = compared(own, other)
     assert same.all()
-    assert np.sort(apart)[-2] < 1e-3
-    assert apart.max() < 1.2e-3  # one tick of all_states, with probabilities below 0.3
+    assert apart.max() < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
-@pytest.mark.parametrize("name", ["hard", "paper", "robot", "sequence", "singular"])
+@pytest.mark.parametrize("name", ["hard", "sequence"])
 def test_pruning_does_not_change_the_beliefs_of_other_recordings(shared_recordings: Path, name: str) -> None:
-    model, paths = load_model(), sorted((shared_recordings / "physics" / name).glob("*.mcap"))
+    model, paths = load_model(), sorted((shared_recordings / "physics" / name).glob("*.mcap"))[:1]
     both = []
     for path in paths:
         poses = Poses.collect(open_log(str(path)))

@@ -62,6 +62,7 @@ def test_covariances_follow_the_residuals_where_the_model_expects_worse():
     assert 0.4 < np.mean([d.squared / d.freedom for d in deviations]) < 2.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EE], ids=str)
 def test_covariances_include_correlated_errors(contact, monkeypatch):
     """The compliance of a contact, some hundredths of a millimetre, is correlated over many ticks. Errors
@@ -79,6 +80,7 @@ def test_covariances_include_correlated_errors(contact, monkeypatch):
     assert known < 0.6 * normalised()
 
 
+@pytest.mark.long
 @each_contact
 def test_covariances_are_consistent_where_the_model_knows_that_errors_wander(contact):
     """Errors of 0.5 mm and 0.15 deg that last for 2 s. A covariance that is far too large fails as well."""

@@ -123,12 +123,14 @@ def test_a_correct_recording_has_no_warnings(recordings, name):
     assert kinds(recordings[name]) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", ["cube_tosses", "physics/paper", "physics/hard", "physics/singular"])
 def test_other_recordings_have_no_warnings(shared_recordings, part):
     for path in sorted((shared_recordings / part).glob("*.mcap")):
         assert kinds(recorded(path)) == [], path.name
 
 
+@pytest.mark.long
 def test_tosses_in_other_units_are_reported(shared_recordings):
     """Recordings of 0.6 s."""
     for path in sorted((shared_recordings / "cube_tosses").glob("*.mcap")):
@@ -194,7 +196,7 @@ def test_an_object_that_turns_fast_about_its_origin_at_a_low_rate_is_in_metres(r
     assert kinds(Poses(stamps_ns, position_m, Rotation.from_rotvec(turns).as_quat())) == []
 
 
-@pytest.mark.parametrize("rate_hz", [5, 10, 30, 50, 200])
+@pytest.mark.parametrize("rate_hz", [5, 30, 200])
 @pytest.mark.parametrize(("sigma_m", "sigma_rad"), [(0.003, 1e-4), (0.005, 1e-5), (0.003, 2e-3), (0.0, 0.0)])
 def test_a_mobile_robot_is_in_metres(rate_hz, sigma_m, sigma_rad):
     assert kinds(odometry(rate_hz, sigma_m, sigma_rad)) == []
@@ -260,9 +262,8 @@ def test_a_vibration_is_no_second_body(recordings):
 
 
 @each_recording
-@pytest.mark.parametrize("seed", range(3))
-def test_outliers_are_no_second_body(recordings, name, seed):
-    rng, poses = np.random.default_rng(seed), recordings[name]
+def test_outliers_are_no_second_body(recordings, name):
+    rng, poses = np.random.default_rng(0), recordings[name]
     off = rng.random(len(poses)) < 0.1
     position = poses.position_m + off[:, None] * rng.normal(size=(len(poses), 3))
     assert kinds(Poses(poses.stamp_ns, position, poses.quat_xyzw)) == []
@@ -305,7 +306,7 @@ def test_filtered_poses_are_found(recordings, distort, name, seconds):
 
 
 @pytest.mark.parametrize("sigma_m", [0.0, 1e-7, 1e-5, 1e-3])
-@pytest.mark.parametrize("rate_hz", [10, 20, 30, 60, 100, 200])
+@pytest.mark.parametrize("rate_hz", [10, 30, 200])
 def test_motion_is_no_filter(rate_hz, sigma_m):
     """With any share of motion in the third differences."""
     assert kinds(moving(np.random.default_rng(3), 60.0, rate_hz, sigma_m, 5.0 * sigma_m)) == []
@@ -328,7 +329,7 @@ STREAMS = {
 
 @pytest.mark.parametrize("change", STREAMS.values(), ids=STREAMS)
 @given(sizes=st.lists(st.integers(1, 700), min_size=1, max_size=30))
-@settings(max_examples=15)
+@settings(max_examples=6)
 def test_results_do_not_depend_on_how_the_stream_is_split(recordings, change, sizes):
     poses = change(recordings["paper_experiment"][:1500])
     whole, state, first = inspect(NOTHING_INSPECTED, poses), NOTHING_INSPECTED, 0

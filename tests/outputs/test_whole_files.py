@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from command_line import ENVIRONMENT
 from contact_tracker import atomic_file
 from contact_tracker.atomic_file import whole_file
 
-ROOT = Path(__file__).resolve().parents[2]
 WRITER = """
 import sys
 from pathlib import Path
@@ -29,9 +29,8 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="modes, links and sig
 def begin(target: Path) -> "subprocess.Popen[str]":
     """Another process that is writing ``target``."""
     command = [sys.executable, "-c", WRITER, str(target)]
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, text=True)
+    return subprocess.Popen(command, env=ENVIRONMENT, stdin=pipe, stdout=pipe, text=True)
 
 
 def orphaned_file(target: Path) -> Path:

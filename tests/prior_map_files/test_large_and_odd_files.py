@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
+from command_line import ENVIRONMENT, PROGRAM
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.shipped import shipped
@@ -20,7 +20,6 @@ from contact_tracker.geometry import polyhedron
 from contact_tracker.prior_map_files import knowledge_from, load_knowledge
 from contact_tracker.prior_map_files.triangles import triangles_of_obj, triangles_of_stl
 
-ROOT = Path(__file__).resolve().parents[2]
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
 CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 SEVERAL = b"".join(b"solid %d\n" % i + FACET + b"endsolid\n" for i in range(20_000))
@@ -69,8 +68,7 @@ def no_features(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(polyhedron, "_ordered", fail)
 
 
-@pytest.mark.parametrize("suffix", ["stl", "obj"])
-@pytest.mark.parametrize("triangles", [50_000, 300_000])
+@pytest.mark.parametrize(("suffix", "triangles"), [("obj", 50_000), ("stl", 300_000)])
 def test_a_round_mesh_is_refused_before_any_work_that_grows(
     tmp_path: Path, triangles: int, suffix: str, no_features: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -84,8 +82,7 @@ def test_a_round_mesh_is_refused_before_any_work_that_grows(
     assert len(hull.vertices) < 3000
 
 
-@pytest.mark.parametrize("suffix", ["stl", "obj"])
-@pytest.mark.parametrize("triangles", [50_000, 300_000])
+@pytest.mark.parametrize(("suffix", "triangles"), [("obj", 50_000), ("stl", 300_000)])
 def test_a_mesh_of_many_triangles_is_its_hull(tmp_path: Path, triangles: int, suffix: str) -> None:
     cut(triangles).export(tmp_path / f"cut.{suffix}")
     found = load_knowledge(known(tmp_path, f"cut.{suffix}"))
@@ -163,8 +160,14 @@ def odd_file(folder: Path, kind: str, name: str) -> None:
 
 
 @fifo
-@pytest.mark.parametrize("arguments", READ, ids=["model", "known", "mesh"])
-@pytest.mark.parametrize("kind", ["device", "pipe", "folder", "large"])
+@pytest.mark.parametrize(
+    ("kind", "arguments"),
+    [
+        *((kind, READ[0]) for kind in ("device", "pipe", "folder", "large")),
+        ("device", READ[1]),
+        ("pipe", READ[2]),
+    ],
+)
 def test_other_than_regular_files_are_refused_at_once(
     tmp_path: Path, kind: str, arguments: list[str]
 ) -> None:
@@ -173,22 +176,13 @@ def test_other_than_regular_files_are_refused_at_once(
     odd_file(tmp_path, kind, name)
     known(tmp_path, name)
     words = [name if word == "ODD" else word for word in arguments]
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
-    for command in (["segment", "log.mcap", "-o", "out.csv"], ["evaluate", "log.mcap"]):
-        (tmp_path / "log.mcap").touch()
-        limited = ["bash", "-c", 'ulimit -v 4000000; exec "$@"', "bash", sys.executable]
-        done = subprocess.run(
-            [*limited, "-m", "contact_tracker", *command, *words],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
-        assert done.returncode == 2, done.stderr
-        (line,) = done.stderr.splitlines()
-        assert line.startswith("contact-tracker: error: ")
-        assert {"folder": "a folder", "large": "larger than"}.get(kind, "not a regular file") in line
+    (tmp_path / "log.mcap").touch()
+    limited = ["bash", "-c", 'ulimit -v 4000000; exec "$@"', "bash", *PROGRAM, "evaluate", "log.mcap", *words]
+    done = subprocess.run(limited, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("contact-tracker: error: ")
+    assert {"folder": "a folder", "large": "larger than"}.get(kind, "not a regular file") in line
 
 
 @pytest.mark.parametrize("read", [load_model, load_knowledge])

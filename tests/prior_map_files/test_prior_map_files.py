@@ -309,7 +309,7 @@ def outcome(read, *arguments):
         return error
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(text=st.text(max_size=200))
 def test_any_text_is_a_map_or_an_error_in_one_line(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("known") / "any.toml"
@@ -324,7 +324,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @example("object", "plane", "normal", None, {"\n": None})
 @given(
     frame=st.sampled_from(["object", "environment"]),

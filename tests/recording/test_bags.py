@@ -158,7 +158,7 @@ def connection_record() -> bytes:
     return bag_record(data, op=b"\x07", conn=bytes(4), topic=b"/pose")
 
 
-@pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
+@pytest.mark.parametrize("compression", ["none", pytest.param("bz2", marks=pytest.mark.long), "lz4"])
 def test_the_decompressed_size_of_bags_is_limited(tmp_path: Path, compression: str) -> None:
     """By numbers of bytes and of records; without limits the records take three times the time allowed."""
     lz4 = pytest.importorskip("lz4.frame")

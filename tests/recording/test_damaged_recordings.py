@@ -86,7 +86,7 @@ def test_a_recording_cut_anywhere_gives_what_is_before_the_cut(
     whole = write_log(tmp_path / "whole.mcap", [poses_topic(poses)], **options).read_bytes()
     cut = tmp_path / "cut.mcap"
     counts: list[int] = []
-    for length in [*range(0, len(whole), 10), len(whole) - 1]:
+    for length in [*range(0, len(whole), 31), len(whole) - 1]:
         cut.write_bytes(whole[:length])
         found, damage = read(cut)
         counts.append(len(found))
@@ -232,8 +232,10 @@ NESTED = struct.pack("<BQ", Opcode.CHUNK, 0)
 NAMELESS = struct.pack("<BQHI", Opcode.SCHEMA, 6, 1, 0)
 
 
-@pytest.mark.parametrize("records", [EMPTY, PRIVATE, HEADLESS, NESTED, NAMELESS])
-@pytest.mark.parametrize("size", [2**23, 2**25, 2**28])
+@pytest.mark.parametrize(
+    ("records", "size"),
+    [*((records, 2**25) for records in (EMPTY, PRIVATE, HEADLESS, NESTED, NAMELESS)), (PRIVATE, 2**28)],
+)
 def test_work_is_bounded_by_the_bytes_read(
     tmp_path: Path, records: bytes, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -265,7 +267,7 @@ def _counting(counted: list[int]) -> Callable[[WorkBudget, int], None]:
 
 def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
     """No real recording has a higher compression ratio."""
-    count, path = 100_000, tmp_path / "rest.mcap"
+    count, path = 30_000, tmp_path / "rest.mcap"
     stamps = START_NS + 5_000_000 * np.arange(count)
     rest = Poses(stamps, np.tile([0.1, 0.2, 0.3], (count, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
     write_recording(str(path), rest, None, {})
@@ -327,7 +329,7 @@ def victim(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return write_log(path, [changes, poses_topic(poses)], **options)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=12)), min_size=1, max_size=4)
 )
@@ -483,12 +485,12 @@ def test_a_growing_folder_is_followed_from_part_to_part(tmp_path: Path) -> None:
 
 def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path: Path) -> None:
     path = write_log(
-        tmp_path / "a.mcap", [poses_topic(smooth_poses(20_000))], chunk_size=16_384, **INDEX_LESS
+        tmp_path / "a.mcap", [poses_topic(smooth_poses(12_000))], chunk_size=16_384, **INDEX_LESS
     )
-    assert sum(1 for _ in open_log(str(path))) == 20_000  # caches of the libraries are filled
+    assert sum(1 for _ in open_log(str(path))) == 12_000  # caches of the libraries are filled
     tracemalloc.start()
     try:
-        assert sum(1 for _ in open_log(str(path))) == 20_000
+        assert sum(1 for _ in open_log(str(path))) == 12_000
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

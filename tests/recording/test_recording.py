@@ -792,6 +792,7 @@ def test_the_summary_of_irregular_poses_has_their_jitter(tmp_path: Path) -> None
     assert source.jitter_s == pytest.approx(np.sqrt(2) * 2e-4, rel=0.1)
 
 
+@pytest.mark.long
 def test_a_shared_recording_is_read_whole(shared_recordings: Path) -> None:
     path = shared_recordings / "physics" / "robot" / "robot_01.mcap"
     with path.open("rb") as file:

@@ -562,7 +562,9 @@ def test_endless_meaningless_lines_are_refused(line: str, tmp_path: Path) -> Non
         open_log(str(path))
 
 
-@pytest.mark.parametrize(("rows", "dictionary"), [(20_000_000, True), (3_000_000, False)])
+@pytest.mark.parametrize(
+    ("rows", "dictionary"), [pytest.param(20_000_000, True, marks=pytest.mark.long), (3_000_000, False)]
+)
 def test_the_decompressed_size_of_parquet_is_limited(tmp_path: Path, rows: int, dictionary: bool) -> None:
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
@@ -594,11 +596,11 @@ def test_parquet_of_few_long_values_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("encoding", ["dictionary", "DELTA_BYTE_ARRAY"])
 def test_parquet_of_many_values_that_share_a_long_text_is_refused(tmp_path: Path, encoding: str) -> None:
-    """Its pages are short, but all texts together have 900 MB."""
+    """Its pages are short, but all texts together have 300 MB."""
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
-    rows, is_dictionary = 9000, encoding == "dictionary"
+    rows, is_dictionary = 3000, encoding == "dictionary"
     texts = pyarrow.array(["0" * 100_000] * rows)
     numbers = {name: np.zeros(rows) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}
     path = tmp_path / "a.parquet"

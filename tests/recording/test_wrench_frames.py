@@ -16,12 +16,9 @@ from support.mcap_logs import Topic, pose_stamped, transform, wrench_stamped, wr
 from support.pressed_objects import pressed
 
 from contact_tracker.cli.main import run
-from contact_tracker.config.loading import load_model
 from contact_tracker.errors import InputError, UsageError
-from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wrenches
-from contact_tracker.recording.wrench_evidence import recorded_evidence
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
 
@@ -229,34 +226,6 @@ def test_poses_that_are_relative_to_another_body(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def world_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("world") / "log.mcap", wrench_topic(IN_WORLD, "world"))
-
-
-@pytest.fixture(scope="module")
-def world_evidence(world_log: Path) -> np.ndarray:
-    return touching_evidence(world_log)
-
-
-def touching_evidence(path: Path) -> np.ndarray:
-    """Evidence of the wrenches in the time of contact."""
-    log = open_log(str(path), topic="/object/pose")
-    found = recorded_evidence(str(path), "/wrench", log, load_model(), EMPTY_MAP)
-    assert found is not None
-    assert found.warnings == ()
-    assert found.evidence is not None
-    evidence = found.evidence.of_window(PRESSED.touch_ns, PRESSED.end_ns)
-    assert evidence is not None
-    return evidence.log_evidence
-
-
-@pytest.mark.parametrize("name", ["on the body", "in the world", "on an arm"])
-def test_evidence_is_that_of_wrenches_in_the_world(
-    tmp_path: Path, name: str, world_evidence: np.ndarray
-) -> None:
-    frames = CHAINS[name]
-    published = frames[frames[0] is BODY :]
-    path = write(tmp_path / "log.mcap", wrench_topic(in_frame(*frames), "ft"), *published)
-    np.testing.assert_allclose(touching_evidence(path), world_evidence, rtol=1e-6, atol=1e-6)
-    assert np.ptp(world_evidence) > 10.0  # it distinguishes contacts
 
 
 def test_segments_are_those_of_wrenches_in_the_world(

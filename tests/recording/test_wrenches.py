@@ -118,35 +118,30 @@ def test_wrong_usage_is_reported(tmp_path: Path, words: str) -> None:
     assert run(["segment", path, *words.split()]) == 2
 
 
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = str(tmp_path_factory.mktemp("pressed") / "pressed.mcap")
+    assert run(["simulate", "pressed", "-o", path, "-q"]) == 0
+    return path
+
+
+@pytest.mark.long
 def test_the_time_that_stays_open_is_that_of_motion_and_wrenches(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    pressed: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Wrenches leave it open for no longer, and are named."""
-    path = str(tmp_path / "pressed.mcap")
-    assert run(["simulate", "pressed", "-o", path, "-q"]) == 0
-    capsys.readouterr()
-    last = dict[bool, str]()
-    for with_wrenches in (False, True):
-        assert run(["segment", path, *["--wrench", "/object/wrench"][: 2 * with_wrenches], "-q"]) == 0
-        last[with_wrenches] = capsys.readouterr().out.splitlines()[-1]
-    assert last[False].startswith("The motion leaves the contact open for ")
-    assert last[True].startswith("Motion and wrenches leave the contact open for ")
-    result = contact_tracker.segment(path, wrench="/object/wrench")
-    assert str(result).splitlines()[-1] == last[True]
+    assert run(["segment", pressed, "--wrench", "/object/wrench", "-q"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("Motion and wrenches leave the contact open for ")
+    result = contact_tracker.segment(pressed, wrench="/object/wrench")
+    assert str(result).splitlines()[-1] == last
+    without = str(contact_tracker.segment(pressed)).splitlines()[-1]
+    assert without.startswith("The motion leaves the contact open for ")
 
 
-@pytest.mark.parametrize("mass_kg", [0.02, 5])
-def test_a_mass_that_is_overruled_is_a_warning(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], mass_kg: float
-) -> None:
-    path = str(tmp_path / "pressed.mcap")
-    assert run(["simulate", "pressed", "-o", path, "-q"]) == 0
-    assert run(["segment", path, "--wrench", "/object/wrench", "--mass", str(mass_kg), "-q"]) == 0
-    (line,) = capsys.readouterr().err.splitlines()
-    said = f"{mass_kg} kg, does not fit the wrenches in free motion: 0.500 kg is used"
-    assert line.startswith(f"contact-tracker: warning: {path}: the mass that is given, {said}")
-    assert run(["segment", path, "--wrench", "/object/wrench", "--mass", str(mass_kg)]) == 0
-    assert [said in line for line in capsys.readouterr().err.splitlines() if "wrenches" in line] == [
-        False,
-        True,
-    ]
+def test_a_mass_that_is_overruled_is_a_warning(pressed: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["segment", pressed, "--wrench", "/object/wrench", "--mass", "5"]) == 0
+    used, warning = (line for line in capsys.readouterr().err.splitlines() if "wrenches" in line)
+    said = "5 kg, does not fit the wrenches in free motion: 0.500 kg is used"
+    assert warning.startswith(f"contact-tracker: warning: {pressed}: the mass that is given, {said}")
+    assert said not in used

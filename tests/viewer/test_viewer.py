@@ -507,7 +507,7 @@ DIRECTIONS = (
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-@settings(deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(normal=DIRECTIONS, seed=SEEDS)
 def test_the_bowls_about_a_plane_are_at_two_standard_deviations(normal: np.ndarray, seed: int) -> None:
     plane = Plane(normal, 0.3, spread(4, seed))
@@ -519,7 +519,7 @@ def test_the_bowls_about_a_plane_are_at_two_standard_deviations(normal: np.ndarr
     assert np.allclose(np.abs(height), 2.0 * sd, rtol=1e-3, atol=1e-6)
 
 
-@settings(deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(direction=DIRECTIONS, seed=SEEDS)
 def test_the_tube_about_a_line_is_at_two_standard_deviations(direction: np.ndarray, seed: int) -> None:
     line = Line(direction, np.array([0.1, -0.2, 0.3]), spread(6, seed))
@@ -534,7 +534,7 @@ def test_the_tube_about_a_line_is_at_two_standard_deviations(direction: np.ndarr
         assert (basis @ off) @ inverse @ (basis @ off) == pytest.approx(4.0, rel=0.05)
 
 
-@settings(deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=SEEDS)
 def test_the_ellipsoid_about_a_point_is_at_two_standard_deviations(seed: int) -> None:
     point = Point(np.array([0.1, -0.2, 0.3]), spread(3, seed) + 1e-8 * np.eye(3))

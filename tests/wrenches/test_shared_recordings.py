@@ -12,7 +12,8 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_wrenches
 
 
-@pytest.mark.parametrize(("number", "least"), [(0, 0.9), (1, 0.9), (2, 0.7), (3, 0.7)])
+@pytest.mark.long
+@pytest.mark.parametrize(("number", "least"), [(0, 0.9), (2, 0.7)])
 def test_wrenches_decide_what_motion_leaves_open(shared_recordings: Path, number: int, least: float) -> None:
     path, model = str(shared_recordings / "physics" / "singular" / f"singular_0{number}.mcap"), load_model()
     log = open_log(path)
