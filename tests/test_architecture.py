@@ -21,6 +21,7 @@ LAYERS = (
     ("motion", "ground_truth"),
     ("contacts", "inspection", "wrenches"),
     ("landmarks", "paper"),
+    ("map",),
     ("hypotheses",),
     ("formations",),
     ("joints",),

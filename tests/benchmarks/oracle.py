@@ -189,9 +189,8 @@ def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Evidenc
     """The fit at the minimum nearest to x."""
     new = uninformed_proposal(contact)
     for _ in range(ROUNDS):
-        begin = BirthProposals(
-            new.rows.replace_columns(needs_search=0, prior_mean=x), np.ones_like(new.is_given)
-        )
+        rows = new.rows.replace_columns(needs_search=0, prior_mean=x)
+        begin = BirthProposals(rows, np.ones_like(new.is_given), new.are_both_known)
         fitted = fit_window(contact, window, scales, begin)
         x = fitted.x[0]
     return fitted

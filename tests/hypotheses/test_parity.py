@@ -285,7 +285,9 @@ def test_births_agree(model, old, many, correlation):
         protected_until=np.where(searched, burn_in_ticks(model.needed), 0.0),
         from_landmark=rng.random(many) > 0.5,
     )
-    begins = BirthProposals(rows, ElementPrior(mean, known).is_given(model)).sharing(-rng.random(many))
+    begins = BirthProposals(rows, ElementPrior(mean, known).is_given(model), np.zeros(many, bool)).sharing(
+        -rng.random(many)
+    )
     turn = Rotation.random(random_state=8).as_matrix()
     args = [(blank(other, 0, 2), uninformed_proposal(other).pick([])) for other in CONTACT_MODELS]
     args[column] = bank, begins

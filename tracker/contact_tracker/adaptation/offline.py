@@ -18,6 +18,9 @@ from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.map_passes import with_map
+from contact_tracker.tracking.offline_smoother import Segmenter
+from contact_tracker.tracking.pass_record import PassRecord
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
@@ -82,10 +85,14 @@ class OfflineTracker:
             yield Segmentation()
             return
         stream = _Stream(chain(inspected, self._inspected(rest)))
-        others = self._knowledge, self._executor, None, detail, self._wrenches
+        record = None if self._knowledge or self._wrenches is not None else PassRecord()
+        segmenter = Segmenter(self._executor, self._wrenches, record)
+        others = self._knowledge, self._executor, None, detail, segmenter
         may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()
         model = _with_initial_autocorrelation(best.model) if may_begin_free else best.model
         found = offline_smoother.pieces(stream, model, progress, *others)
+        if record is not None:
+            found = with_map(found, record, self._executor)
         waiting = WaitingPieces(self._knowledge)
         for piece in found:
             count = min(len(early), len(piece.filtered))

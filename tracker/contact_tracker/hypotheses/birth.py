@@ -11,7 +11,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.parameter_layout import directions
 from contact_tracker.geometry.elements import Pair
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.element_prior import by_feet, element_priors
+from contact_tracker.hypotheses.element_prior import ElementPrior, by_feet, element_priors
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 
 Array = NDArray[np.float64]
@@ -26,6 +26,8 @@ class BirthProposals:
     """(n) hypotheses without data."""
     is_given: Bools
     """(n, S) which entries of x their prior fixes, see ``ElementPrior``."""
+    are_both_known: Bools
+    """(n,) whether their prior has both elements, so that a pose shows whether these touch."""
 
     @property
     def count(self) -> int:
@@ -41,7 +43,9 @@ class BirthProposals:
         return replace(self, rows=self.rows.replace_columns(log_prior=log_share, log_likelihood=log_share))
 
     def pick(self, rows: NDArray[np.generic]) -> "BirthProposals":
-        return BirthProposals(self.rows.pick(np.arange(self.count)[rows]), self.is_given[rows])
+        return BirthProposals(
+            self.rows.pick(np.arange(self.count)[rows]), self.is_given[rows], self.are_both_known[rows]
+        )
 
 
 def make_proposals(
@@ -59,17 +63,34 @@ def make_proposals(
     are not correlated with the directions. Proposals whose directions the prior leaves open may search, and
     are protected from pruning during burn-in. The other parameters are columns of ``Bank``.
     """
-    none = blank(model, 0)
     prior, pivot = element_priors(model, pairs)
     if near_m is not None:
         prior, pivot = by_feet(model, prior, pivot, near_m)
-    given = prior.is_given(model)
+    both = np.array(elements_known, bool)
+    return with_prior(model, prior, pivot, log_share, known_pair_index, both, both, from_landmark)
+
+
+def with_prior(
+    model: ContactModel,
+    prior: ElementPrior,
+    line_anchor: Array,
+    log_share: Sequence[float],
+    known_pair_index: Sequence[int],
+    are_both_known: Bools,
+    elements_known: Bools,
+    from_landmark: Sequence[bool],
+) -> BirthProposals:
+    """One proposal for each of n priors (n, ...) on x, with the points (n, 6) of its known lines.
+
+    Elements that are known by others than this motion (``elements_known``) cannot follow it.
+    """
+    none, given = blank(model, 0), prior.is_given(model)
     needs_search = np.asarray(
         ~given[:, directions(model.family.FORM)].all(axis=1)
     )  # the rest is a linear problem
     is_informed = prior.information.any(axis=(1, 2)) | np.array(from_landmark, bool)
-    rows = blank(model, len(pairs)).replace_columns(
-        prior_index=np.where(is_informed, 1 + np.arange(len(pairs)), 0),
+    rows = blank(model, len(given)).replace_columns(
+        prior_index=np.where(is_informed, 1 + np.arange(len(given)), 0),
         known_pair_index=np.array(known_pair_index, np.int64),
         elements_known=np.array(elements_known, np.int64),
         needs_search=needs_search,
@@ -77,12 +98,12 @@ def make_proposals(
         protected_until=np.where(needs_search, burn_in_ticks(model.needed), 0.0),
         prior_mean=prior.mean,
         prior_information=prior.information,
-        line_anchor=pivot,
+        line_anchor=line_anchor,
         log_prior=np.array(log_share),
         log_likelihood=np.array(log_share),
         onset=0,
     )
-    return BirthProposals(replace(rows, onsets=none.onsets), given)
+    return BirthProposals(replace(rows, onsets=none.onsets), given, are_both_known)
 
 
 @lru_cache(maxsize=16)

@@ -9,10 +9,18 @@ import numpy as np
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Pair, Plane, canonical
-from contact_tracker.hypotheses.birth import BirthProposals, make_proposals, uninformed_proposal
+from contact_tracker.hypotheses.birth import (
+    BirthProposals,
+    make_proposals,
+    uninformed_proposal,
+    with_prior,
+)
+from contact_tracker.hypotheses.element_prior import ElementPrior
 from contact_tracker.landmarks.element_pairs import ElementPair, element_pairs
 from contact_tracker.landmarks.landmark_memory import LandmarkMemory
 from contact_tracker.landmarks.prior_map import NamedElement, PriorMap, Up
+from contact_tracker.map.pairs import map_pairs
+from contact_tracker.map.world_map import MapView
 
 CELL_M: Final = 0.25
 """Known lines are parametrised again when the body has moved to another cell of this size."""
@@ -75,6 +83,28 @@ def propose_measured(
         range(len(known)),
         [one.certain for one in known],
         [False] * len(known),
+    )
+
+
+@lru_cache(maxsize=64)  # the map as other contacts know it rarely changes
+def propose_from_map(model: ContactModel, view: MapView, near_m: tuple[float, ...]) -> BirthProposals:
+    """Proposals of a contact between elements of the map, or new ones at their price.
+
+    The elements of the map were estimated from the motion at other times, so all that is known of them is in
+    the prior, and free motion is as predictable as for a new contact. ``near_m`` as in ``Frame``.
+    """
+    pairs = map_pairs(view, model, np.array(near_m))
+    prior = ElementPrior(np.array([one.mean for one in pairs]), np.array([one.information for one in pairs]))
+    nothing = np.zeros(len(pairs), bool)
+    return with_prior(
+        model,
+        prior,
+        np.array([one.line_points_m for one in pairs]),
+        [one.log_share for one in pairs],
+        [0] * len(pairs),
+        np.array([one.is_known for one in pairs]),
+        nothing,
+        nothing.tolist(),
     )
 
 

@@ -5,11 +5,16 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.parameter_layout import directions
 from contact_tracker.geometry.elements import ContactGeometry, by_foot, shifted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.observability import observed_geometry
+from contact_tracker.hypotheses.observability import NOISE_MARGIN, information_spectrum, observed_geometry
+from contact_tracker.hypotheses.pruning import anchors_of
 from contact_tracker.hypotheses.systematic_errors import systematic_covariance
+from contact_tracker.landmarks.landmark_memory import LOOSE_M, LOOSE_RAD
+from contact_tracker.map.sighting import ElementEstimate
+from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
@@ -40,3 +45,27 @@ def contact_geometry(
         body_m = one.weighted_position_sum[0] / one.weight[0]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
     return ContactGeometry(found.object, shifted(found.environment, origin_m))
+
+
+def element_estimate(
+    bank: Bank,
+    model: ContactModel,
+    scales: EvidenceParameters,
+    window: Window,
+    information: Array,
+) -> ElementEstimate:
+    """What a refined fit, a ``bank`` of one, says about both its elements together; arguments as above.
+
+    Real elements are not exactly the same at the next touch, so the information is that of a little looser
+    elements.
+    """
+    spectrum = information_spectrum(bank, model, scales, window.usual_variance, information)
+    back = np.linalg.inv(spectrum.directions)
+    shown = back.T @ (np.maximum(spectrum.values - NOISE_MARGIN, 0.0)[:, None] * back)
+    variance = np.full(model.family.SIZE, LOOSE_M**2)
+    variance[directions(model.family.FORM)] = LOOSE_RAD**2
+    onto = np.linalg.pinv(spectrum.tangent)
+    shown = shown @ np.linalg.inv(np.eye(len(shown)) + (onto * variance) @ onto.T @ shown)
+    rotation = window.zeta[len(window) // 2, R].reshape(3, 3)
+    anchors = anchors_of(bank, model)[0]
+    return ElementEstimate(model, bank.x[0], spectrum.tangent, 0.5 * (shown + shown.T), anchors, rotation)

@@ -47,7 +47,7 @@ class ProximityEvidence(NamedTuple):
         """The proposals with their shares given the pose; negligible ones, and known pairs beyond
         ``MOST_BIRTHS``, are left out."""
         kept = self.log_share > _HOPELESS
-        known = (kept & begins.rows.elements_known).nonzero()[0]
+        known = (kept & begins.are_both_known).nonzero()[0]
         if len(known) > MOST_BIRTHS:
             kept[known[self.log_share[known].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
         log_share = self.log_share[kept]
@@ -109,7 +109,7 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
 @lru_cache(maxsize=2 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     """What the evidence needs of the known pairs, apart from the pose."""
-    is_known = begins.rows.elements_known
+    is_known = begins.are_both_known
     rows = begins.rows.pick(is_known.nonzero()[0])
     # known lines have anchors of their own, and other elements need none
     tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))

@@ -87,7 +87,9 @@ def _update_batch(
         state, _ = skip_update(state, tick, windows[0])
         return state, [TickResult.of(state, tick)]
     model, predictions = state.model, _predict_batch(state, ticks, windows)
-    stop = StopCondition(MAP_INSERTION_PROBABILITY, model.certainty.posterior_power, state.memory.due_ns)
+    stop = None
+    if state.map is None:  # else nothing is added to the memory
+        stop = StopCondition(MAP_INSERTION_PROBABILITY, model.certainty.posterior_power, state.memory.due_ns)
     inputs, extra_variance = [one.tick_input for one in predictions], model.noise.extra_contact_variance
     banks, updated = bank_update.update(
         state.banks, inputs, extra_variance, scales_of(model), model.search.margin_nats, stop

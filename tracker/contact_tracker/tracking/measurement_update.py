@@ -44,7 +44,10 @@ def is_uninformative(state: TrackerState, tick: Tick) -> bool:
     the posterior. With known elements every tick is informative, since it shows whether they touch."""
     before = state.window.innovation_excess[-1:]
     return (
-        not state.knowledge and bool(len(before)) and not before.any() and tick.innovation_excess == NO_EXCESS
+        not state.knows_elements
+        and bool(len(before))
+        and not before.any()
+        and tick.innovation_excess == NO_EXCESS
     )
 
 

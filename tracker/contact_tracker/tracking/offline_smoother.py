@@ -26,6 +26,7 @@ from contact_tracker.tracking.batch_update import TickResult
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.forward_pass import FilteredTick, filter_batches, forward
 from contact_tracker.tracking.measurement_update import FREE
+from contact_tracker.tracking.pass_record import PassRecord
 from contact_tracker.tracking.row_buffer import Columns
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
@@ -101,15 +102,15 @@ def pieces(
     executor: Executor | None = None,
     watch: Callable[[FilteredTick], None] | None = None,
     online: Detail = Detail.SHARED,
-    wrenches: WrenchEvidence | None = None,
+    segmenter: "Segmenter | None" = None,
 ) -> Iterator[Segmentation]:
     """``segment`` piece by piece and in bounded memory.
 
     Each piece holds the segments concluded since the piece before with their smoothed beliefs, and the online
     beliefs since then, which are ahead of the smoothed ones. The latter have the detail ``online``, and are
-    left out with ``Detail.WEIGHTS``. ``wrenches`` decide between contacts that motion does not distinguish.
+    left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or keep what a map is made of.
     """
-    segmenter = Segmenter(executor, wrenches)
+    segmenter = Segmenter(executor) if segmenter is None else segmenter
     if watch is None and online < Detail.SHARED:
         for state, some in filter_batches(poses, model, progress, knowledge):
             for tick_result in some:
@@ -155,9 +156,15 @@ class _Gap(NamedTuple):
 class Segmenter:
     """Turns the ticks of a forward pass into segments, as soon as later data cannot change them."""
 
-    def __init__(self, executor: Executor | None = None, wrenches: WrenchEvidence | None = None) -> None:
+    def __init__(
+        self,
+        executor: Executor | None = None,
+        wrenches: WrenchEvidence | None = None,
+        record: PassRecord | None = None,
+    ) -> None:
         self._executor = executor
         self._wrenches = wrenches
+        self._record = record
         self._forward: hmm.ForwardFilter | None = None
         self._pending: list[tuple[tuple[LiveHypotheses, Array] | None, tuple[Any, ...]]] = []
         self._past, self._survivors = hmm.OpenTicks(), hmm.Survivors()
@@ -179,6 +186,8 @@ class Segmenter:
     def note(self, state: TrackerState, result: TickResult, belief: Belief | None = None) -> None:
         """Append the next tick of those that lead to ``state``, with its online belief."""
         tick = result.tick
+        if self._record is not None:
+            self._record.note(state, tick)
         if self._forward is None:
             self._forward = hmm.ForwardFilter(result.log_birth_weight)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, result.residual)
@@ -341,6 +350,9 @@ class Segmenter:
             fits = [fit for _ in range(count) for fit in self._fits.popleft().result()]
         fitted = joined_by_wrenches([*zip(finished, fits, strict=True)])
         found = [one.with_fit(fit) for one, fit in fitted]
+        if self._record is not None:
+            for (one, fit), (parts, _) in zip(fitted, found, strict=True):
+                self._record.note_segment(one, fit, parts)
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers

@@ -8,7 +8,12 @@ from contact_tracker import hmm
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import Array
 from contact_tracker.hypotheses.birth import BirthProposals
-from contact_tracker.hypotheses.birth_proposals import CachedProposals, Frame, propose_births
+from contact_tracker.hypotheses.birth_proposals import (
+    CachedProposals,
+    Frame,
+    propose_births,
+    propose_from_map,
+)
 from contact_tracker.hypotheses.global_search import is_due
 from contact_tracker.hypotheses.proximity_prior import proximity_evidence, reweight_transitions
 from contact_tracker.motion.lifted_pose import T
@@ -45,7 +50,7 @@ def predict_transitions(state: TrackerState, window: Window) -> TransitionPredic
     )
     proposals = tuple(now.proposals for now in cached)
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
-    if not state.knowledge:
+    if not state.knows_elements:
         transition, survival = tick_transitions(model, exposed)
         birth_weight = (
             state.log_state_weight if first else hmm.birth_log_weights(state.log_state_weight, transition)
@@ -82,6 +87,9 @@ def _proposals_of(
 ) -> CachedProposals:
     """Birth proposals of a contact; a changed memory is used from the next tick in which the contact
     searches."""
+    if state.map is not None:
+        proposals = propose_from_map(contact, state.map.at(state.ticks), frame.near_m)
+        return CachedProposals(state.memory, frame, proposals)
     memory = state.memory if is_due(contact, state.ticks) else earlier.memory
     if memory is earlier.memory and frame == earlier.frame:
         return earlier

@@ -16,7 +16,7 @@ from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.packing import pack
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births, propose_measured
-from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_windows
 from contact_tracker.joints.evidence import find_joint
@@ -25,6 +25,7 @@ from contact_tracker.landmarks.association import is_same_element
 from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.rests import at_rest
@@ -103,6 +104,8 @@ class SegmentFit:
     share: Array | None = None
     formation: FittedFormation = NO_FORMATION
     joint: Joint | None = None
+    estimate: ElementEstimate | None = None
+    """What the fit says about both elements together; None without elements."""
 
     @property
     def leaves_constraints_unnamed(self) -> bool:
@@ -177,7 +180,9 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, window, model.tick_s)
-    return SegmentFit(label, named(where, pair), inseparable, p_restricted, np.zeros(1), share, formation)
+    estimate = element_estimate(fitted, contact, scales, window, information)
+    geometry, curved = named(where, pair), np.zeros(1)
+    return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)
 
 
 def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, by_motion: Bank) -> Bank:

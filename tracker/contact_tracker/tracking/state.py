@@ -16,6 +16,7 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY, LandmarkMemory
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.leave_one_out import LeaveOneOut
 from contact_tracker.motion.tick_grid import TickState
 from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
@@ -84,11 +85,18 @@ class TrackerState(NamedTuple):
     """The latest belief."""
     formation: FormationState = EMPTY_FORMATION
     """Search for further contacts."""
+    map: LeaveOneOut | None = None
+    """Elements that the recording's contacts have touched, in a pass after the first."""
 
     @property
     def log_evidence(self) -> float:
         """Log probability of all ticks so far, relative to that of free motion (nats)."""
         return self.log_normaliser + float(log_sum_exp(self.log_state_weight))
+
+    @property
+    def knows_elements(self) -> bool:
+        """Whether a pose shows if known elements touch."""
+        return bool(self.knowledge) or self.map is not None
 
     @property
     def window(self) -> Window:

@@ -156,7 +156,10 @@ def can_hold(state: TrackerState) -> bool:
     """
     newest = state.window.innovation_excess[-1:]
     return (
-        state.belief is not None and not state.knowledge and not state.lag_history.size and not newest.any()
+        state.belief is not None
+        and not state.knows_elements
+        and not state.lag_history.size
+        and not newest.any()
     )
 
 
@@ -228,6 +231,10 @@ def _record_belief(state: TrackerState, tick: Tick, belief: Belief) -> tuple[Tra
 
 def _should_update_map(state: TrackerState, belief: Belief) -> bool:
     """Whether the labelled contact is certain enough for the landmark memory, and due."""
-    if belief.contact is Contact.FREE or belief.probability.max() < MAP_INSERTION_PROBABILITY:
+    if (
+        state.map is not None
+        or belief.contact is Contact.FREE
+        or belief.probability.max() < MAP_INSERTION_PROBABILITY
+    ):
         return False
     return state.memory.is_due(belief.onset_ns, belief.stamp_ns)

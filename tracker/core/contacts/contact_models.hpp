@@ -48,8 +48,8 @@ struct Family : Form {
     static constexpr int upper(int p, int q) { return p > q ? upper(q, p) : p * P - p * (p - 1) / 2 + q - p; }
     static constexpr int last = K - 1;
     static constexpr bool crosses = Form::q2 >= 0;
-    // Whether no entry of x belongs to both elements; two faces share one height.
-    static constexpr bool apart = Form::q1 >= 0;
+    // Whether both elements are faces, which share one height.
+    static constexpr bool facing = Form::q1 < 0;
     // The k-th row is zero beyond its first `active_in(k)` columns: rows of directions do not depend on
     // the position.
     static constexpr int active_in(int k) { return k < last ? 9 : crosses ? 18 : C; }

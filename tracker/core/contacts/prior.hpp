@@ -17,8 +17,7 @@ inline bool is_nothing_known(const Kind& kind, const PerLane<double>& rows) {
 
 // Reference: `quadratic_prior.Prior` of hypotheses, and their `anchors`.
 //
-// `precision` is block-diagonal if the elements are `apart`. If no element is known it is diagonal, and
-// only the diagonal is set.
+// If no element is known `precision` is diagonal, and only the diagonal is set.
 template <class F, class N>
 struct Prior {
     N precision[F::S * F::S], information[F::S], constant, anchors[6];
@@ -28,30 +27,9 @@ struct Prior {
     void times(const N* x, N (&out)[F::S]) const {
         if (is_diagonal) {
             for (int s = 0; s < F::S; ++s) out[s] = x[s] * precision[s * F::S + s];
-        } else if constexpr (!F::apart) {
-            multiply<F::S, F::S>(x, precision, out);
         } else {
-            constexpr int rest = F::S - F::d2;
-            multiply<F::d2, F::d2, F::S>(x, precision, out);
-            multiply<rest, rest, F::S>(x + F::d2, precision + F::d2 * (F::S + 1), out + F::d2);
+            multiply<F::S, F::S>(x, precision, out);
         }
-    }
-
-    // `along @ precision` for the direction of the p-th free parameter; entries that are always zero are
-    // not written.
-    void pull(int p, const N* along, N (&out)[F::S]) const {
-        if (is_diagonal || !F::apart) return times(along, out);
-        constexpr int rest = F::S - F::d2;
-        if (p < F::of_1) return multiply<F::d2, F::d2, F::S>(along, precision, out);
-        multiply<rest, rest, F::S>(along + F::d2, precision + F::d2 * (F::S + 1), out + F::d2);
-    }
-
-    // `a @ precision @ b` for the directions a and b of the free parameters p and q; `pulled` is
-    // `b @ precision`.
-    N curvature(int p, int q, const N* a, const N* pulled) const {
-        if constexpr (!F::apart) return dot<F::S>(a, pulled);
-        if ((p < F::of_1) != (q < F::of_1)) return 0.0;
-        return p < F::of_1 ? dot<F::d2>(a, pulled) : dot<F::S - F::d2>(a + F::d2, pulled + F::d2);
     }
 };
 

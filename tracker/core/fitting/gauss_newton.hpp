@@ -26,13 +26,13 @@ WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
         const Lanes* along = work.axes[p];
         slope_of_last<F>(x, along, work.design[i]);
         carry_shift<F, i>(along, window, work, work.moved[i]);
-        prior.pull(p, along, pulled);
+        prior.times(along, pulled);
         shift[i] = -weight * pair_shift<F, i>(work.design[i], work.row_moments[F::last]) -
                    dot<F::S>(along, work.pull);
         each_of<i + 1>([&](auto j) {
             const int q = F::shifts[j];
-            normal[j][i] = weight * pair_shift<F, j>(work.design[j], work.moved[i]) +
-                           prior.curvature(p, q, work.axes[q], pulled);
+            normal[j][i] =
+                weight * pair_shift<F, j>(work.design[j], work.moved[i]) + dot<F::S>(work.axes[q], pulled);
         });
         trace += normal[i][i];
     });
@@ -61,10 +61,10 @@ void equations_of_shifts(Work<F>& work) {
     const Lanes weight = near.weight[F::last];
     Lanes pulled[F::S];
     for (int p = 0; p < F::P; ++p) {
-        work.prior.pull(p, near.free[p], pulled);
+        work.prior.times(near.free[p], pulled);
         near.gradient[p] = dot<F::S>(near.free[p], work.pull);
         for (int q = 0; q <= p; ++q) {
-            near.prior_hessian[F::upper(q, p)] = work.prior.curvature(p, q, near.free[q], pulled);
+            near.prior_hessian[F::upper(q, p)] = dot<F::S>(near.free[q], pulled);
         }
     }
     each_of<F::L>([&](auto i) {

@@ -19,7 +19,7 @@ struct Birth {
 // Reference: `ContactModel.faced`, in place.
 template <class F>
 void face(const bool* given, const double* turn, double* x) {
-    if constexpr (!F::apart) {
+    if constexpr (F::facing) {
         const bool first = given[F::d1], second = given[F::d2];
         const Vector m = at(x, F::d1), n = at(x, F::d2);
         if (first && !second) put(x, F::d2, turned(turn, 0, m));

@@ -1,0 +1,188 @@
+"""The map of elements: what sightings say about pairs, associations, and what other contacts may use."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
+from contact_tracker.map.leave_one_out import MARGIN_TICKS, LeaveOneOut
+from contact_tracker.map.pairs import map_pairs
+from contact_tracker.map.sighting import ElementEstimate, Sighting
+from contact_tracker.map.world_map import CONCENTRATION, Map, log_prior_of_new
+from contact_tracker.states import Contact
+
+REACH_M = 0.3
+BY_CONTACT = {model.contact: model for model in CONTACT_MODELS}
+TABLE = MapElement("f", np.array([0.0, 0.0, 1.0]), np.array([0.2]))
+BOTTOM = MapElement("f", np.array([0.0, 0.0, 1.0]), np.array([-0.05]))
+TOP = MapElement("f", np.array([0.0, 0.0, 1.0]), np.array([0.05]))
+CORNER = MapElement("v", np.zeros(3), np.array([0.04, 0.03, -0.05]))
+OTHER_CORNER = MapElement("v", np.zeros(3), np.array([-0.04, 0.03, -0.05]))
+EDGE = MapElement("e", np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.03, -0.05]))
+SHELF = MapElement("f", np.array([0.0, 0.0, 1.0]), np.array([0.5]))
+
+
+def seen(
+    contact: Contact, pair, first: int, sd: float = 1e-3, turned: float = 1.0, rng=None, unknown=()
+) -> Sighting:
+    """A sighting of a pair with errors of ``sd``, except along ``unknown`` free directions of x."""
+    model = BY_CONTACT[contact]
+    anchors = np.array([0.0, 0.0, 0.0, 0.1, -0.1, 0.2])
+    x, _ = stacked(model, pair, anchors, np.ones(2), turned)
+    tangent = model.family.tangent(x[None], anchors[None])[0]
+    information = np.eye(tangent.shape[1]) / sd**2
+    information[list(unknown)] = 0.0
+    if rng is not None:
+        x = x + tangent @ rng.normal(0.0, sd, tangent.shape[1])
+    rotation = np.eye(3) if turned > 0 else Rotation.from_rotvec([np.pi, 0, 0]).as_matrix()
+    return Sighting(first, first + 20, ElementEstimate(model, x, tangent, information, anchors, rotation))
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_derivative_of_a_pair(model: ContactModel, seed: int) -> None:
+    """The derivative of x by the free coordinates of both elements is that of finite differences."""
+    rng = np.random.default_rng(seed)
+
+    def element(kind: str) -> MapElement:
+        direction = rng.normal(size=3)
+        size = {"f": 1, "e": 3, "v": 3}[kind]
+        return MapElement(kind, direction / np.linalg.norm(direction), rng.normal(size=size))
+
+    ours, theirs = map(element, kinds_of(model))
+    anchors, senses, turned = rng.normal(size=6), rng.choice([-1.0, 1.0], 2), rng.choice([-1.0, 1.0])
+    _, derivative = stacked(model, (ours, theirs), anchors, senses, turned)
+    for column in range(derivative.shape[1]):
+        step = np.zeros(derivative.shape[1])
+        step[column] = 1e-6
+        moved = [
+            stacked(
+                model,
+                (ours.moved(sign * step[: ours.size]), theirs.moved(sign * step[ours.size :])),
+                anchors,
+                senses,
+                turned,
+            )[0]
+            for sign in (1.0, -1.0)
+        ]
+        np.testing.assert_allclose(derivative[:, column], (moved[0] - moved[1]) / 2e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+def test_a_pair_is_that_of_its_parameters(model: ContactModel) -> None:
+    rng = np.random.default_rng(1)
+    x = model.family.normalise(rng.normal(size=(1, model.family.SIZE)), np.zeros(6))[0]
+    again, _ = stacked(model, split(model, x), np.zeros(6), np.ones(2), 1.0)
+    np.testing.assert_allclose(again, x, atol=1e-12)
+
+
+def test_contacts_of_one_face_share_it() -> None:
+    """f-f knows the difference of two offsets only; a vertex on the same table gives both."""
+    rng = np.random.default_rng(2)
+    world = Map(
+        [
+            seen(Contact.FF, (BOTTOM, TABLE), 0, rng=rng),
+            seen(Contact.VF, (CORNER, TABLE), 100, rng=rng),
+            seen(Contact.EF, (EDGE, TABLE), 200, rng=rng),
+        ],
+        REACH_M,
+    )
+    assert len({theirs for _, theirs in world.pairs.values()}) == 1
+    view = world.without()
+    ours, theirs = world.pairs[0]
+    assert view.elements[theirs].place_m[0] == pytest.approx(0.2, abs=5e-3)
+    assert view.elements[ours].place_m[0] == pytest.approx(-0.05, abs=5e-3)
+    sd_m = np.sqrt([view.covariance[view.slots[key]][:, view.slots[key]][2, 2] for key in (ours, theirs)])
+    assert (sd_m < 3e-3).all()
+
+
+def test_faces_at_another_height_are_another_pair() -> None:
+    """Both sides of a box rest on one table, or one side on two: that is not the same pair."""
+    rng = np.random.default_rng(3)
+    world = Map(
+        [
+            seen(Contact.VF, (CORNER, TABLE), 0, rng=rng),
+            seen(Contact.FF, (BOTTOM, TABLE), 100, rng=rng),
+            seen(Contact.FF, (TOP, TABLE), 200, turned=-1.0, rng=rng),
+            seen(Contact.FF, (BOTTOM, TABLE), 300, rng=rng),
+        ],
+        REACH_M,
+    )
+    assert world.pairs[100] == world.pairs[300]
+    assert world.pairs[200] != world.pairs[100]
+
+
+def test_different_elements_stay_apart() -> None:
+    rng = np.random.default_rng(4)
+    world = Map(
+        [
+            seen(Contact.VF, (CORNER, TABLE), 0, rng=rng),
+            seen(Contact.VF, (OTHER_CORNER, TABLE), 100, rng=rng),
+            seen(Contact.VF, (CORNER, SHELF), 200, rng=rng),
+        ],
+        REACH_M,
+    )
+    assert world.pairs[0][1] == world.pairs[100][1]
+    assert world.pairs[0][0] == world.pairs[200][0]
+    assert len({key for pair in world.pairs.values() for key in pair}) == 4
+    assert world.complexity > 0.0
+
+
+def test_unseen_directions_do_not_separate() -> None:
+    """Where a sighting shows nothing, its estimate may be anything."""
+    rng = np.random.default_rng(5)
+    far = MapElement("v", np.zeros(3), CORNER.place_m + 0.3 * np.eye(3)[0])
+    world = Map(
+        [seen(Contact.VF, (CORNER, TABLE), 0, rng=rng), seen(Contact.VF, (far, TABLE), 100, unknown=[0])],
+        REACH_M,
+    )
+    assert world.pairs[0] == world.pairs[100]
+
+
+def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
+    world = Map([seen(Contact.VF, (CORNER, TABLE), 0), seen(Contact.VF, (OTHER_CORNER, TABLE), 100)], REACH_M)
+    learned = LeaveOneOut(world)
+    corners = {
+        tick: [key for key, one in learned.at(tick).elements.items() if one.kind == "v"]
+        for tick in (10, 60, 110)
+    }
+    assert corners[10] == [world.pairs[100][0]]
+    assert corners[110] == [world.pairs[0][0]]
+    assert len(corners[60]) == 2
+    assert len(learned.at(20 + MARGIN_TICKS - 1).counts) == 2  # the same contact may end later
+    table = world.pairs[0][1]
+    assert learned.at(10).counts[table] == 1
+    assert learned.at(60).counts[table] == 2
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+def test_priors_of_pairs(model: ContactModel) -> None:
+    """Shares add up to one; a prior on both elements is centred on them, and one on neither is empty."""
+    every = {"f": (BOTTOM, TABLE), "e": (EDGE, EDGE), "v": (CORNER, CORNER)}
+    ours, theirs = kinds_of(model)
+    pair = every[ours][0], every[theirs][1]
+    world = Map([seen(model.contact, pair, 0), seen(model.contact, pair, 100)], REACH_M)
+    found = map_pairs(world.without(), model, np.zeros(3))
+    assert sum(np.exp(one.log_share) for one in found) == pytest.approx(1.0)
+    new = found[0]
+    assert not new.information.any()
+    assert not new.is_known
+    assert new.log_share == pytest.approx(2.0 * np.log(CONCENTRATION / (2.0 + CONCENTRATION)))
+    known = next(one for one in found if one.is_known)
+    tangent = model.family.tangent(known.mean[None], model.anchors(np.zeros(3))[None])[0]
+    values = np.linalg.eigvalsh(tangent.T @ known.information @ tangent)
+    assert (values > 1.0).all()
+    x, _ = stacked(model, pair, model.anchors(np.zeros(3)), np.ones(2), 1.0)
+    np.testing.assert_allclose(np.abs(known.mean), np.abs(x), atol=2e-3)
+
+
+def test_price_of_new_elements() -> None:
+    """The first element of a kind on a side is free, each further one has its price."""
+    assert log_prior_of_new(["v-f"]) == 0.0
+    second = np.log(CONCENTRATION / (1.0 + CONCENTRATION))
+    assert log_prior_of_new(["v-f", "e-f"]) == pytest.approx(second)  # two faces, one vertex, one edge
+    assert log_prior_of_new(["v-f", "v-f"]) == pytest.approx(2.0 * second)

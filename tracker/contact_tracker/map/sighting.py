@@ -1,0 +1,90 @@
+"""What one contact of a recording says about the pair of elements that touch in it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from contact_tracker.contacts import ContactModel, face_face
+from contact_tracker.geometry.elements import Array
+from contact_tracker.map.elements import MapElement, kinds_of, split, stacked, with_offset
+
+Pair = tuple[MapElement, MapElement]
+
+
+@dataclass(frozen=True, eq=False)
+class ElementEstimate:
+    """The estimate of a contact's parameters in one segment: a Gaussian likelihood around x.
+
+    Parameters
+    ----------
+    x : (S,), the world's origin as in the bank.
+    tangent : (S, P) its free directions.
+    information : (P, P) of the motion along them; zero along those that it does not show.
+    anchors : (6,) to which the feet of lines are nearest.
+    rotation : (3, 3) of the body in the middle of the segment.
+    """
+
+    model: ContactModel
+    x: Array
+    tangent: Array
+    information: Array
+    anchors: Array
+    rotation: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """The ``estimate`` of the elements that touched in the ticks from ``first`` to ``end`` (excluded)."""
+
+    first: int
+    end: int
+    estimate: ElementEstimate
+
+    @property
+    def kinds(self) -> tuple[str, str]:
+        """Kinds of the object's and of the environment's element."""
+        return kinds_of(self.estimate.model)
+
+    @property
+    def information(self) -> Array:
+        """(P, P)"""
+        return self.estimate.information
+
+    @cached_property
+    def own_pair(self) -> Pair:
+        """The elements as seen here alone."""
+        return split(self.estimate.model, self.estimate.x)
+
+    @cached_property
+    def _onto_tangent(self) -> Array:
+        return np.asarray(np.linalg.pinv(self.estimate.tangent))
+
+    @cached_property
+    def _turned(self) -> float:
+        """See ``elements.stacked``."""
+        x = self.estimate.x
+        if self.estimate.model.family is not face_face:
+            return 1.0
+        return float(np.sign((self.estimate.rotation @ x[face_face.M]) @ x[face_face.N])) or 1.0
+
+    def completed(self, pair: Pair, is_new: tuple[bool, bool]) -> Pair:
+        """The pair with the offset of a new face of f-f as seen here: f-f shows the difference of both."""
+        if self.estimate.model.family is not face_face or is_new[0] == is_new[1]:
+            return pair
+        height_m = float(self.estimate.x[face_face.H][0])
+        return with_offset(pair, height_m, self._senses(pair), self._turned, is_new)
+
+    def linearised(self, pair: Pair) -> tuple[Array, Array]:
+        """Residual (P,) of the estimate if this pair touched, and its derivative by their coordinates."""
+        one = self.estimate
+        x, derivative = stacked(one.model, pair, one.anchors, self._senses(pair), self._turned)
+        return self._onto_tangent @ (x - one.x), self._onto_tangent @ derivative
+
+    def _senses(self, pair: Pair) -> Array:
+        own = self.own_pair
+        senses = [
+            1.0 if one.direction @ mine.direction >= 0.0 else -1.0
+            for one, mine in zip(pair, own, strict=True)
+        ]
+        return np.array(senses if self.estimate.model.body_in_1 else senses[::-1])

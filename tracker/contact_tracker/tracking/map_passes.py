@@ -1,0 +1,89 @@
+"""Passes over a recording with the map that the pass before has made, until it stands (docs/theory.md, T46).
+
+A contact may touch elements that others have touched, at little cost, or new ones, at a price.
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import replace
+from typing import Final
+
+from contact_tracker.map.leave_one_out import LeaveOneOut
+from contact_tracker.map.world_map import Map, log_prior_of_new
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.batch_update import update_in_batches
+from contact_tracker.tracking.offline_smoother import Segmenter
+from contact_tracker.tracking.pass_record import PassRecord
+from contact_tracker.tracking.segmentation import Segmentation
+
+MOST_PASSES: Final = 2
+"""Most passes after the first."""
+
+
+def with_map(
+    first_pass: Iterator[Segmentation], record: PassRecord, executor: Executor | None = None
+) -> Iterator[Segmentation]:
+    """The pieces of a recording's first pass, or, if its map explains the recording better, the whole as a
+    pass with that map segments it. Of a very long recording the first pass as it goes.
+
+    Parameters
+    ----------
+    record : that to which the first pass is noted.
+    """
+    waiting = list[Segmentation]()
+    for piece in first_pass:
+        waiting.append(piece)
+        if record.is_full:
+            yield from waiting
+            yield from first_pass
+            return
+    better = _better_pass(record, executor)
+    if better is None:
+        yield from waiting
+        return
+    first = Segmentation.join(waiting)
+    yield replace(better, filtered=first.filtered, outliers=first.outliers)
+
+
+def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation | None:
+    """The last pass with a map that explains the recording better than the pass before; None without one.
+
+    In the first pass each contact had elements of its own, at no price. So that evidences compare, it pays
+    the price of a new element for each, and a map the complexity of what its contacts share.
+    """
+    best: Segmentation | None = None
+    best_evidence = first.log_evidence + log_prior_of_new(one.value for one in first.contacts)
+    before = first
+    for _ in range(MOST_PASSES):
+        if not before.sightings or first.state is None:
+            break
+        world, after = Map(before.sightings, first.state.model.geometry.reach_m), PassRecord()
+        if not world.complexity:  # nothing is shared
+            break
+        found = _pass(first, world, after, executor)
+        evidence = after.log_evidence - world.complexity
+        if evidence <= best_evidence:
+            break
+        is_settled = best is not None and _labels(best) == _labels(found)
+        best, best_evidence, before = found, evidence, after
+        if is_settled:
+            break
+    return best
+
+
+def _pass(first: PassRecord, world: Map, record: PassRecord, executor: Executor | None) -> Segmentation:
+    """A pass over the ticks of the first one with a map."""
+    assert first.state is not None
+    start = tracker.start(first.state.model)._replace(averaging=first.state.averaging, map=LeaveOneOut(world))
+    segmenter, pieces = Segmenter(executor, record=record), list[Segmentation]()
+    for state, some in update_in_batches(start, first.ticks):
+        for result in some:
+            segmenter.note(state, result)
+            if segmenter.due:
+                pieces.append(segmenter.conclude())
+    pieces.append(segmenter.finish())
+    return Segmentation.join(pieces)
+
+
+def _labels(found: Segmentation) -> list[tuple[str, int]]:
+    return [(one.contact.value, one.start_ns) for one in found.segments]
