@@ -45,7 +45,6 @@ SINGLE_IMPORTER = {
     "mcap": "recording",
     "mcap_ros2": "recording/ros.py",
     "mcap_protobuf": "recording/foxglove.py",
-    "rosbags": "recording/parsed_definitions.py",
     "sqlite3": "recording/sqlite_bag.py",
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",
