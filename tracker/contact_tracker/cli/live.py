@@ -104,7 +104,9 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         )
     if args.state is not None and (args.start or args.duration is not None):
         raise UsageError("--state carries on with all that comes: without --start and --duration")
-    check = check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
+    read = files_read([args.log], args.model, args.known)
+    check_output(args.state, True, read)
+    check = check_output(args.output, args.overwrite, read, written=[args.state])
     if args.output is not None:
         require_library(args.output)
     follow = Follow() if args.follow else None
