@@ -688,6 +688,19 @@ def test_panics_of_the_library_are_reported_as_damage_in_one_line(
     assert capfd.readouterr().err == "it is heard again"
 
 
+@pytest.mark.parametrize("value", [{"a": 1.0}, [1.0], b"1", True])
+@pytest.mark.parametrize("column", ["t", "qx"])
+def test_parquet_columns_of_no_numbers_are_refused(tmp_path: Path, column: str, value: object) -> None:
+    import polars
+
+    names = dict(zip(["t", *NAMES], columns(POSES).T, strict=True))
+    frame = polars.DataFrame(names | {column: [value] * len(POSES)})
+    frame.write_parquet(tmp_path / "a.parquet")
+    for read in (open_log, summarise):
+        with pytest.raises(UnreadableRecording, match=f"its column {column} is of the type"):
+            read(str(tmp_path / "a.parquet"))
+
+
 def test_without_polars_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.txt").write_text("1 2 3 4 0 0 0 1\n")
     monkeypatch.setitem(sys.modules, "polars", None)

@@ -1,6 +1,7 @@
 """Input and output of each of several recordings, or of several objects in one."""
 
 import argparse
+import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -51,7 +52,9 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
         )
     if doubled := {str(output) for output in outputs if outputs.count(output) > 1}:
         raise UsageError(f"several recordings would be written to {min(doubled)}: take them one by one")
-    return [replace(one, other_outputs=tuple(each for each in outputs if each != one.output)) for one in found]
+    return [
+        replace(one, other_outputs=tuple(each for each in outputs if each != one.output)) for one in found
+    ]
 
 
 def _whole(log: str, args: argparse.Namespace) -> Iterator[Job]:
@@ -76,7 +79,7 @@ def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
 
 
 def _stem(log: str) -> str:
-    return "stdin" if log == "-" else Path(log).resolve().stem
+    return "stdin" if log == "-" else Path(os.path.realpath(log)).stem
 
 
 def _output(pattern: Path | None, names: Iterable[str]) -> Path | None:
