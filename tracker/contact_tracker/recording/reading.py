@@ -275,7 +275,7 @@ class Reading:
     def _is_unsorted_without_chunks(self, part: str, summary: Summary) -> bool:
         """Whether wanted messages of a file without chunks, which no index orders, are not in the order of
         log time: they are read once for that, up to the first that goes back."""
-        if summary.statistics is None or summary.statistics.chunk_count:
+        if summary.statistics is None or summary.statistics.chunk_count or summary.chunk_indexes:
             return False
         with open_stream(part) as stream:
             loop = RecordLoop(stream, self._wanted, summary)
