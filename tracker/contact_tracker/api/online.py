@@ -13,7 +13,7 @@ from contact_tracker.errors import InvalidPose, StateError, UsageError
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import warnings
-from contact_tracker.saved_state import load, save
+from contact_tracker.saved_state import continued, load, save
 from contact_tracker.tracking.belief import Belief
 
 
@@ -45,6 +45,7 @@ class Tracker:
         self._notes = notes
         self._state = adaptation.start(given, lag_s, knowledge_of(known, notes.append))
         self._gate = PoseGate()
+        self._restored: Path | None = None
 
     def update(
         self, stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]
@@ -67,25 +68,30 @@ class Tracker:
         InvalidPose
             The stamp is not an integer, or there are not three and four numbers.
         """
-        return _newest(self._advance(self._gate.admit(_pose(stamp_ns, position_m, quat_xyzw))))
+        pose = _pose(stamp_ns, position_m, quat_xyzw)
+        with continued(self._restored):
+            return _newest(self._advance(self._gate.admit(pose)))
 
     def finish(self) -> list[Belief]:
         """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
-        beliefs = self._advance(self._gate.finish())
-        self._state, rest = adaptation.finish(self._state)
-        return [*beliefs, *rest]
+        with continued(self._restored):
+            beliefs = self._advance(self._gate.finish())
+            self._state, rest = adaptation.finish(self._state)
+            return [*beliefs, *rest]
 
     @property
     def counts(self) -> Mapping[str, int]:
         """Numbers of poses dropped or repaired so far, by kind (docs/conventions.md)."""
-        outliers = {"outlier": self._state.outliers} if self._state.outliers else {}
-        return {**self._gate.counts, **outliers}
+        with continued(self._restored):
+            outliers = {"outlier": self._state.outliers} if self._state.outliers else {}
+            return {**self._gate.counts, **outliers}
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """One line per warning so far."""
-        found = adaptation.report(self._state)
-        return (*self._notes, *(() if found is None else warnings(found)))
+        with continued(self._restored):
+            found = adaptation.report(self._state)
+            return (*self._notes, *(() if found is None else warnings(found)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the state to a file, atomically; raises OSError."""
@@ -106,6 +112,7 @@ class Tracker:
             case (AdaptiveState() as state, PoseGate() as gate, tuple() as notes):
                 tracker = cls.__new__(cls)
                 tracker._state, tracker._gate, tracker._notes = state, gate, [*map(str, notes)]
+                tracker._restored = Path(path)
                 return tracker
         raise StateError(f"{os.fspath(path)}: it is no state of a tracker")
 

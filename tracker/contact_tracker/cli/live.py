@@ -79,6 +79,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.state is None or not args.state.exists():
+        return _run(args)
+    from contact_tracker.saved_state import continued
+
+    with continued(args.state):
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     if not args.web:
         return _follow(args, None)
     from contact_tracker.viewer.web import WebViewer
