@@ -81,7 +81,7 @@ class Result:
         """One line per warning, including damage of the recording."""
         damage = self.trajectory.damage
         found = () if self.report is None else tuple(warnings(self.report))
-        return (*self.notes, *self.trajectory.notes, *found, *(() if damage is None else (damage,)))
+        return (*(() if damage is None else (damage,)), *self.notes, *self.trajectory.notes, *found)
 
     def to_pandas(self, rows: Rows = "ticks") -> "pandas_table.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.

@@ -10,7 +10,7 @@ from contact_tracker import adaptation
 from contact_tracker.adaptation import AdaptiveState
 from contact_tracker.api.given import Deviations, Known, ModelLike, knowledge_of, model_from
 from contact_tracker.errors import InvalidPose, StateError, UsageError
-from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import warnings
 from contact_tracker.saved_state import continued, load, save
@@ -45,6 +45,7 @@ class Tracker:
         self._notes = notes
         self._state = adaptation.start(given, lag_s, knowledge_of(known, notes.append))
         self._gate = PoseGate()
+        self._poses = 0
         self._restored: Path | None = None
 
     def update(
@@ -69,6 +70,7 @@ class Tracker:
             The stamp is not an integer, or there are not three and four numbers.
         """
         pose = _pose(stamp_ns, position_m, quat_xyzw)
+        self._poses += 1
         with continued(self._restored):
             return _newest(self._advance(self._gate.admit(pose)))
 
@@ -91,11 +93,12 @@ class Tracker:
         """One line per warning so far."""
         with continued(self._restored):
             found = adaptation.report(self._state)
-            return (*self._notes, *(() if found is None else warnings(found)))
+            lost = remark_on_loss(self._gate.counts, self._poses, self._gate.refused_xyzw)
+            return (*filter(None, [lost]), *self._notes, *(() if found is None else warnings(found)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the state to a file, atomically; raises OSError."""
-        save(Path(path), (self._state, self._gate, tuple(self._notes)))
+        save(Path(path), (self._state, self._gate, self._poses, tuple(self._notes)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -109,10 +112,10 @@ class Tracker:
             The file cannot be read.
         """
         match load(Path(path)):
-            case (AdaptiveState() as state, PoseGate() as gate, tuple() as notes):
+            case (AdaptiveState() as state, PoseGate() as gate, int() as count, tuple() as notes):
                 tracker = cls.__new__(cls)
                 tracker._state, tracker._gate, tracker._notes = state, gate, [*map(str, notes)]
-                tracker._restored = Path(path)
+                tracker._poses, tracker._restored = count, Path(path)
                 return tracker
         raise StateError(f"{os.fspath(path)}: it is no state of a tracker")
 

@@ -151,7 +151,10 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
                 append["ticks"](_of(recording, belief_columns(piece.beliefs)))
         if not stream.poses:
             noted = rows.counts_text(log.counts)
-            raise NoPoses(f"{name}: no pose that can be used{f'; noted: {noted}' if log.counts else ''}")
+            reason = "" if log.loss is None else f": {log.loss}"
+            raise NoPoses(
+                f"{name}: no pose that can be used{reason}{f'; noted: {noted}' if log.counts else ''}"
+            )
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report

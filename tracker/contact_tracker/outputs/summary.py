@@ -74,7 +74,7 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
     if adapted is not None:
         yield "tracking", noise_text(adapted)
         yield from (("warning", line) for line in warnings(adapted))
-    disorder = remark_on_times(source.counts, source.observed)
+    disorder = None if source.loss is not None else remark_on_times(source.counts, source.observed)
     if disorder is not None:
         yield "warning", disorder
     if source.counts:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
-from contact_tracker.motion.pose_validation import PoseGate, remark_on_times
+from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remark_on_times
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer
@@ -66,7 +66,8 @@ class PoseLog:
         ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
         define usably), ``other_source`` (poses of late sources),
         ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.stamping``).
-    damage : one line if the recording is truncated or damaged; final after iteration.
+    damage : one line if most poses were dropped, or the recording is truncated or damaged; final after
+        iteration.
 
     Raises
     ------
@@ -112,8 +113,13 @@ class PoseLog:
         return MappingProxyType(self._counts + composed if composed else self._counts)
 
     @property
+    def loss(self) -> str | None:
+        """One line with the likely cause if most poses were dropped; unknown of a log that was carried on."""
+        return None if self._is_resumed else remark_on_loss(self.counts, self.taken, self._gate.refused_xyzw)
+
+    @property
     def damage(self) -> str | None:
-        return self._reading.damage
+        return "; ".join(filter(None, (self.loss, self._reading.damage))) or None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -122,7 +128,8 @@ class PoseLog:
         count = self.counts.get("known_definition", 0)
         why = self._why or (self._composer.why if self._composer is not None else None)
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
-        disorder = None if self._is_resumed else remark_on_times(self.counts, self.taken)
+        is_known = self._is_resumed or self.loss is not None
+        disorder = None if is_known else remark_on_times(self.counts, self.taken)
         return tuple(filter(None, (assumed, disorder)))
 
     def __iter__(self) -> Iterator[Pose]:
