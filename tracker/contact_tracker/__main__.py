@@ -4,7 +4,7 @@ An interrupt ends it without a traceback as soon as this file runs: all else is 
 ``_signal`` and ``sys`` are parts of the interpreter.
 """
 
-import _signal
+import _signal  # type: ignore[import-not-found]
 import os
 import sys
 
