@@ -90,7 +90,7 @@ def remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
 _CAUSES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "nonfinite": "they are no numbers, as where the object was not seen",
-        "out_of_range": "they are beyond 1000 km or 146 years: are the units right?",
+        "out_of_range": "they are beyond 1000 km or 146 years: is the unit of the stamps or positions right?",
         "repeated_stamp": _REPEATED,
         "backward_stamp": _BACKWARD,
         "leading_stamp": "their times jump ahead, and back",
