@@ -449,7 +449,7 @@ def test_times_that_are_rounded_to_seconds_are_reported(tmp_path: Path) -> None:
     rounded = np.floor(columns(POSES)[:, 0])
     log = open_log(str(write_times(tmp_path / "a.csv", rounded)))
     Poses.collect(log)
-    assert "poses have the time of the one before and are left out" in log.remarks[-1]
+    assert "they have the time of the one before" in str(log.loss)
 
 
 def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
@@ -839,14 +839,15 @@ def test_rows_out_of_order_are_reported_with_the_remedy(
     np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
     log = open_log(str(path))
     kept = len(Poses.collect(log))
-    (remark,) = log.remarks
-    assert remark.endswith(
+    assert log.remarks == ()
+    assert log.loss is not None
+    assert log.loss.endswith(
         "sort them by time; if they are of several bodies, record each on a topic of its own"
     )
-    run(["info", str(path)])
-    assert remark in capsys.readouterr().out
+    assert run(["info", str(path)]) == 3
+    assert log.loss in capsys.readouterr().err
     found = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
-    assert (len(found), found.notes) == (kept, (remark,))
+    assert (len(found), found.damage) == (kept, log.loss)
 
 
 def test_a_few_rows_out_of_order_are_only_counted(tmp_path: Path) -> None:

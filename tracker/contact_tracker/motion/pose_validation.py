@@ -59,7 +59,6 @@ MOST_REPEATED: Final = 0.6
 """Share of poses with the time of another from which on it is not that each is published twice."""
 
 
-_REPEATED: Final = "write times with more digits, if they are rounded"
 _BACKWARD: Final = "sort them by time; if they are of several bodies, record each on a topic of its own"
 _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validation first"
 
@@ -76,12 +75,8 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
 
 
 def remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
-    """One line if many of ``total`` poses were dropped since they are not in order of time, or most have the
-    time of another."""
+    """One line if many of ``total`` poses were dropped since they are not in order of time."""
     backward = counts.get("backward_stamp", 0) - RESET_RUN * counts.get("clock_reset", 0)
-    repeated = counts.get("repeated_stamp", 0)
-    if repeated > MOST_REPEATED * total:
-        return f"{repeated} of {total} poses have the time of the one before and are left out: {_REPEATED}"
     if backward <= MANY_BACKWARD * total:
         return None
     return f"{backward} of {total} poses are earlier than one before them and are left out: {_BACKWARD}"
@@ -91,8 +86,8 @@ _CAUSES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "nonfinite": "they are no numbers, as where the object was not seen",
         "out_of_range": "they are beyond 1000 km or 146 years: is the unit of the stamps or positions right?",
-        "repeated_stamp": _REPEATED,
-        "backward_stamp": _BACKWARD,
+        "repeated_stamp": "they have the time of the one before: write more digits, if times are rounded",
+        "backward_stamp": f"they are earlier than one before them: {_BACKWARD}",
         "leading_stamp": "their times jump ahead, and back",
         "default_pose": "one pose comes back bit for bit, as where the object was not seen",
         "excursion": "they jump away and back, as those of another body",
