@@ -230,7 +230,7 @@ def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
 
 
 def test_recorded_rows_survive_a_kill(tmp_path: Path, recordings: list[Path]) -> None:
-    """Except an incomplete last line of the journal."""
+    """Except an incomplete last line of the journal, and lines of something else."""
     dataset = tmp_path / "dataset"
     run(recordings, dataset)
     whole = contents(dataset)
@@ -241,7 +241,10 @@ def test_recorded_rows_survive_a_kill(tmp_path: Path, recordings: list[Path]) ->
             opened.record(segment_recording(str(path), None, settings(), str(dataset)))
         journal = (dataset / "journal.jsonl").read_bytes()
     (dataset / "summary.parquet").unlink()
-    (dataset / "journal.jsonl").write_bytes(journal[:-20])
+    nested = b'{"recording": "a", "signature": "", "row": ' + b"[" * 100_000 + b"\n"
+    row = {key: {"a": 1} for key in rows.SUMMARY_COLUMNS}
+    odd = json.dumps({"recording": "a", "signature": "", "row": row}).encode() + b"\n"
+    (dataset / "journal.jsonl").write_bytes(nested + odd + journal[:-20])
     assert run(recordings, dataset).unchanged == 1
     assert contents(dataset) == whole
 
@@ -263,6 +266,29 @@ def test_a_dataset_is_written_by_one_and_replaces_nothing_else(
     )
     with pytest.raises(UsageError, match="of another version"):
         run(recordings, tmp_path / "dataset")
+
+
+@pytest.mark.parametrize(
+    "name", ["segments", "journal.jsonl", "summary.parquet", "segments/{}", "segments/{}/{}"]
+)
+def test_nothing_is_written_through_links_in_a_dataset(
+    name: str, tmp_path: Path, recordings: list[Path]
+) -> None:
+    dataset, own = tmp_path / "dataset", Path(rows.file_of(str(recordings[0])))
+    run(recordings[1:], dataset)
+    link = dataset / name.format(own.parent, own.name)
+    is_file = bool(link.suffix)
+    link.parent.mkdir(exist_ok=True)
+    if link.exists():
+        link.rename(tmp_path / link.name)
+    target = tmp_path / ("secret" if is_file else "secrets/secret")
+    target.parent.mkdir(exist_ok=True)
+    target.write_text("secret")
+    link.symlink_to(target if is_file else target.parent)
+    with pytest.raises(OSError, match="a dataset has none"):
+        run(recordings, dataset)
+    assert target.read_text() == "secret"
+    assert is_file or os.listdir(target.parent) == ["secret"]
 
 
 @pytest.mark.parametrize("name", ["summary.parquet", "signatures.parquet"])

@@ -2,8 +2,11 @@
 
 import shutil
 import tempfile
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import pytest
 from fsspec import AbstractFileSystem
@@ -86,7 +89,7 @@ def test_copies_of_recordings_in_stores_have_a_size_limit(
     store: Store, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(remote, "_opened", lambda _: (store, name))
+    monkeypatch.setattr(remote, "_opened", lambda *_: (store, name))
     monkeypatch.setattr(remote, "MOST_BYTES", 20 * 2**20)
     with pytest.raises(UnreadableRecording, match="longer than"), remote.local_copy(f"endless://{name}"):
         pass
@@ -98,8 +101,85 @@ def test_copies_of_recordings_in_stores_leave_free_space(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(remote, "_opened", lambda _: (Store(10), "log.mcap"))
+    monkeypatch.setattr(remote, "_opened", lambda *_: (Store(10), "log.mcap"))
     monkeypatch.setattr(remote, "_LEFT_BYTES", shutil.disk_usage(tmp_path).free - 8 * 2**20)
     with pytest.raises(UnreadableRecording, match="no room"), remote.local_copy("endless://log.mcap"):
         pass
     assert not list(tmp_path.iterdir())
+
+
+class HostileServer(BaseHTTPRequestHandler):
+    """A folder with links and redirects that lead out of it; each answer contains what was asked for."""
+
+    links = (
+        "a.mcap",
+        "../secret/b.mcap",
+        "%2e%2e/secret/c.mcap",
+        "d.mcap",
+        "e.mcap",
+        "sub/../../secret/f.mcap",
+        "up/",
+    )
+    redirects: ClassVar[dict[str, str]] = {
+        "/logs/d.mcap": "/secret/d.mcap",
+        "/logs/e.mcap": "../logs/moved.mcap",
+        "/logs/up/": "/secret/",
+    }
+    asked: ClassVar[list[str]] = []
+
+    def do_GET(self) -> None:
+        path = self.path.partition("?")[0]
+        self.asked.append(path)
+        where = self.redirects.get(path)
+        is_folder = path.endswith(("logs", "/"))
+        links = "".join(f'<a href="{link}">x</a>' for link in self.links) if is_folder else path
+        self.send_response(200 if where is None else 302)
+        if where is not None:
+            self.send_header("Location", where)
+        self.send_header("Content-Type", "text/html" if is_folder else "application/octet-stream")
+        self.send_header("Content-Length", str(len(links)))
+        self.end_headers()
+        if self.command == "GET":
+            self.wfile.write(links.encode())
+
+    do_HEAD = do_GET
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def address() -> Iterator[str]:
+    pytest.importorskip("aiohttp")
+    server = ThreadingHTTPServer(("127.0.0.1", 0), HostileServer)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
+    thread.start()
+    HostileServer.asked.clear()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.mark.parametrize("folder", ["logs", "logs/"])
+def test_nothing_outside_of_a_folder_on_the_web_is_read(address: str, folder: str) -> None:
+    files = remote.files_in(f"{address}/{folder}")
+    assert files is not None
+    assert {name.removeprefix(address) for name in files} == {f"/logs/{name}.mcap" for name in "ade"}
+    for name in ("a", "e"):
+        with remote.local_copy(f"{address}/logs/{name}.mcap", f"{address}/{folder}") as copy:
+            assert Path(copy).read_text() == ("/logs/a.mcap" if name == "a" else "/logs/moved.mcap")
+    leads_out = pytest.raises(UnreadableRecording, match=f"{address}/secret/d.mcap is not in the folder")
+    with leads_out, remote.local_copy(f"{address}/logs/d.mcap", f"{address}/{folder}"):
+        pass
+    assert not [path for path in HostileServer.asked if path.startswith("/secret")]
+    with remote.local_copy(f"{address}/logs/d.mcap?token=secret") as copy:  # which was named itself
+        assert Path(copy).name == "d.mcap"
+
+
+def test_tokens_of_urls_are_left_out() -> None:
+    secret = "https://me:pw@host:8/a/b.mcap?token=T&x=a/b#f"
+    assert remote.shown(secret) == "https://host:8/a/b.mcap"
+    assert remote.shown("s3://key:secret@bucket/a#1.mcap") == "s3://bucket/a#1.mcap"
+    text = f"403, url='{secret}' and (abfs://x?sig=S)"
+    assert remote.without_secrets(text) == "403, url='https://host:8/a/b.mcap' and (abfs://x"
+    assert remote.shown("/a/b?c.mcap") == "/a/b?c.mcap"

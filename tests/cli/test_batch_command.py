@@ -266,12 +266,19 @@ def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
             assert done.returncode == 0, done.stderr
             assert expected in done.stderr
             assert sum(line.startswith("GET /0.mcap") for line in asked) == 1
-        done = batch(f"{address}/gone.mcap", "--output", tmp_path / "dataset", "--processes", 1)
+        secret = [f"{address}/{name}.mcap?token=SECRET" for name in ("gone", 0)]
+        done = batch(*secret, "--output", tmp_path / "dataset", "--processes", 1)
         assert done.returncode == 3
+        assert "1 new or changed, 1 unchanged" in done.stderr
+        assert "SECRET" not in done.stderr
     table = pl.read_parquet(tmp_path / "dataset" / "summary.parquet")
     assert table["recording"].to_list() == [f"{address}/{name}.mcap" for name in ("0", "1", "gone")]
     assert table["exit_code"].to_list() == [0, 0, 1]
     assert "FileNotFoundError" in table["error"][2]
+    assert not any(
+        b"SECRET" in path.read_bytes() for path in (tmp_path / "dataset").rglob("*") if path.is_file()
+    )
+    assert "SECRET" not in str(table.rows())
 
 
 def test_recordings_are_read_from_a_store_with_versions(tmp_path: Path) -> None:

@@ -225,6 +225,22 @@ def test_what_is_no_recording_names_the_kinds_that_are_read(tmp_path: Path) -> N
     assert_one_line_error(done, 1, "neither a recording nor a table of poses", "MCAP files, ROS bags")
 
 
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["segment", "loop"], 1),
+        (["info", "loop"], 1),
+        (["live", "log.mcap", "--state", "loop"], 2),
+        (["batch", "log.mcap", "-o", "loop"], 2),
+    ],
+)
+def test_a_link_to_itself_is_one_line(tmp_path: Path, words: list[str], code: int) -> None:
+    write_log(tmp_path / "log.mcap", [poses_topic(smooth_poses(), "/a")])
+    (tmp_path / "loop").symlink_to("loop")
+    paths = [str(tmp_path / word) if word in ("loop", "log.mcap") else word for word in words]
+    assert_one_line_error(run(*paths), code, "loop")
+
+
 def test_a_pattern_that_the_shell_has_not_replaced(tmp_path: Path) -> None:
     write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
     write_log(tmp_path / "b.mcap", [poses_topic(POSES)])

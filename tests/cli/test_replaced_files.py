@@ -108,6 +108,8 @@ def test_inputs_are_not_overwritten(
         ("in.jsonl", "segment in.jsonl -o in.jsonl"),
         ("in.jsonl", "segment ./in.jsonl -o parts/../in.jsonl"),
         ("in.rrd", "view in.rrd --save in.rrd"),
+        ("in.mcap", "live in.mcap --state ./in.mcap"),
+        ("model.toml", "live log.mcap --model model.toml --state model.toml"),
         ("in.toml", "calibrate in.toml -o in.toml"),
         ("model.toml", "calibrate log.mcap --start model.toml -o model.toml"),
         ("known.toml", "calibrate log.mcap --known known.toml -o known.toml"),
@@ -119,6 +121,32 @@ def test_inputs_are_not_overwritten_by_their_own_name(
     if not Path(name).exists():
         os.rename("log.mcap", name)
     assert name in refusal(capsys, *command.split())
+
+
+OUTPUTS = [
+    ("z.jsonl", "live log.mcap --state z.jsonl -o"),
+    ("z.jsonl", "live log.mcap --state ./z.jsonl --overwrite -o"),
+    ("log_1.jsonl", "segment parts/log_0.mcap parts/log_1.mcap -o {}.jsonl"),
+]
+
+
+@pytest.mark.parametrize("kind", ["name", "symbolic", "hard", "dangling"])
+@pytest.mark.parametrize(("name", "command"), OUTPUTS)
+def test_outputs_do_not_overwrite_each_other(
+    name: str, command: str, kind: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Under any name, also before there is such a file."""
+    words = command.split()
+    if words[0] == "live":
+        words.append("parts/../z.jsonl" if kind == "name" else "out.jsonl")
+    elif kind == "name":
+        pytest.skip("their names differ")
+    output = "log_0.jsonl" if words[0] == "segment" else "out.jsonl"
+    if kind in ("symbolic", "hard"):
+        Path(name).write_text("old")
+    if kind != "name":
+        linked("hard" if kind == "hard" else "symbolic", name, output)
+    assert "it is another output" in refusal(capsys, *words)
 
 
 def test_the_file_behind_standard_input_is_not_overwritten(

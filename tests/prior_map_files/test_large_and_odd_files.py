@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -70,22 +71,20 @@ def no_features(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("suffix", "triangles"), [("obj", 50_000), ("stl", 300_000)])
 def test_a_round_mesh_is_refused_before_any_work_that_grows(
-    tmp_path: Path, triangles: int, suffix: str, no_features: None, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, triangles: int, suffix: str, no_features: None
 ) -> None:
     ball(triangles).export(tmp_path / f"ball.{suffix}")
-    hulls = []
-    monkeypatch.setattr(
-        polyhedron, "ConvexHull", lambda *a, **b: hulls.append(ConvexHull(*a, **b)) or hulls[-1]
-    )
+    begin_s = time.process_time()
     assert "more than 60 faces" in refusal(tmp_path, f"ball.{suffix}")
-    (hull,) = hulls
-    assert len(hull.vertices) < 3000
+    assert time.process_time() - begin_s < 1.0
 
 
 @pytest.mark.parametrize(("suffix", "triangles"), [("obj", 50_000), ("stl", 300_000)])
 def test_a_mesh_of_many_triangles_is_its_hull(tmp_path: Path, triangles: int, suffix: str) -> None:
     cut(triangles).export(tmp_path / f"cut.{suffix}")
+    begin_s = time.process_time()
     found = load_knowledge(known(tmp_path, f"cut.{suffix}"))
+    assert time.process_time() - begin_s < 1.0
     assert len(found.object) == 21 + 57 + 38
     assert found.object_complete
 

@@ -19,7 +19,6 @@ from contact_tracker.errors import ChoiceError, NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
 from contact_tracker.recording.bags import read_bag
-from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.rosbag1 import read_rosbag1
 from mcap_logs import START_NS, poses_topic, smooth_poses, write_log
@@ -388,16 +387,11 @@ def test_bags_are_recordings_that_no_result_replaces(tmp_path: Path) -> None:
     assert may_be_recording(str(write_rosbag1(tmp_path / "a.bag")))
 
 
-def test_without_rosbags_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_rosbag1(tmp_path / "a.bag")
-    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    with pytest.raises(MissingExtra, match=r"ROS 1 needs rosbags: pip install 'contact-tracker\[bags\]'"):
-        open_log(str(path))
-
-
-def test_databases_need_no_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_sqlite(tmp_path)
-    monkeypatch.setitem(sys.modules, "rosbags", None)
+@pytest.mark.parametrize("name", ["a.db3", "a.bag"])
+def test_bags_need_no_library(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_sqlite(tmp_path) if name == "a.db3" else write_rosbag1(tmp_path / name)
+    for module in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
+        monkeypatch.setitem(sys.modules, module, None)
     assert len(Poses.collect(open_log(str(path)))) == len(POSES)
 
 

@@ -137,14 +137,14 @@ def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> No
     assert not loop.damage.text
 
 
-@given(seed=st.integers(0, 2**32 - 1), chunk=st.sampled_from([200, 3_000, 200_000]))
+@given(seed=st.integers(0, 2**32 - 1), chunk=st.sampled_from([0, 200, 3_000, 200_000]))
 @settings(max_examples=20, deadline=None)
 def test_messages_come_in_the_order_of_log_time_whatever_the_order_of_the_file(
     tmp_path_factory: Any, seed: int, chunk: int
 ) -> None:
     rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("unsorted") / "a.mcap"
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=chunk)
+        writer = Writer(file, chunk_size=chunk, use_chunking=chunk > 0)
         writer.start()
         channel = writer.register_channel("/a", "cdr", 0)
         writer.add_metadata("about", {"a": "b"})
@@ -152,12 +152,9 @@ def test_messages_come_in_the_order_of_log_time_whatever_the_order_of_the_file(
         for time in times.tolist():
             writer.add_message(channel, time, rng.bytes(8), 0, 0)
         writer.finish()
-    with path.open("rb") as file:
-        messages = make_reader(file).iter_messages(log_time_order=True)
-        expected = [message.log_time for _, _, message in messages]
     reading = Reading(str(path), lambda channel: True)
     items = list(reading)
-    assert [item.log_time_ns for item in items if isinstance(item, RawMessage)] == expected
+    assert [item.log_time_ns for item in items if isinstance(item, RawMessage)] == sorted(times.tolist())
     assert sum(isinstance(item, Metadata) for item in items) == 1
     assert reading.damage is None
 

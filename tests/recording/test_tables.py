@@ -449,7 +449,7 @@ def test_times_that_are_rounded_to_seconds_are_reported(tmp_path: Path) -> None:
     rounded = np.floor(columns(POSES)[:, 0])
     log = open_log(str(write_times(tmp_path / "a.csv", rounded)))
     Poses.collect(log)
-    assert "poses have the time of the one before and are left out" in log.remarks[-1]
+    assert "they have the time of the one before" in str(log.loss)
 
 
 def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
@@ -690,6 +690,19 @@ def test_panics_of_the_library_are_reported_as_damage_in_one_line(
     assert capfd.readouterr().err == "it is heard again"
 
 
+@pytest.mark.parametrize("value", [{"a": 1.0}, [1.0], b"1", True])
+@pytest.mark.parametrize("column", ["t", "qx"])
+def test_parquet_columns_of_no_numbers_are_refused(tmp_path: Path, column: str, value: object) -> None:
+    import polars
+
+    names = dict(zip(["t", *NAMES], columns(POSES).T, strict=True))
+    frame = polars.DataFrame(names | {column: [value] * len(POSES)})
+    frame.write_parquet(tmp_path / "a.parquet")
+    for read in (open_log, summarise):
+        with pytest.raises(UnreadableRecording, match=f"its column {column} is of the type"):
+            read(str(tmp_path / "a.parquet"))
+
+
 def test_without_polars_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.txt").write_text("1 2 3 4 0 0 0 1\n")
     monkeypatch.setitem(sys.modules, "polars", None)
@@ -828,14 +841,15 @@ def test_rows_out_of_order_are_reported_with_the_remedy(
     np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
     log = open_log(str(path))
     kept = len(Poses.collect(log))
-    (remark,) = log.remarks
-    assert remark.endswith(
+    assert log.remarks == ()
+    assert log.loss is not None
+    assert log.loss.endswith(
         "sort them by time; if they are of several bodies, record each on a topic of its own"
     )
-    run(["info", str(path)])
-    assert remark in capsys.readouterr().out
+    assert run(["info", str(path)]) == 3
+    assert log.loss in capsys.readouterr().err
     found = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
-    assert (len(found), found.notes) == (kept, (remark,))
+    assert (len(found), found.damage) == (kept, log.loss)
 
 
 def test_a_few_rows_out_of_order_are_only_counted(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """Identify the contacts of a rigid object with its surroundings from its motion.
 
-Names are imported on first use, so that the command line starts quickly.
+Names are imported on first use, so that the command line starts quickly; ``typing`` is not imported, so that
+an interrupt finds its handler (``__main__``) as early as possible.
 """
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from contact_tracker.api import Result, Tracker, Trajectory, read, segment
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
@@ -44,7 +46,7 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

@@ -1,12 +1,27 @@
 """The command, as the program ``contact-tracker`` and as ``python -m contact_tracker``.
 
-An interrupt ends it in order as soon as this file runs: all else is imported inside.
+An interrupt ends it without a traceback as soon as this file runs: all else is imported after that, and
+``_signal`` and ``sys`` are parts of the interpreter.
 """
 
+import _signal  # type: ignore[import-not-found]
+import os
 import sys
 
 INTERRUPTED = 130
 """As in ``exit_codes.py``, which would have to be imported first."""
+
+
+def _end_at_once(*_: object) -> None:
+    """End the process, which has not begun anything yet."""
+    os._exit(INTERRUPTED)
+
+
+try:
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:  # background jobs ignore it
+        _signal.signal(_signal.SIGINT, _end_at_once)
+except ValueError:  # this is not the main thread
+    pass
 
 
 def main() -> int:
@@ -14,6 +29,8 @@ def main() -> int:
     try:
         from contact_tracker import interrupts
 
+        if _signal.getsignal(_signal.SIGINT) is _end_at_once:
+            _signal.signal(_signal.SIGINT, _signal.default_int_handler)
         interrupts.wait_for_imports()
         try:
             from contact_tracker.cli.main import run

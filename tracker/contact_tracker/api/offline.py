@@ -91,8 +91,8 @@ class Result:
     @property
     def warnings(self) -> tuple[str, ...]:
         """One line per warning, including those of the trajectory and damage of the recording."""
-        damage = self.trajectory.damage
-        return (*self.trajectory.notes, *self._own_warnings, *(() if damage is None else (damage,)))
+        damage = () if self.trajectory.damage is None else (self.trajectory.damage,)
+        return (*damage, *self.trajectory.notes, *self._own_warnings)
 
     @property
     def _own_warnings(self) -> tuple[str, ...]:

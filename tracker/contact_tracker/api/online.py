@@ -20,11 +20,11 @@ from contact_tracker.api.given import (
 )
 from contact_tracker.api.notices import log_counts, warn_of, words_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
-from contact_tracker.motion.pose_validation import PoseGate, remarks_on
+from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.outputs.adaptation import warnings
-from contact_tracker.saved_state import load, save
+from contact_tracker.saved_state import continued, load, save
 from contact_tracker.tracking.belief import Belief
 
 _ENOUGH: Final = 100
@@ -65,6 +65,7 @@ class Tracker:
         self._state = adaptation.start(given, lag_s, knowledge_of(known, notes.append))
         self._gate = PoseGate()
         self._given = 0
+        self._restored: Path | None = None
         self._told = set[str]()
         self._warn_of_news(notes)
 
@@ -89,32 +90,37 @@ class Tracker:
         InvalidPose
             The stamp is not an integer, or there are not three and four numbers.
         """
-        beliefs = self._advance(self._gate.admit(_pose(stamp_ns, position_m, quat_xyzw)))
+        pose = _pose(stamp_ns, position_m, quat_xyzw)
         self._given += 1
-        if beliefs or self._given % _ENOUGH == 0:
-            self._warn_of_news(self._found_in_poses())
-            if self._given >= _ENOUGH:
-                self._warn_of_news(self._found_in_counts())
+        with continued(self._restored):
+            beliefs = self._advance(self._gate.admit(pose))
+            if beliefs or self._given % _ENOUGH == 0:
+                self._warn_of_news(self._found_in_poses())
+                if self._given >= _ENOUGH:
+                    self._warn_of_news(self._found_in_counts())
         return _newest(beliefs)
 
     def finish(self) -> list[Belief]:
         """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
-        beliefs = self._advance(self._gate.finish())
-        self._state, rest = adaptation.finish(self._state)
-        self._warn_of_news(self.warnings)
+        with continued(self._restored):
+            beliefs = self._advance(self._gate.finish())
+            self._state, rest = adaptation.finish(self._state)
+            self._warn_of_news(self.warnings)
         log_counts("poses", self.counts)
         return [*beliefs, *rest]
 
     @property
     def counts(self) -> Mapping[str, int]:
         """Numbers of poses dropped or repaired so far, by kind (docs/conventions.md)."""
-        outliers = {"outlier": self._state.outliers} if self._state.outliers else {}
-        return {**self._gate.counts, **outliers}
+        with continued(self._restored):
+            outliers = {"outlier": self._state.outliers} if self._state.outliers else {}
+            return {**self._gate.counts, **outliers}
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """One line per warning so far."""
-        return (*self._notes, *self._found_in_poses(), *self._found_in_counts())
+        with continued(self._restored):
+            return (*self._found_in_counts(), *self._notes, *self._found_in_poses())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the state to a file, atomically; raises UsageError or OutputError."""
@@ -138,7 +144,7 @@ class Tracker:
             case (AdaptiveState() as state, PoseGate() as gate, tuple() as notes, int() as given):
                 tracker = cls.__new__(cls)
                 tracker._state, tracker._gate, tracker._notes = state, gate, [*map(str, notes)]
-                tracker._given = given
+                tracker._given, tracker._restored = given, Path(name)
                 tracker._told = set(map(words_of, tracker.warnings))
                 return tracker
         raise StateError(f"{name}: it is no state of a tracker")
@@ -148,7 +154,8 @@ class Tracker:
         return () if found is None else tuple(warnings(found))
 
     def _found_in_counts(self) -> Sequence[str]:
-        return remarks_on(self._gate.counts, self._given)
+        loss = remark_on_loss(self._gate.counts, self._given, self._gate.refused_xyzw)
+        return remarks_on(self._gate.counts, self._given) if loss is None else (loss,)
 
     def _warn_of_news(self, texts: Sequence[str]) -> None:
         for text in texts:

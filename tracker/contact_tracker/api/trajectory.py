@@ -17,7 +17,7 @@ from contact_tracker.api.notices import log_counts, warn_of
 from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.pose_validation import gate, remarks_on
+from contact_tracker.motion.pose_validation import first_refused, gate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.real_numbers import real_numbers
 from contact_tracker.recording import PoseSource, open_log, read_metadata
@@ -43,7 +43,7 @@ class Trajectory:
     name : of the recording, for display.
     path : of the recording, None if there is none that can be read again.
     source : the source in the recording.
-    damage : one line if the recording is truncated or damaged.
+    damage : one line if most poses were dropped, or the recording is truncated or damaged.
     log_offset_ns : delay from a pose's stamp to its log time.
     vertices_m : (V, 3) of the object in the body frame, if the recording has them.
     notes : one line for each warning about the recording, except for the damage.
@@ -106,19 +106,20 @@ class Trajectory:
         columns = Poses(stamp_ns, place, np.ascontiguousarray(turn[:, _ORDERS[order]]))[usable]
         passed = gate(columns, counts)
         counts = +counts
+        loss = remark_on_loss(counts, len(place), first_refused(turn[:, _ORDERS[order]]))
         if not len(passed):
             noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
-            hint = ": is the unit of the stamps right?" if counts["out_of_range"] else ""
-            raise NoPoses(f"no pose that can be used of {len(place)}{f' ({noted})' if noted else ''}{hint}")
+            reason = "" if loss is None else f": {loss}"
+            raise NoPoses(f"no pose that can be used of {len(place)}{f' ({noted})' if noted else ''}{reason}")
         doubt = (
             None
             if _has_own_unit(stamps)
             else doubt_of_unit(stamp_ns[usable] / TIMES_NS[unit], TIMES_NS[unit])
         )
         notes = (*filter(None, (doubt,)), *remarks_on(counts, len(columns)))
-        warn_of(notes)
+        warn_of((*filter(None, (loss,)), *notes))
         log_counts("poses", counts)
-        return cls(passed, counts, notes=notes)
+        return cls(passed, counts, damage=loss, notes=notes)
 
     @classmethod
     def from_dataframe(
@@ -253,7 +254,8 @@ def read(
     counts = dict(log.counts)
     if not len(poses):
         noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
-        raise NoPoses(f"{text}: no pose that can be used{f'; noted: {noted}' if noted else ''}")
+        reason = "" if log.loss is None else f": {log.loss}"
+        raise NoPoses(f"{text}: no pose that can be used{reason}{f'; noted: {noted}' if noted else ''}")
     with errors_as(UnreadableRecording, text):
         vertices_m = vertices_from_metadata(read_metadata(text))
     warn_of(log.warnings)

@@ -15,11 +15,11 @@ from typing import IO, Any, Final, NamedTuple
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.batch import rows
 from contact_tracker.batch.rows import SUMMARY_COLUMNS, Row
-from contact_tracker.batch.segmenting import Answer, Known
+from contact_tracker.batch.segmenting import Answer, Known, require_no_link
 from contact_tracker.batch.settings import Settings
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import Kind
-from contact_tracker.exports.parquet import read_rows, write_merged
+from contact_tracker.exports.parquet import read_rows, require_kind, write_merged
 
 FORMAT: Final = {"format": "contact-tracker batch", "format_version": 2}
 _MARK: Final = "dataset.json"
@@ -27,6 +27,10 @@ _SUMMARY: Final = "summary.parquet"
 _SIGNATURES: Final = "signatures.parquet"
 _JOURNAL: Final = "journal.jsonl"
 _SIGNATURE_COLUMNS: Final[dict[str, Kind]] = {"recording": "text", "signature": "text"}
+OWN_FILES: Final = (_MARK, _SUMMARY, _SIGNATURES, _JOURNAL)
+"""The files of a dataset beside those in its folders."""
+_LINE_ERRORS: Final = (ValueError, TypeError, KeyError, AttributeError, RecursionError)
+"""Errors for a line of the journal that is not one of ours."""
 _SAVE_EVERY_S: Final = 60.0
 _SAVE_SHARE: Final = 0.02
 """Largest share of the time spent on merging."""
@@ -115,12 +119,13 @@ class Dataset:
         names = ("recording", *Entry._fields)
         if (self.folder / _SUMMARY).exists():
             known: dict[str, str] = {}  # settings repeat: share their text
-            for key, content, settings, *others in read_rows(self.folder / _SUMMARY, names):
+            kinds = {name: SUMMARY_COLUMNS[name] for name in names}
+            for key, content, settings, *others in read_rows(self.folder / _SUMMARY, kinds):
                 self._entries[key] = Entry(content, known.setdefault(settings, settings), *others)
         if (self.folder / _SIGNATURES).exists():
-            self._signatures = dict(read_rows(self.folder / _SIGNATURES, tuple(_SIGNATURE_COLUMNS)))
+            self._signatures = dict(read_rows(self.folder / _SIGNATURES, _SIGNATURE_COLUMNS))
         for line in (self.folder / _JOURNAL).read_bytes().splitlines():
-            with suppress(ValueError, TypeError, KeyError, AttributeError):  # the last line may be incomplete
+            with suppress(*_LINE_ERRORS):  # the last line may be incomplete
                 self._take(json.loads(line))
         if self._new_rows or self._new_signatures:
             self.save()
@@ -131,6 +136,8 @@ class Dataset:
         if row is not None:
             if row.keys() != SUMMARY_COLUMNS.keys():
                 raise KeyError("a row of another version")
+            for name, kind in SUMMARY_COLUMNS.items():
+                require_kind(kind, row[name])
             self._entries[key] = Entry(*(row[name] for name in Entry._fields))
             self._new_rows[key] = row
         self._signatures[key] = signature
@@ -151,6 +158,8 @@ def open_dataset(folder: Path) -> Iterator[Dataset]:
         The dataset cannot be written.
     """
     _check(folder)
+    for name in OWN_FILES:
+        require_no_link(folder, name)
     folder.mkdir(exist_ok=True)
     if not (folder / _MARK).exists():
         with whole_file(folder / _MARK) as temporary:
@@ -166,6 +175,8 @@ def open_dataset(folder: Path) -> Iterator[Dataset]:
 
 def _check(folder: Path) -> None:
     if not folder.exists():
+        if folder.is_symlink():
+            raise UsageError(f"cannot write {folder}: it is a link that leads to no folder")
         if not folder.parent.is_dir():
             raise UsageError(f"cannot write {folder}: there is no folder {folder.parent}")
         return
@@ -177,7 +188,7 @@ def _check(folder: Path) -> None:
         if any(not name.startswith(f".{_MARK}.") for name in os.listdir(folder)):
             raise UsageError(f"cannot write {folder}: it holds something else; name a new folder") from None
         return
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise StateError(f"{folder / _MARK}: it is damaged ({error})") from error
     if mark != FORMAT:
         raise UsageError(f"cannot write {folder}: it is a dataset of another version; name a new folder")

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from contact_tracker.batch import remote
 from contact_tracker.batch.content import signature_of
-from contact_tracker.errors import UnreadableRecording
+from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.recording import may_be_recording
 
 SUFFIXES: Final = (".mcap", ".mcap.zst", ".mcap.zstd", ".db3", ".bag")
@@ -17,10 +17,11 @@ _METADATA: Final = "metadata.yaml"
 
 class Found(NamedTuple):
     """A recording with its absolute ``name`` or URL; ``signature`` is empty if only a worker can determine it
-    or there is no file."""
+    or there is no file; ``within`` is the URL of the folder that it was found in."""
 
     name: str
     signature: str
+    within: str | None = None
 
     @property
     def is_missing(self) -> bool:
@@ -88,15 +89,21 @@ def find(names: Iterable[str]) -> Iterator[Found]:
     ------
     UnreadableRecording
         A folder without recordings.
+    UsageError
+        Two URLs differ only in their query, which is not stored.
     MissingExtra
         The library for a store is not installed.
     """
-    found_before = set[str]()
+    found_before = dict[str, str]()
     for name in names:
         for found in _found(name):
-            if found.name not in found_before:
-                found_before.add(found.name)
+            before = found_before.setdefault(remote.shown(found.name), found.name)
+            if before is found.name:
                 yield found
+            elif before != found.name:
+                raise UsageError(
+                    f"two URLs differ only after {remote.shown(before)}, which is not stored: take one"
+                )
 
 
 def _found(name: str) -> Iterator[Found]:
@@ -106,7 +113,8 @@ def _found(name: str) -> Iterator[Found]:
             yield Found(name, "")
             return
         inside = _require_recordings(name, recordings_among(files))
-        yield from (Found(one, remote.joined(files[part] for part in parts)) for one, parts in inside.items())
+        for one, parts in inside.items():
+            yield Found(one, remote.joined(files[part] for part in parts), name)
     else:
         yield from (Found(one, signature_of(one)) for one in recordings_in(os.path.abspath(name)))
 
@@ -126,6 +134,7 @@ def recordings_in(name: str) -> list[str]:
 
 def _require_recordings(folder: str, inside: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
     if not inside:
+        folder = remote.shown(folder)
         raise UnreadableRecording(
             f"{folder}: this folder holds no recording ({', '.join(SUFFIXES)}); name others, "
             f"as '{folder}/*.csv'"

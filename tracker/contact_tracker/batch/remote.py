@@ -1,12 +1,17 @@
-"""Recordings in remote stores, listed and copied by fsspec (extra ``remote``)."""
+"""Recordings in remote stores, listed and copied by fsspec (extra ``remote``).
+
+A folder is what is below its URL: links and redirects that lead out of it are not followed.
+"""
 
 import os
 import posixpath
+import re
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
+from urllib.parse import unquote, urljoin, urlsplit
 
 from contact_tracker.errors import MissingExtra, UnreadableRecording
 from contact_tracker.extras import extra
@@ -30,11 +35,31 @@ _LEFT_BYTES: Final = 2**30
 """Space that is left free on the disk with the copies (bytes)."""
 _FILE_BYTES: Final = 4096
 """Space that even an empty file takes (bytes)."""
+_SECRET: Final = re.compile(
+    r"""(?i)(\bhttps?://)(?:[^\s/?#'"<>]*@)?([^\s?#'"<>]*)(?:[?#][^\s'"<>]*)?"""
+    r"""|(\b[a-z][a-z0-9+.-]*://)(?:[^\s/?'"<>]*@)?([^\s?'"<>]*)(?:\?[^\s'"<>]*)?"""
+)
+"""URLs in a text; what the groups leave out can hold names, passwords and tokens."""
+_PORTS: Final = {"http": 80, "https": 443}
+
+
+class _LeadsOut(OSError):
+    """A link or a redirect leads out of the folder."""
 
 
 def is_remote(name: str) -> bool:
     """Whether a name is a URL."""
     return "://" in name
+
+
+def without_secrets(text: str) -> str:
+    """A text with its URLs cut down to scheme, host and path: the rest may hold tokens."""
+    return _SECRET.sub(r"\1\2\3\4", text)
+
+
+def shown(name: str) -> str:
+    """The name of a recording as messages and datasets have it."""
+    return without_secrets(name) if is_remote(name) else name
 
 
 def files_in(url: str) -> Mapping[str, str] | None:
@@ -49,22 +74,26 @@ def files_in(url: str) -> Mapping[str, str] | None:
     UnreadableRecording
         The folder cannot be listed.
     """
-    filesystem, path = _opened(url)
+    filesystem, path, is_folder = _looked_up(url, None)
     with _store_errors(url):
-        return _files_in(filesystem, path) if _is_folder(filesystem, url, path) else None
+        return _files_in(filesystem, path) if is_folder else None
 
 
-def signature_of(url: str) -> str:
+def signature_of(url: str, within: str | None = None) -> str:
     """Size and version of a file, or of all in a folder, by the store; empty if it has none.
+
+    Parameters
+    ----------
+    within : the folder in which it was found; None for a URL that was named, whose redirects are followed.
 
     Raises
     ------
     UnreadableRecording
         It does not exist or cannot be reached.
     """
-    filesystem, path = _opened(url)
+    filesystem, path, is_folder = _looked_up(url, within)
     with _store_errors(url):
-        if not _is_folder(filesystem, url, path):
+        if not is_folder:
             return _signature(filesystem.info(path))
         depth = url.rstrip("/").count("/") + 1
         files = {
@@ -82,19 +111,19 @@ def joined(signatures: Iterable[str]) -> str:
 
 
 @contextmanager
-def local_copy(url: str) -> Iterator[str]:
-    """A local copy, removed at the end of the context.
+def local_copy(url: str, within: str | None = None) -> Iterator[str]:
+    """A local copy, removed at the end of the context; ``within`` as of ``signature_of``.
 
     Raises
     ------
     UnreadableRecording
         It cannot be copied, is larger than ``MOST_BYTES``, or the disk is full.
     """
-    filesystem, path = _opened(url)
+    filesystem, path, is_folder = _looked_up(url, within)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
-        target = os.path.join(folder, posixpath.basename(path.rstrip("/")) or "recording")
+        target = os.path.join(folder, posixpath.basename(without_secrets(url).rstrip("/")) or "recording")
         with _store_errors(url):
-            if _is_folder(filesystem, url, path):
+            if is_folder:
                 copy_folder(filesystem, path, target)
             else:
                 _Copier(filesystem, folder).copy(path, target, filesystem.info(path))
@@ -107,12 +136,9 @@ def copy_folder(filesystem: Any, path: str, target: str) -> None:
     os.makedirs(target, exist_ok=True)
     copier = _Copier(filesystem, target)
     for name, info in sorted(filesystem.find(path, detail=True).items()):
-        parts = str(name).removeprefix(begin).split("/")
-        if not str(name).startswith(begin) or any(
-            part in ("", ".", "..") or os.sep in part for part in parts
-        ):
-            raise OSError(f"the name {name} leads out of the folder")
-        own = os.path.join(target, *parts)
+        if not _is_below(str(name), begin) or os.sep in str(name).removeprefix(begin).replace("/", ""):
+            raise _LeadsOut(f"the name {name} leads out of the folder")
+        own = os.path.join(target, *str(name).removeprefix(begin).split("/"))
         os.makedirs(os.path.dirname(own), exist_ok=True)
         copier.copy(name, own, info)
 
@@ -143,14 +169,51 @@ class _Copier:
             raise OSError(f"no room for a copy in {tempfile.gettempdir()}: TMPDIR says where copies go")
 
 
-def _is_folder(filesystem: Any, url: str, path: str) -> bool:
-    """Whether a URL is a folder; stores are not asked about a suffix, as some would send the whole file."""
-    return url.endswith("/") or (not posixpath.splitext(path)[1] and bool(filesystem.isdir(path)))
+def _is_below(name: str, begin: str) -> bool:
+    """Whether a name is below the folder ``begin``, which ends in a slash."""
+    parts = unquote(name.removeprefix(begin)).replace("\\", "/").split("/")
+    return name.startswith(begin) and not any(part in ("", ".", "..") for part in parts)
 
 
 def _files_in(filesystem: Any, path: str) -> dict[str, str]:
+    """The files below a folder; names that lead out of it, as links to other pages do, are left out."""
     found = filesystem.find(path, detail=True)
-    return {str(filesystem.unstrip_protocol(name)): _signature(info) for name, info in found.items()}
+    return {
+        str(filesystem.unstrip_protocol(name)): _signature(info)
+        for name, info in found.items()
+        if _is_below(name, path.rstrip("/") + "/")
+    }
+
+
+def _require_inside(url: str, folder: str) -> None:
+    """Raise ``_LeadsOut`` for a URL that is neither ``folder`` nor below it; https may stand for http."""
+    there, base = urlsplit(url), urlsplit(folder)
+    ports = [one.port or _PORTS.get(one.scheme) for one in (there, base)]
+    if (base.scheme, there.scheme) == ("http", "https") and ports == [443, 80]:
+        ports = []
+    elif there.scheme != base.scheme:
+        ports = [0, 1]
+    begin = base.path.rstrip("/") + "/"
+    is_inside = there.path in (begin, begin[:-1]) or _is_below(there.path.rstrip("/"), begin)
+    if there.hostname != base.hostname or len(set(ports)) > 1 or not is_inside:
+        raise _LeadsOut(f"{without_secrets(url)} is not in the folder {without_secrets(folder)}")
+
+
+def _fence(folder: str) -> Any:
+    """A configuration of aiohttp by which no request leaves ``folder``."""
+    import aiohttp
+
+    async def check_start(_: Any, __: Any, request: Any) -> None:
+        _require_inside(str(request.url), folder)
+
+    async def check_redirect(_: Any, __: Any, request: Any) -> None:
+        headers = request.response.headers
+        _require_inside(urljoin(str(request.url), headers.get("Location", headers.get("URI", ""))), folder)
+
+    config = aiohttp.TraceConfig()
+    config.on_request_start.append(check_start)
+    config.on_request_redirect.append(check_redirect)
+    return config
 
 
 @contextmanager
@@ -159,18 +222,34 @@ def _store_errors(url: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise UnreadableRecording(f"{url}: {_line(error)}") from error
+        raise UnreadableRecording(f"{without_secrets(url)}: {_line(error)}") from error
 
 
-def _opened(url: str) -> tuple[Any, str]:
-    with extra("remote", url):
+def _looked_up(url: str, within: str | None) -> tuple[Any, str, bool]:
+    """The store of a URL, the path in it, and whether it is a folder. Stores are not asked about a suffix, as
+    some would send the whole file."""
+    filesystem, path = _opened(url, within)
+    plain = without_secrets(url)
+    with _store_errors(url):
+        has_suffix = bool(posixpath.splitext(plain)[1])
+        is_folder = plain.endswith("/") or (not has_suffix and bool(filesystem.isdir(path)))
+    if is_folder and within is None:
+        filesystem, path = _opened(url, url)
+    return filesystem, path, is_folder
+
+
+def _opened(url: str, within: str | None) -> tuple[Any, str]:
+    plain, options = without_secrets(url), dict[str, Any]()
+    with extra("remote", plain):
         import fsspec
     try:
-        return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
+        if within is not None and urlsplit(url).scheme in _PORTS:
+            options = {"client_kwargs": {"trace_configs": [_fence(within)]}, "skip_instance_cache": True}
+        return fsspec.core.url_to_fs(url, **options)  # type: ignore[no-any-return]
     except ImportError as error:  # the library for this store
-        raise MissingExtra(f"{url}: {' '.join(str(error).split())}") from error
+        raise MissingExtra(f"{plain}: {' '.join(str(error).split())}") from error
     except Exception as error:  # stores have no common error
-        raise UnreadableRecording(f"{url}: {_line(error)}") from error
+        raise UnreadableRecording(f"{plain}: {_line(error)}") from error
 
 
 def _signature(info: Mapping[str, Any]) -> str:
@@ -179,4 +258,10 @@ def _signature(info: Mapping[str, Any]) -> str:
 
 
 def _line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+    """An error in one line: that of a link that leads out, if stores hide it behind another."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, _LeadsOut):
+        cause = cause.__cause__ or cause.__context__
+    if cause is not None:
+        return str(cause)
+    return without_secrets(f"{type(error).__name__}: {' '.join(str(error).split())}")

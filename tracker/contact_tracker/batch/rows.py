@@ -7,6 +7,7 @@ from pathlib import PurePosixPath
 from typing import Any, Final
 
 from contact_tracker import __version__, exit_codes
+from contact_tracker.batch import remote
 from contact_tracker.batch.settings import Settings
 from contact_tracker.errors import printable
 from contact_tracker.exports.columns import PROBABILITIES, Kind
@@ -58,8 +59,9 @@ SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
 
 
 def shown(name: str) -> str:
-    """The name of a recording as text for the column ``recording``, whatever bytes it has."""
-    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    """The name of a recording as text for the column ``recording``, whatever bytes it has; a URL without its
+    query, which may hold a token."""
+    return remote.shown(name).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def file_of(name: str) -> str:
@@ -108,7 +110,8 @@ def failure(name: str, settings: Settings, exit_code: int, error: str, content_h
 
     ``content_hash`` is None if another run with the same content and settings may succeed.
     """
-    found = {"exit_code": exit_code, "error": printable(error), "content_hash": content_hash}
+    text = printable(remote.without_secrets(error))
+    found = {"exit_code": exit_code, "error": text, "content_hash": content_hash}
     return base(name, settings) | found
 
 

@@ -95,7 +95,7 @@ class Batch:
             elif known is not None and found.signature and known.signature == found.signature:
                 self._count(found.name, None)
             else:
-                yield found.name, known, self._settings, folder
+                yield found.name, known, self._settings, folder, found.within
 
     def _take(self, answer: Answer) -> None:
         self._dataset.record(answer)

@@ -1,5 +1,6 @@
 """Segmentation of one recording: reading, writing, and its summary row."""
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -49,11 +50,17 @@ class Answer(NamedTuple):
     row: Row | None
 
 
-def segment_recording(name: str, known: Known | None, settings: Settings, folder: str) -> Answer:
+def segment_recording(
+    name: str, known: Known | None, settings: Settings, folder: str, within: str | None = None
+) -> Answer:
     """Write the segments of a recording into the dataset in ``folder``, unless it is unchanged (``known``).
 
     The result depends on the recording's content, its name and the settings alone. Errors of a recording are
     reported in its row, not raised.
+
+    Parameters
+    ----------
+    within : the remote folder in which it was found, as of ``remote.signature_of``.
 
     Raises
     ------
@@ -61,16 +68,16 @@ def segment_recording(name: str, known: Known | None, settings: Settings, folder
         The dataset cannot be written.
     """
     try:
-        signature = _signature_of(name)
+        signature = _signature_of(name, within)
         if known is not None and signature and signature == known.signature:
             return Answer(name, signature, None)
         if not remote.is_remote(name):
             answer = _answer(name, name, signature, known, settings, Path(folder))
         else:
-            with remote.local_copy(name) as copy:
+            with remote.local_copy(name, within) as copy:
                 answer = _answer(name, copy, signature, known, settings, Path(folder))
-        if _signature_of(name) != signature:
-            raise UnreadableRecording(f"{name}: it changed while it was read")
+        if _signature_of(name, within) != signature:
+            raise UnreadableRecording(f"{remote.shown(name)}: it changed while it was read")
     except ContactTrackerError as error:
         answer = Answer(name, "", rows.failure(name, settings, _code(error), str(error), None))
     if answer.row is not None and answer.row["segments_bytes"] is None:
@@ -78,8 +85,8 @@ def segment_recording(name: str, known: Known | None, settings: Settings, folder
     return answer
 
 
-def _signature_of(name: str) -> str:
-    return remote.signature_of(name) if remote.is_remote(name) else signature_of(name)
+def _signature_of(name: str, within: str | None) -> str:
+    return remote.signature_of(name, within) if remote.is_remote(name) else signature_of(name)
 
 
 def _code(error: ContactTrackerError) -> int:
@@ -111,8 +118,9 @@ def _answer(
         place = _innermost(error)
         text = f"this should not happen, please report it: {type(error).__name__}: {error} ({place})"
         code, is_lasting = exit_codes.UNEXPECTED, True
-    text = text.replace(path, name)
-    text = text if name in text else f"{name}: {text}"
+    shown = remote.shown(name)
+    text = text.replace(path, shown)
+    text = text if shown in text else f"{shown}: {text}"
     row = rows.failure(name, settings, code, text, content.digits if is_lasting else None)
     return Answer(name, signature, row | {"size_bytes": content.size_bytes})
 
@@ -131,6 +139,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         append = {}
         for kind, columns in targets.items():
             target = folder / kind / file
+            require_no_link(folder, f"{kind}/{file}")
             target.parent.mkdir(parents=True, exist_ok=True)
             temporary = stack.enter_context(whole_file(target))
             append[kind] = stack.enter_context(open_parquet(columns, temporary, kind == "segments"))
@@ -142,7 +151,10 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
                 append["ticks"](_of(recording, belief_columns(piece.beliefs)))
         if not stream.poses:
             noted = rows.counts_text(log.counts)
-            raise NoPoses(f"{name}: no pose that can be used{f'; noted: {noted}' if log.counts else ''}")
+            reason = "" if log.loss is None else f": {log.loss}"
+            raise NoPoses(
+                f"{name}: no pose that can be used{reason}{f'; noted: {noted}' if log.counts else ''}"
+            )
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
@@ -232,8 +244,18 @@ def _of(recording: str, columns: Columns) -> Columns:
     return {"recording": [recording] * len(columns["contact"]), **columns}
 
 
+def require_no_link(folder: Path, name: str) -> None:
+    """Raise OSError if a file of a dataset, or a folder below ``folder`` that it is in, is a link: what is
+    written stays in the dataset."""
+    path = folder / name
+    for one in (path, *path.parents[: len(path.parts) - len(folder.parts) - 1]):
+        if one.is_symlink():
+            raise OSError(errno.ELOOP, "it is a link, and a dataset has none", str(one))
+
+
 def _remove(folder: Path, file: str, *kinds: str) -> None:
     for kind in kinds:
+        require_no_link(folder, f"{kind}/{file}")
         (folder / kind / file).unlink(missing_ok=True)
 
 

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
+from contact_tracker.cli.replacement import files_read
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
 from contact_tracker.cli.wrench import add_wrench, asked_for_wrenches
 from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT
+from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import require_library
 from contact_tracker.extras import extra
 
@@ -78,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         )
     require_library(Path("summary.parquet"))
 
-    from contact_tracker.batch.dataset import open_dataset
+    from contact_tracker.batch.dataset import OWN_FILES, open_dataset
     from contact_tracker.batch.finding import find
     from contact_tracker.batch.run import Batch
     from contact_tracker.batch.settings import WrenchSettings, settings_of
@@ -94,6 +96,9 @@ def run(args: argparse.Namespace) -> int:
         WrenchSettings(args.wrench, args.mass) if asked_for_wrenches(args) else None,
     )
     recordings = list(find(_names(args.logs)))
+    read = [*(one.name for one in recordings), *files_read([], args.model, args.known)]
+    for name in OWN_FILES:
+        check_output(args.output / name, True, read)
     shown = 0
 
     def report(line: str) -> None:

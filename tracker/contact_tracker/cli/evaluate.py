@@ -43,13 +43,12 @@ def run(args: argparse.Namespace) -> int:
     code = DONE
     for name in recordings(args.logs, "evaluate"):
         try:
-            evaluations[name], damage = _evaluate(name, args, model, knowledge)
+            evaluations[name], is_damaged = _evaluate(name, args, model, knowledge)
         except (InputError, ChoiceError) as error:  # continue with the others
             fail(str(error))
             code = INPUT if isinstance(error, InputError) else USAGE
             continue
-        if damage is not None:
-            warn(f"{name}: {damage}")
+        if is_damaged:
             code = code or DAMAGED
     if evaluations:
         report = Report(evaluations)
@@ -59,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
-) -> "tuple[Evaluation, str | None]":
+) -> "tuple[Evaluation, bool]":
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.evaluation.evaluate import Evaluator
     from contact_tracker.outputs.adaptation import warnings
@@ -84,7 +83,8 @@ def _evaluate(
         ):
             evaluator.add_piece(piece)
     if not evaluator.frames:
-        raise NoPoses(f"{name}: no pose that can be used")
-    for line in (*log.remarks, *(() if tracker.report is None else warnings(tracker.report))):
+        raise NoPoses(f"{name}: no pose that can be used{'' if log.loss is None else f': {log.loss}'}")
+    found = () if tracker.report is None else warnings(tracker.report)
+    for line in (*filter(None, (log.damage,)), *log.remarks, *found):
         warn(f"{name}: {line}")
-    return evaluator.finish(), log.damage
+    return evaluator.finish(), log.damage is not None

@@ -56,6 +56,9 @@ def run(args: argparse.Namespace) -> int:
     summary = replace(summary, sources=tuple(map(_with_noise, chosen)))
     tracked = [source for source in summary.sources if source.poses][:TRACKED_SOURCES]
     reports = _reports(tracked)
+    losses = [f"{source.source}: {source.loss}" for source in summary.sources if source.loss is not None]
+    for line in losses:
+        warn(f"{args.log}: {line}")
     if args.json:
         show(json.dumps(summary_json(summary, reports), indent=1, allow_nan=False))
     else:
@@ -69,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         open_log(args.log)  # raises an error with the reason
     if not any(source.poses for source in summary.sources):
         raise NoPoses(f"{args.log}: no pose in it that can be used")
-    return DONE if summary.damage is None else DAMAGED
+    return DONE if summary.damage is None and not losses else DAMAGED
 
 
 def _composed(args: argparse.Namespace) -> "SourceSummary":

@@ -1,9 +1,10 @@
 """Input and output of each of several recordings, or of several objects in one."""
 
 import argparse
+import os
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -15,18 +16,19 @@ PLACE: Final = "{}"
 
 @dataclass(frozen=True)
 class Job:
-    """One recording and source. ``name`` is unique among the jobs; ``output`` None is stdout."""
+    """One recording and source. ``name`` is unique among the jobs; ``output`` None is stdout, and
+    ``other_outputs`` are those of the other jobs."""
 
     log: str
     topic: str | None
     frame: str | None
     name: str
     output: Path | None
+    other_outputs: tuple[Path, ...] = ()
 
     def arguments(self, args: argparse.Namespace) -> argparse.Namespace:
         """``args`` for this job alone."""
-        own = {"log": self.log, "topic": self.topic, "frame": self.frame, "output": self.output}
-        return argparse.Namespace(**{**vars(args), **own})
+        return argparse.Namespace(**{**vars(args), **vars(self)})
 
 
 def jobs_of(args: argparse.Namespace) -> list[Job]:
@@ -50,7 +52,9 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
         )
     if doubled := {str(output) for output in outputs if outputs.count(output) > 1}:
         raise UsageError(f"several recordings would be written to {min(doubled)}: take them one by one")
-    return found
+    return [
+        replace(one, other_outputs=tuple(each for each in outputs if each != one.output)) for one in found
+    ]
 
 
 def _whole(log: str, args: argparse.Namespace) -> Iterator[Job]:
@@ -75,7 +79,7 @@ def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
 
 
 def _stem(log: str) -> str:
-    return "stdin" if log == "-" else Path(log).resolve().stem
+    return "stdin" if log == "-" else Path(os.path.realpath(log)).stem
 
 
 def _output(pattern: Path | None, names: Iterable[str]) -> Path | None:

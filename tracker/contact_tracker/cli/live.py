@@ -79,6 +79,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.state is None or not args.state.exists():
+        return _run(args)
+    from contact_tracker.saved_state import continued
+
+    with continued(args.state):
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     if not args.web:
         return _follow(args, None)
     from contact_tracker.viewer.web import WebViewer
@@ -104,7 +113,9 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         )
     if args.state is not None and (args.start or args.duration is not None):
         raise UsageError("--state carries on with all that comes: without --start and --duration")
-    check = check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
+    read = files_read([args.log], args.model, args.known)
+    check_output(args.state, True, read)
+    check = check_output(args.output, args.overwrite, read, written=[args.state])
     if args.output is not None:
         require_library(args.output)
     follow = Follow() if args.follow else None

@@ -7,6 +7,7 @@ from types import FrameType
 from typing import Final
 
 from contact_tracker.adaptation.online import AdaptiveState
+from contact_tracker.atomic_file import why_not_replaceable
 from contact_tracker.cli.source import Source
 from contact_tracker.cli.terminal import say
 from contact_tracker.errors import StateError, UsageError
@@ -60,6 +61,8 @@ class SavedStream:
             say(f"resumed from {path}, after {source.used} poses")
         elif not path.parent.is_dir():
             raise UsageError(f"{path}: there is no folder {path.parent} to save it in")
+        elif (refusal := why_not_replaceable(path)) is not None:
+            raise UsageError(f"{path}: the state cannot be saved there: {refusal}")
         for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._stop)

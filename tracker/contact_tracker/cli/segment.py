@@ -94,7 +94,7 @@ def _segment(
     from contact_tracker.tracking.belief import Detail
 
     read = [*args.logs, *files_read([args.log], args.model, args.known)]
-    check = check_output(args.output, args.overwrite, read)
+    check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
     wrenches = evidence_of(args.log, args, model, knowledge)
     log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     source = Source(log, args.log, args)

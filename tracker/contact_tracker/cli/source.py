@@ -114,7 +114,8 @@ class Source:
         if self.used:
             return
         if last_ns is None:
-            raise NoPoses(f"{self._name}: no pose that can be used{self._noted()}")
+            reason = "" if self._log.loss is None else f": {self._log.loss}"
+            raise NoPoses(f"{self._name}: no pose that can be used{reason}{self._noted()}")
         raise ChoiceError(
             f"{self._name}: no pose in the interval that --start and --duration leave; poses were read until "
             f"{last_ns * 1e-9:.2f} s{self._noted()}"
@@ -160,6 +161,8 @@ class Source:
 
     def finish(self, adapted: "Report | None") -> int:
         """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""
+        if self._log.damage is not None:
+            warn(f"{self._name}: {self._log.damage}")
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if adapted is not None:
@@ -168,10 +171,7 @@ class Source:
                 warn(line)
         for line in self._log.remarks:
             warn(f"{self._name}: {line}")
-        if self._log.damage is None:
-            return DONE
-        warn(f"{self._name}: {self._log.damage}")
-        return DAMAGED
+        return DONE if self._log.damage is None else DAMAGED
 
     def _noted(self) -> str:
         counts = ", ".join(f"{kind} {count}" for kind, count in self.counts.items())

@@ -1,6 +1,6 @@
 """Parquet files, written incrementally, and updates of tables, by pyarrow (extra ``parquet``)."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -36,19 +36,30 @@ def open_parquet(
         yield append
 
 
-def read_rows(path: Path, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+def require_kind(kind: Kind, value: Any) -> None:
+    """Raise TypeError or ValueError unless a column of this kind can hold a value."""
+    pyarrow.scalar(value, _TYPES[kind])
+    if isinstance(value, bool):
+        raise TypeError("a flag is neither a number nor a text")
+
+
+def read_rows(path: Path, kinds: Mapping[str, Kind]) -> Iterator[tuple[Any, ...]]:
     """The rows of some columns, in file order.
 
     Raises
     ------
     StateError
-        The file is damaged or lacks a column.
+        The file is damaged, or a column is missing or of another kind.
     """
+    names = list(kinds)
     with _damage_of(path), ParquetFile(path) as file:
         missing = set(names) - set(file.schema_arrow.names)
         if missing:
             raise StateError(f"{path}: it has no column {missing.pop()}")
-        for batch in file.iter_batches(columns=list(names)):
+        for name, kind in kinds.items():
+            if file.schema_arrow.field(name).type != _TYPES[kind]:
+                raise StateError(f"{path}: its column {name} is of another kind")
+        for batch in file.iter_batches(columns=names):
             yield from zip(*(batch.column(name).to_pylist() for name in names), strict=True)
 
 

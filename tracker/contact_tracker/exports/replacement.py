@@ -1,8 +1,8 @@
-"""Protection of input files and recordings against being overwritten."""
+"""Protection of input files, of other outputs and of recordings against being overwritten."""
 
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -11,9 +11,14 @@ from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError
 
 
 def check_output(
-    path: Path | None, overwrite: bool, read: Iterable[str] = (), how: str = "--overwrite"
+    path: Path | None,
+    overwrite: bool,
+    read: Iterable[str] = (),
+    how: str = "--overwrite",
+    written: Iterable[Path | None] = (),
 ) -> Callable[[], None]:
-    """Refuse to overwrite one of the files ``read``, under any name, or a recording.
+    """Refuse an output that is one of the files ``read`` or of the other outputs ``written``, under any name,
+    or that would replace a recording.
 
     The message contains ``how`` to overwrite a recording after all.
 
@@ -26,8 +31,12 @@ def check_output(
     UsageError
         The message says what to do instead.
     """
-    names = tuple(read)
-    check = partial(_check, path, overwrite, how, names, tuple(map(_status, names)))
+    names = {
+        **{str(one): "another output," for one in written if one is not None},
+        **dict.fromkeys(read, "the input"),
+    }
+    before = {name: _status(name) for name in names}
+    check = partial(_check, path, overwrite, how, names, before)
     check()
     return check
 
@@ -36,18 +45,20 @@ def _check(
     path: Path | None,
     overwrite: bool,
     how: str,
-    names: tuple[str, ...],
-    before: tuple[os.stat_result | None, ...],
+    names: Mapping[str, str],
+    before: Mapping[str, os.stat_result | None],
 ) -> None:
-    """Check again; ``before`` are the files of ``names`` at the first check."""
-    if path is None or not path.exists():
+    """Check again; ``names`` say what each file is, and ``before`` are these files at the first check."""
+    if path is None:
         return
-    there = os.stat(path)
-    for name, first in zip(names, before, strict=True):
-        if any(one is not None and os.path.samestat(there, one) for one in (first, _status(name))):
+    there, real = _status(str(path)), os.path.realpath(path)
+    for name, what in names.items():
+        states = before[name], _status(name)
+        is_same = name != "-" and os.path.realpath(name) == real  # which need not exist yet
+        if is_same or any(there and one and os.path.samestat(there, one) for one in states):
             shown = "standard input" if name == "-" else name
-            raise UsageError(f"cannot write {path}: it is the input {shown}; name another file")
-    if not overwrite and (reason := _why_kept(path)):
+            raise UsageError(f"cannot write {path}: it is {what} {shown}; name another file")
+    if there and not overwrite and (reason := _why_kept(path)):
         raise UsageError(f"cannot write {path}: {reason}; {how} replaces it")
 
 

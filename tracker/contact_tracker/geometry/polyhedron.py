@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from itertools import pairwise
 from typing import Final
 
@@ -18,6 +17,11 @@ _DIGITS: Final = 6
 """Triangles whose planes agree to this many digits belong to one face."""
 _ENOUGH_VERTICES: Final = 2000
 """The hull of 60 faces, in any number of triangles, is found with 100 vertices; of a ball there is no end."""
+_DIRECTIONS: Final = 128
+"""Directions whose extreme points are found first, on both sides. A body of 60 faces has at most 116
+vertices, so that 256 show that a body is round: it takes 0.3 s instead of 2 s for 300,000 triangles."""
+_TOGETHER: Final = 4096
+"""Points that are compared with all faces at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +118,7 @@ class Polyhedron:
         faces = self.of_kind("f")
         normals = np.array([face.normals[0] for face in faces])
         offsets = np.array([face.normals[0] @ face.points[0] for face in faces])
-        depths = (offset - points @ normal for normal, offset in zip(normals, offsets, strict=True))
-        return reduce(np.minimum, depths)  # one face at a time: a mesh may have many triangles
+        return -_height(points, normals, -offsets)
 
     @property
     def radius(self) -> float:
@@ -145,6 +148,8 @@ def convex(points: Array, tolerance_m: float = 0.0, most_faces: int | None = Non
     """
     stop = f" TA{_ENOUGH_VERTICES}" if most_faces is not None else ""
     try:
+        if most_faces is not None and len(points) > 2 * _DIRECTIONS:
+            points = _outer(points, tolerance_m, most_faces)
         hull = ConvexHull(points, qhull_options=f"Qt C-{tolerance_m:.9f}{stop}")
     except QhullError as error:
         raise ValueError("these points span no solid") from error
@@ -167,12 +172,56 @@ def convex(points: Array, tolerance_m: float = 0.0, most_faces: int | None = Non
     return Polyhedron(vertices, (*faces, *edges, *corners))
 
 
+def _outer(points: Array, tolerance_m: float, most_faces: int) -> Array:
+    """The points (n, 3) that decide their hull: extreme ones, and all that are outside of the hull of these.
+
+    Raises
+    ------
+    TooManyFaces : the extreme points alone are more than a body of ``most_faces`` has.
+    QhullError : the points span no solid.
+    """
+    number = np.arange(_DIRECTIONS) + 0.5
+    z, turn = number / _DIRECTIONS, np.pi * (1 + 5**0.5) * number  # a spiral over half of the sphere
+    radius = np.sqrt(1 - z * z)
+    directions = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
+    extreme = np.concatenate([_extreme(points, directions), _extreme(points, -directions)])
+    # each vertex may be several points within the tolerance, of which rounding can make two places
+    places = np.unique(np.round(extreme / max(10.0 * tolerance_m, 10.0**-_DIGITS)), axis=0)
+    if len(places) > 2 * (2 * most_faces - 4):
+        raise TooManyFaces(f"more than {most_faces} faces")
+    faces = np.unique(ConvexHull(extreme, qhull_options="Qt").equations, axis=0)
+    is_outside = _height(points, faces[:, :3], faces[:, 3]) > tolerance_m
+    return np.unique(np.concatenate([extreme, points[is_outside]]), axis=0)
+
+
+def _extreme(points: Array, directions: Array) -> Array:
+    """The farthest of ``points`` in each of the ``directions``."""
+    found, height = np.empty_like(directions), np.full(len(directions), -np.inf)
+    for start in range(0, len(points), _TOGETHER):
+        some = points[start : start + _TOGETHER]
+        along = directions @ some.T
+        first = along.argmax(axis=1)
+        highest = along[np.arange(len(directions)), first]
+        is_higher = highest > height
+        found[is_higher], height[is_higher] = some[first[is_higher]], highest[is_higher]
+    return found
+
+
+def _height(points: Array, normals: Array, offsets: Array) -> Array:
+    """Height (m) of ``points`` above the highest of the planes ``normals @ x + offsets = 0``."""
+    found = np.empty(len(points))
+    for start in range(0, len(points), _TOGETHER):
+        some = slice(start, start + _TOGETHER)
+        found[some] = (normals @ points[some].T + offsets[:, None]).max(axis=0)
+    return found
+
+
 def _is_complete(hull: ConvexHull, points: Array, tolerance_m: float, most_faces: int) -> bool:
     """Whether a hull has at most so many faces, and was not stopped before it held all ``points``."""
     faces = np.unique(np.round(hull.equations, _DIGITS), axis=0)
-    return len(faces) <= most_faces and all(
-        (points @ face[:3]).max() + face[3] <= 10.0 * tolerance_m + 10.0**-_DIGITS for face in faces
-    )
+    if len(faces) > most_faces:
+        return False
+    return bool(_height(points, faces[:, :3], faces[:, 3]).max() <= 10.0 * tolerance_m + 10.0**-_DIGITS)
 
 
 def _edge(vertices: Array, pair: list[int], faces: Sequence[Feature]) -> Feature:

@@ -40,6 +40,7 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
@@ -58,6 +59,7 @@ MOST_REPEATED: Final = 0.6
 """Share of poses with the time of another from which on it is not that each is published twice."""
 
 
+_BACKWARD: Final = "sort them by time; if they are of several bodies, record each on a topic of its own"
 _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validation first"
 
 
@@ -73,26 +75,78 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
 
 
 def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
-    """One line for each reason for which many of ``total`` poses were dropped; they are warnings."""
+    """One line for each reason for which many of ``total`` poses were dropped, but not most of them, which is
+    ``remark_on_loss``; they are warnings."""
+    if remark_on_loss(counts, total) is not None:
+        return ()
     return tuple(filter(None, (_remark_on_times(counts, total),)))
 
 
 def _remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
-    """One line if many of ``total`` poses were dropped since they are not in order of time, or most have the
-    time of another."""
+    """One line if many of ``total`` poses were dropped since they are not in order of time."""
     backward = counts.get("backward_stamp", 0) - RESET_RUN * counts.get("clock_reset", 0)
-    repeated = counts.get("repeated_stamp", 0)
-    if repeated > MOST_REPEATED * total:
-        return (
-            f"{repeated} of {total} poses have the time of the one before and are left out: write times with "
-            "more digits, if they are rounded"
-        )
     if backward <= MANY_BACKWARD * total:
         return None
-    return (
-        f"{backward} of {total} poses are earlier than one before them and are left out: sort them by time; "
-        "if they are of several bodies, record each on a topic of its own"
-    )
+    return f"{backward} of {total} poses are earlier than one before them and are left out: {_BACKWARD}"
+
+
+_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "nonfinite": "they are no numbers, as where the object was not seen",
+        "out_of_range": "they are beyond 1000 km or 146 years: is the unit of the stamps or positions right?",
+        "repeated_stamp": "they have the time of the one before: write more digits, if times are rounded",
+        "backward_stamp": f"they are earlier than one before them: {_BACKWARD}",
+        "leading_stamp": "their times jump ahead, and back",
+        "default_pose": "one pose comes back bit for bit, as where the object was not seen",
+        "excursion": "they jump away and back, as those of another body",
+        "undecodable": "the messages do not match their definition",
+    }
+)
+"""Why poses are dropped, by kind; of quaternions see ``_cause_of_norm``."""
+
+
+def remark_on_loss(
+    counts: Mapping[str, int], total: int, refused_xyzw: Sequence[float] | None = None
+) -> str | None:
+    """One line with the likely cause if more than half of ``total`` poses were dropped.
+
+    Poses that are published twice are no loss. ``refused_xyzw`` is the first quaternion of a wrong norm.
+    """
+    lost = {kind: counts.get(kind, 0) for kind in (*_CAUSES, "bad_quaternion")}
+    lost["backward_stamp"] -= RESET_RUN * counts.get("clock_reset", 0)
+    total += lost["undecodable"]
+    if lost["repeated_stamp"] <= MOST_REPEATED * total:
+        total -= lost.pop("repeated_stamp")
+    many = sum(lost.values())
+    if 2 * many <= total:
+        return None
+    kind = max(lost, key=lambda kind: lost[kind])
+    cause = _CAUSES[kind] if kind in _CAUSES else _cause_of_norm(refused_xyzw)
+    return f"{many} of {total} poses are left out, {lost[kind]} of them as {kind}: {cause}"
+
+
+def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
+    """The likely cause of quaternions that have another norm than 1, by one of them."""
+    if quat_xyzw is None:
+        return "the norm of quaternions is 1"
+    norm = sqrt(sum(part * part for part in quat_xyzw))
+    shown = f"the norm of ({' '.join(f'{part:.6g}' for part in quat_xyzw)}) is {norm:.6g}, not 1"
+    w = quat_xyzw[3]
+    twice = next((name for name, part in zip("xyz", quat_xyzw, strict=False) if part == w != 0.0), None)
+    if norm == 0.0:
+        return "the quaternions are zero: is the orientation recorded?"
+    if twice is not None:
+        return f"{shown}, and w equals {twice}: is one column taken for both?"
+    if norm > 2.0:
+        return f"{shown}: if these are integers that stand for fractions, divide them by their scale"
+    return f"{shown}: are they the four parts of one quaternion?"
+
+
+def first_refused(quat_xyzw: NDArray[np.float64]) -> Sequence[float] | None:
+    """The first of some quaternions (n, 4) with a wrong norm."""
+    with np.errstate(all="ignore"):
+        is_wrong = np.abs(np.linalg.norm(quat_xyzw, axis=1) - 1.0) > NORM_TOLERANCE
+    return quat_xyzw[is_wrong.argmax()].tolist() if is_wrong.any() else None
 
 
 def is_valid(pose: Pose, after_ns: int | None) -> bool:
@@ -162,6 +216,12 @@ class PoseGate:
         self._excursions = ExcursionFilter(self._counts)
         self._unit: Pose | None = None
         self._last: Pose | None = None
+        self._refused_xyzw: tuple[float, float, float, float] | None = None
+
+    @property
+    def refused_xyzw(self) -> tuple[float, float, float, float] | None:
+        """The first quaternion of a wrong norm."""
+        return self._refused_xyzw
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -243,6 +303,7 @@ class PoseGate:
         deviation = abs(norm - 1.0)
         if deviation > NORM_TOLERANCE:
             self._counts["bad_quaternion"] += 1
+            self._refused_xyzw = self._refused_xyzw or pose.quat_xyzw
             return None
         if deviation > ROUNDING:
             self._counts["renormalised"] += 1

@@ -33,7 +33,7 @@ def read_mesh(
     ``wrong`` (key, reason) makes the error for an unusable mesh.
     """
     triangles = unit_m * _triangles(path, wrong)
-    corners = _distinct(triangles.reshape(-1, 3))
+    corners = triangles.reshape(-1, 3)
     extent_m = float(np.ptp(corners, axis=0).max())
     if not SIZES_M[0] <= extent_m <= SIZES_M[1]:
         raise wrong("unit_m", f"makes {path} {extent_m:.3g} m large; is it in other units?")
@@ -61,11 +61,3 @@ def _triangles(path: Path, wrong: Callable[[str, str], KnowledgeError]) -> Array
     if not len(triangles) or not (np.abs(triangles) < _FARTHEST).all():
         raise wrong("path", f"{path} has no triangles, or endless ones")
     return triangles
-
-
-def _distinct(points: Array) -> Array:
-    """The distinct ``points`` (n, 3), in order; several times faster than numpy's ``unique`` of rows."""
-    ordered = points[np.lexsort(points.T[::-1])]
-    changes = (ordered[1:] != ordered[:-1]).any(axis=1)
-    distinct: Array = ordered[np.concatenate([[True], changes])]
-    return distinct

@@ -137,6 +137,7 @@ class RecordLoop:
         """Add messages without channel to the damage, once nothing more is read."""
         if self._orphans:
             self.damage.add(f"{self._orphans} messages of channels whose description is missing")
+            self._orphans = 0
 
     def _group(self, opcode: int, payload: bytes, start: int) -> list[Item]:
         """The items of one record, up to any damage, by log time."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
-from contact_tracker.recording.definition_work import DecodingWork
+from contact_tracker.recording.definition_work import DecodingWork, work_of
+from contact_tracker.recording.definitions import Definition, known_definition, parse_definition
 from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.foxglove import decode_json, protobuf_reading
 from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
@@ -22,8 +23,8 @@ from contact_tracker.recording.message_types import (
     observations,
     typed,
 )
-from contact_tracker.recording.ros import cdr_reading, known_reading, lacks_parts
-from contact_tracker.recording.ros1 import ros1_reading
+from contact_tracker.recording.ros import cdr_decoder
+from contact_tracker.recording.ros1 import ros1_decoder
 
 MESSAGE_LIMIT: Final = 2**22
 _ROW: Final = struct.Struct("<q7d")
@@ -168,24 +169,20 @@ class MessageDecoder:
         return _Reading(defined, layouts)
 
     def _new_definition(self, channel: Channel) -> _Defined:
-        decoder, why = None, "its definition in the file is too long, or one of too many"
+        decoder: _Decoder | None = None
+        why: str | None = "its definition in the file is too long, or one of too many"
         if self._is_explained(channel.schema):
-            decoder, why = _decoder_of(channel), "its definition in the file cannot be used"
-        assumption = None
+            decoder, why = _decoder_of(channel)
         if decoder is None and channel.encoding == "cdr":
-            decoder = known_reading(channel)
-            is_defined = bool(channel.schema.strip())
-            assumption = None if decoder is None else why if is_defined else "the file does not define it"
-        elif channel.encoding == "cdr" and lacks_parts(channel):
-            assumption = "its definition in the file lacks parts"
-        return _Defined(decoder, assumption)
+            known = known_definition(channel.type)
+            decoder = None if known is None else _cdr(known)
+        return _Defined(decoder, why if decoder is not None and channel.encoding == "cdr" else None)
 
     def _is_explained(self, schema: bytes) -> bool:
         """Whether the bytes of the file explain the work of reading a definition, which is counted then."""
         try:
             if self._budget is not None:
-                lines = schema.decode(errors="replace").splitlines()
-                self._budget.count_definition(len(schema), len(lines))
+                self._budget.count_definition(len(schema))
         except TooMuchWork:
             return False
         return True
@@ -215,10 +212,10 @@ def is_readable(channel: Channel) -> bool:
     if not channel.type:
         return False
     match channel.encoding, channel.schema_encoding:
-        case ("cdr", "ros2msg" | "ros2idl" | "") | ("ros1", "ros1msg") | ("protobuf", "protobuf"):
+        case ("cdr", "ros2msg" | "") | ("ros1", "ros1msg") | ("protobuf", "protobuf") | ("json", _):
             return True
-        case "json", _:
-            return True
+        case "cdr", "ros2idl":
+            return known_definition(channel.type) is not None
     return False
 
 
@@ -258,29 +255,35 @@ def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
     return ObservedColumns(*_row_frames(messages[0].channel), poses)
 
 
-def _decoder_of(channel: Channel) -> _Decoder | None:
-    """The decoder of a channel by its schema; None if that is unusable."""
-    match channel.encoding:
-        case "cdr":
-            return cdr_reading(channel)
-        case "ros1":
-            return _tried(ros1_reading, channel)
-        case "protobuf":
-            return _tried(_protobuf, channel)
-        case "json":
-            return decode_json, DecodingWork()
-    return None
-
-
-def _protobuf(channel: Channel) -> _Decoder | None:
-    decode = protobuf_reading(channel)
-    return None if decode is None else (decode, DecodingWork())
-
-
-def _tried(read: Callable[[Channel], _Decoder | None], channel: Channel) -> _Decoder | None:
+def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
+    """The decoder of a channel by its schema, None if that is unusable; and why the known definition of its
+    type is used, if it is."""
+    if channel.schema_encoding == "ros2idl":
+        return None, "definitions in IDL are not read"
+    if channel.encoding == "cdr" and not channel.schema.strip():
+        return None, "the file does not define it"
     try:
-        return read(channel)
+        match channel.encoding:
+            case "cdr":
+                definition = parse_definition(channel.schema.decode(errors="replace"), channel.type)
+                lacks = None if definition.is_complete else "its definition in the file lacks parts"
+                if (decoder := _cdr(definition)) is not None:
+                    return decoder, lacks
+            case "ros1":
+                definition = parse_definition(channel.schema.decode(), channel.type)
+                return (ros1_decoder(definition), work_of(definition)), None
+            case "protobuf":
+                decode = protobuf_reading(channel)
+                return None if decode is None else (decode, DecodingWork()), None
+            case "json":
+                return (decode_json, DecodingWork()), None
     except MissingExtra:
         raise
     except Exception:  # an invalid schema can raise anything
-        return None
+        return None, "its definition in the file cannot be used"
+    return None, "its definition in the file cannot be used"
+
+
+def _cdr(definition: Definition) -> _Decoder | None:
+    decode = cdr_decoder(definition)
+    return None if decode is None else (decode, work_of(definition))

@@ -1,16 +1,41 @@
-"""Definitions of ROS 2 pose messages, for channels that name their type without defining it."""
+"""Message definitions in ros2msg and of ROS 1 as the fields of types.
+
+A definition in a file can be anything. It is read line by line here, in time that grows with its length, and
+only the fields of the message itself and of the types in it are kept. Libraries are given definitions that
+are written anew from these fields. Definitions in IDL are not read.
+"""
 
 import re
-from typing import Final
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Final, NamedTuple
 
-_RULE: Final = "=" * 80
-_PART: Final = re.compile(r"^MSG:\s*(\S+)", re.MULTILINE)
-_USED: Final = re.compile(r"^[ \t]*([A-Za-z][\w/]*)(?:\[[^\]\n]*\])?[ \t]+[A-Za-z]", re.MULTILINE)
+from contact_tracker.recording.message_types import canonical
+
+LONGEST_DEFINITION: Final = 2**17
+"""Longest definition that is used (bytes)."""
+_DEEPEST: Final = 50
+"""Most nested levels that are used."""
+_MOST_FIELDS: Final = 1000
+"""Most fields of a message and of all types in it: libraries compare the names of fields with each other."""
+_RULE: Final = re.compile(r"=+\s*")
+_NAME: Final = re.compile(r"\s*MSG:\s*([A-Za-z][\w/]*)\s*", re.ASCII)
+_FIELD: Final = re.compile(
+    r"\s*([A-Za-z][\w/]*)(?:<=\d+)?(\[(?:<=)?(\d{0,12})\])?\s+([A-Za-z]\w*)\s*(=)?", re.ASCII
+)
+PRIMITIVES: Final[Mapping[str, int]] = {
+    **dict.fromkeys(("bool", "byte", "char", "int8", "uint8"), 1),
+    **dict.fromkeys(("int16", "uint16"), 2),
+    **dict.fromkeys(("int32", "uint32", "float32", "string", "wstring"), 4),
+    **dict.fromkeys(("int64", "uint64", "float64", "time", "duration"), 8),
+}
+"""Types without fields, and least sizes of their values (bytes)."""
+
 _HEADER: Final = "std_msgs/Header header\n"
-_POSES: Final = "geometry_msgs/Pose[] poses\n"
 _PARTS: Final = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
+    "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec\n",
     "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
@@ -20,40 +45,166 @@ _PARTS: Final = {
     "geometry_msgs/TransformStamped": f"{_HEADER}string child_frame_id\ngeometry_msgs/Transform transform\n",
     "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
+    "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
     "motion_capture_tracking_interfaces/NamedPose": "string name\ngeometry_msgs/Pose pose\n",
 }
-_TYPES: Final = {
-    "geometry_msgs/msg/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
-    "geometry_msgs/msg/PoseWithCovarianceStamped": f"{_HEADER}geometry_msgs/PoseWithCovariance pose\n",
-    "geometry_msgs/msg/TransformStamped": _PARTS["geometry_msgs/TransformStamped"],
-    "nav_msgs/msg/Odometry": f"{_HEADER}string child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
+"""Definitions of known types, as in ROS 2, that are parts of others."""
+_MESSAGES: Final = {
+    **_PARTS,
+    "std_msgs/String": "string data\n",
+    "geometry_msgs/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
+    "geometry_msgs/PoseWithCovarianceStamped": f"{_HEADER}geometry_msgs/PoseWithCovariance pose\n",
+    "geometry_msgs/WrenchStamped": f"{_HEADER}geometry_msgs/Wrench wrench\n",
+    "geometry_msgs/PoseArray": f"{_HEADER}geometry_msgs/Pose[] poses\n",
+    "nav_msgs/Odometry": f"{_HEADER}string child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
     "geometry_msgs/TwistWithCovariance twist\n",
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
-    "geometry_msgs/msg/Pose": _PARTS["geometry_msgs/Pose"],
-    "geometry_msgs/msg/PoseArray": _HEADER + _POSES,
-    "motion_capture_tracking_interfaces/msg/NamedPoseArray": f"{_HEADER}"
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+    "motion_capture_tracking_interfaces/NamedPoseArray": f"{_HEADER}"
     "motion_capture_tracking_interfaces/NamedPose[] poses\n",
 }
+"""The same of all known types."""
 
 
-def definition_of(type_name: str) -> str | None:
-    """The text of a message definition with all nested types; None for an unknown type."""
-    text = _TYPES.get(type_name)
-    return None if text is None else completed(text)
+class Field(NamedTuple):
+    """A field: its type and name, and its number of elements: None for a scalar, 0 for a sequence."""
+
+    type: str
+    name: str
+    length: int | None
 
 
-def is_complete(text: str) -> bool:
-    """Whether a definition contains all nested types that are known here."""
-    there = {name.replace("/msg/", "/") for name in _PART.findall(text)} | {"builtin_interfaces/Time"}
-    short = {name.rpartition("/")[2] for name in there}
-    used = {name.replace("/msg/", "/") for name in _USED.findall(text)}
-    missing = _PARTS.keys() - there
-    return not any(name in used or (name.rpartition("/")[2] in used - short) for name in missing)
+class Definition(NamedTuple):
+    """The fields of a message and of the types in it.
+
+    Parameters
+    ----------
+    type : of the message, as ``package/Name``.
+    fields : of each type, the message itself first.
+    is_complete : whether the file defines all of these types; the known definition of others is used.
+    """
+
+    type: str
+    fields: Mapping[str, Sequence[Field]]
+    is_complete: bool
+
+    @property
+    def ros2msg(self) -> str:
+        """The definition in ros2msg."""
+        parts = list[str]()
+        for name, fields in self.fields.items():
+            lines = "".join(f"{field.type}{_brackets(field.length)} {field.name}\n" for field in fields)
+            parts.append(f"{'=' * 80}\nMSG: {name}\n{lines}" if parts else lines)
+        return "".join(parts)
 
 
-def completed(text: str) -> str:
-    """A definition with the known nested types that it lacks."""
-    there = set(_PART.findall(text))
-    return text + "".join(
-        f"\n{_RULE}\nMSG: {part}\n{body}" for part, body in _PARTS.items() if part not in there
-    )
+def parse_definition(text: str, type_name: str) -> Definition:
+    """The definition of a type by a text in ros2msg or of ROS 1.
+
+    Raises
+    ------
+    ValueError
+        It is invalid, too long or too deep, has too many fields, or a type contains itself.
+    """
+    if len(text) > LONGEST_DEFINITION:
+        raise ValueError("the definition is too long")
+    name = _short(canonical(type_name))
+    types = _Types(_bodies(text, name))
+    types.add(name)
+    return Definition(name, types.added, types.is_complete)
+
+
+@cache
+def known_definition(type_name: str) -> Definition | None:
+    """The known definition of a type of ROS 2; None for other types."""
+    body = _MESSAGES.get(_short(canonical(type_name)))
+    return None if body is None else parse_definition(body, type_name)
+
+
+class _Types:
+    """The types of a message, each added with the types of its fields."""
+
+    def __init__(self, bodies: Mapping[str, Sequence[str]]) -> None:
+        self._bodies = bodies
+        self._named = {name.rpartition("/")[2]: name for name in bodies}
+        self._levels = dict[str, int | None]()
+        self.added = dict[str, list[Field]]()
+        self.is_complete = True
+
+    def add(self, name: str, depth: int = 0) -> int:
+        """Add a type at ``depth`` levels; returns the number of levels in it, and raises ValueError."""
+        if name not in self._levels:
+            if depth > _DEEPEST:
+                raise ValueError("the definition is too deep")
+            self._levels[name] = None
+            fields = self.added[name] = self._fields_of(name)
+            if sum(map(len, self.added.values())) > _MOST_FIELDS:
+                raise ValueError("the definition has too many fields")
+            parts = {field.type for field in fields} - PRIMITIVES.keys()
+            self._levels[name] = 1 + max((self.add(part, depth + 1) for part in sorted(parts)), default=0)
+        levels = self._levels[name]
+        if levels is None:
+            raise ValueError(f"the type {name} is part of itself")
+        if levels > _DEEPEST:
+            raise ValueError("the definition is too deep")
+        return levels
+
+    def _fields_of(self, name: str) -> list[Field]:
+        body = self._bodies.get(name)
+        if body is None:
+            self.is_complete &= name.startswith("builtin_interfaces/")  # which ROS 2 leaves out
+            body = _PARTS[name].splitlines()
+        package = name.rpartition("/")[0]
+        fields = filter(None, map(_field, body))
+        return [field._replace(type=self._resolved(field.type, package)) for field in fields]
+
+    def _resolved(self, written: str, package: str) -> str:
+        """The name of a field's type: without package it is that of the same package, or the only one."""
+        if written in PRIMITIVES:
+            return written
+        name = _short(written)
+        inside = f"{package}/{name}"
+        names = [name] if "/" in name else [inside, self._named.get(name, ""), f"std_msgs/{name}"]
+        found = next((one for one in names if one in self._bodies or one in _PARTS), None)
+        if found is None:
+            raise ValueError(f"the type {written} is not defined")
+        return found
+
+
+def _bodies(text: str, name: str) -> dict[str, list[str]]:
+    """The lines of each type, by its first definition."""
+    body, bodies, after_rule = list[str](), dict[str, list[str]](), False
+    bodies[name] = body
+    for line in text.splitlines():
+        if _RULE.fullmatch(line):
+            after_rule = True
+        elif after_rule and line.strip():
+            found = _NAME.fullmatch(line)
+            if found is None:
+                raise ValueError("a definition of a type without its name")
+            body, after_rule = [], False
+            bodies.setdefault(_short(found[1]), body)
+        else:
+            body.append(line)
+    return bodies
+
+
+def _field(line: str) -> Field | None:
+    """The field that a line defines; None for a constant, a comment, or nothing; raises ValueError."""
+    found = _FIELD.match(line)
+    if found is None:
+        if line.strip() and not line.lstrip().startswith("#"):
+            raise ValueError("a line that defines no field")
+        return None
+    kind, brackets, length, name, is_constant = found.groups()
+    if is_constant:
+        return None
+    has_bound = brackets is not None and "<" in brackets
+    return Field(kind, name, None if brackets is None else 0 if has_bound else int(length or 0))
+
+
+def _brackets(length: int | None) -> str:
+    return "" if length is None else f"[{length or ''}]"
+
+
+def _short(name: str) -> str:
+    return name.replace("/msg/", "/")

@@ -6,7 +6,7 @@ from typing import Final
 from contact_tracker.errors import MissingExtra as MissingExtra
 from contact_tracker.extras import module_of_extra
 
-_EXTRAS: Final = {"rosbags": "bags", "mcap_protobuf": "foxglove", "polars": "tables"}
+_EXTRAS: Final = {"mcap_protobuf": "foxglove", "polars": "tables"}
 
 
 def need(module: str, what: str) -> ModuleType:

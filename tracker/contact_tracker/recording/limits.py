@@ -23,10 +23,8 @@ _RECORDS_PER_DEFINITION: Final = 64
 """Records whose work a definition takes, whatever its length."""
 _DEFINITION_BYTES_PER_RECORD: Final = 8
 """Bytes of a definition that count as the work of one record more."""
-_SQUARED_LINES_PER_RECORD: Final = 1024
-"""The same for its lines: the parser looks for each among all others."""
 _BYTES_PER_FRAME: Final = 4
-"""The same for records outside of chunks: uncompressed, each takes over twice as many bytes."""
+"""Bytes read for each further record outside of chunks: uncompressed, each takes over twice as many bytes."""
 _ROWS: Final = 100_000
 _BYTES_PER_ROW: Final = 4
 """The same for rows of compressed tables, which are read in columns."""
@@ -82,11 +80,10 @@ class WorkBudget:
             raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
         self._records += many
 
-    def count_definition(self, size: int, lines: int) -> None:
+    def count_definition(self, size: int) -> None:
         """Count a message definition of ``size`` bytes, apart from messages, which may be read before; raises
         TooMuchWork, then nothing is counted."""
         work = _RECORDS_PER_DEFINITION + size // _DEFINITION_BYTES_PER_RECORD
-        work += lines**2 // _SQUARED_LINES_PER_RECORD
         if self._defined + work > self._explained_records:
             raise TooMuchWork(f"longer definitions than {self._read} bytes explain; {_ADVICE}")
         self._defined += work

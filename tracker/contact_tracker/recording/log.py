@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
-from contact_tracker.motion.pose_validation import PoseGate, remarks_on
+from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer
@@ -67,7 +67,8 @@ class PoseLog:
         ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
         define usably), ``other_source`` (poses of late sources),
         ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.stamping``).
-    damage : one line if the recording is truncated or damaged; final after iteration.
+    damage : one line if most poses were dropped, or the recording is truncated or damaged; final after
+        iteration.
 
     Raises
     ------
@@ -113,8 +114,13 @@ class PoseLog:
         return MappingProxyType(self._counts + composed if composed else self._counts)
 
     @property
+    def loss(self) -> str | None:
+        """One line with the likely cause if most poses were dropped; unknown of a log that was carried on."""
+        return None if self._is_resumed else remark_on_loss(self.counts, self.taken, self._gate.refused_xyzw)
+
+    @property
     def damage(self) -> str | None:
-        return self._reading.damage
+        return "; ".join(filter(None, (self.loss, self._reading.damage))) or None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -130,8 +136,8 @@ class PoseLog:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """All that is doubtful of the poses, one line each, and the damage last; final after iteration."""
-        return tuple(filter(None, (self.note, *self.remarks, self.damage)))
+        """All that is doubtful of the poses, one line each, the damage first; final after iteration."""
+        return tuple(filter(None, (self.damage, self.note, *self.remarks)))
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from glob import has_magic
 from itertools import pairwise
 from typing import Final
@@ -12,11 +12,11 @@ from mcap.summary import Summary
 
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.recording.bags import is_bag, read_bag
-from contact_tracker.recording.bytestream import ZSTD_MAGIC, Follow, is_regular, open_stream
+from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.file_index import place_of, summary_of
-from contact_tracker.recording.items import MAGIC, Channel, Item
+from contact_tracker.recording.items import MAGIC, Channel, Item, RawMessage
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.log_order import in_log_order
 from contact_tracker.recording.table_times import OWN_UNIT
@@ -252,7 +252,12 @@ class Reading:
         with open_stream(part, self._follow, self.budget) as stream:
             loop = RecordLoop(stream, self._wanted, summary)
             if summary is not None and not is_in_log_order(summary) and _is_sortable(summary, loop):
-                yield from self._sorted(loop, summary, prefix)
+                chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
+                found = ((chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks)
+                yield from self._sorted(loop, summary, prefix, found)
+                return
+            if summary is not None and self._is_unsorted_without_chunks(part, summary):
+                yield from self._sorted(loop, summary, prefix, _one_by_one(loop, stream))
                 return
             if summary is not None:
                 stream.seek(0)
@@ -272,18 +277,31 @@ class Reading:
         finally:
             self._damage.add_all(loop.damage, prefix)
 
-    def _sorted(self, loop: RecordLoop, summary: Summary, prefix: str) -> Iterator[Item]:
-        """The items of a file whose chunks overlap in log time: attachments and metadata, then messages by
-        log time. Chunks are buffered as long as others may have earlier messages."""
-        chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
+    def _is_unsorted_without_chunks(self, part: str, summary: Summary) -> bool:
+        """Whether wanted messages of a file without chunks, which no index orders, are not in the order of
+        log time: they are read once for that, up to the first that goes back."""
+        if summary.statistics is None or summary.statistics.chunk_count or summary.chunk_indexes:
+            return False
+        with open_stream(part) as stream:
+            loop = RecordLoop(stream, self._wanted, summary)
+            times_ns = (item.log_time_ns for item in loop if isinstance(item, RawMessage))
+            return any(before > after for before, after in pairwise(times_ns))
+
+    def _sorted(
+        self,
+        loop: RecordLoop,
+        summary: Summary,
+        prefix: str,
+        chunks: Iterable[tuple[int, Iterable[Item]]],
+    ) -> Iterator[Item]:
+        """The items of a file that is not in the order of log time: attachments and metadata, then messages
+        by log time. The messages of ``chunks`` are buffered as long as others may be earlier."""
         try:
             for attachment in summary.attachment_indexes:
                 yield from loop.items_at(place_of(attachment))
             for metadata in summary.metadata_indexes:
                 yield from loop.items_at(place_of(metadata))
-            yield from in_log_order(
-                (chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks
-            )
+            yield from in_log_order(chunks)
             assert summary.statistics is not None
             if loop.damage.text is None and (lost := summary.statistics.message_count - loop.messages) > 0:
                 loop.damage.add(f"{lost} messages outside of chunks, which overlap in log time, are left out")
@@ -308,6 +326,13 @@ class Reading:
 
     def _is_finished(self) -> bool:
         return os.path.exists(os.path.join(self.path, _METADATA))
+
+
+def _one_by_one(loop: RecordLoop, stream: ByteStream) -> Iterator[tuple[int, list[Item]]]:
+    """Each item of a file, before any of which others may be."""
+    stream.seek(0)
+    for item in loop:
+        yield 0, [item]
 
 
 def _begin(part: str) -> bytes:

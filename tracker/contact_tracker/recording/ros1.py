@@ -4,23 +4,20 @@ See http://wiki.ros.org/msg. Sizes are checked against the rest of the message b
 """
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, Final
 
-from contact_tracker.recording.definition_work import DecodingWork, work_of
-from contact_tracker.recording.items import Channel
-from contact_tracker.recording.message_types import canonical
-from contact_tracker.recording.parsed_definitions import Field, Fields, fields_of_ros1
+from contact_tracker.recording.definitions import Definition, Field
 
 _FORMATS: Final = {
-    **{"bool": "?", "int8": "b", "uint8": "B", "byte": "b", "char": "B", "octet": "B"},
+    **{"bool": "?", "int8": "b", "uint8": "B", "byte": "b", "char": "B"},
     **{"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
     **{"float32": "f", "float64": "d"},
 }
 _TIMES: Final = {
-    "builtin_interfaces/msg/Time": [Field("sec", "uint32", None), Field("nanosec", "uint32", None)],
-    "builtin_interfaces/msg/Duration": [Field("sec", "int32", None), Field("nanosec", "int32", None)],
+    "time": [Field("uint32", "sec", None), Field("uint32", "nanosec", None)],
+    "duration": [Field("int32", "sec", None), Field("int32", "nanosec", None)],
 }
 _LENGTH: Final = struct.Struct("<I")
 
@@ -28,13 +25,11 @@ _Step = Callable[[bytes, int], tuple[Any, int]]
 """Takes a message and an offset; returns the value there and the offset after it."""
 
 
-def ros1_reading(channel: Channel) -> tuple[Callable[[bytes], Any], DecodingWork]:
-    """The decoder of a channel of ROS 1, and how much work its messages take; an invalid definition can raise
-    any error."""
-    text = channel.schema.decode()
-    work = work_of(text)
-    types = _Types({**fields_of_ros1(text, channel.type), **_TIMES})
-    step = types.message(canonical(channel.type))
+def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
+    """The decoder of messages of ROS 1; raises ValueError for an invalid definition."""
+    if not definition.is_complete:
+        raise ValueError("the definition lacks parts, which differ between ROS 1 and ROS 2")
+    step = _Types({**definition.fields, **_TIMES}).message(definition.type)
 
     def decode(data: bytes) -> Any:
         message, end = step(data, 0)
@@ -42,24 +37,20 @@ def ros1_reading(channel: Channel) -> tuple[Callable[[bytes], Any], DecodingWork
             raise ValueError(f"{len(data) - end} bytes more than its definition has")
         return message
 
-    return decode, work
+    return decode
 
 
 class _Types:
     """Readers of the types of a definition, each made once."""
 
-    def __init__(self, fields: Fields) -> None:
+    def __init__(self, fields: Mapping[str, Sequence[Field]]) -> None:
         self._fields = fields
-        self._made: dict[str, _Step | None] = {}
+        self._made: dict[str, _Step] = {}
 
     def message(self, name: str) -> _Step:
         if name not in self._made:
-            self._made[name] = None
             self._made[name] = self._message(name)
-        made = self._made[name]
-        if made is None:
-            raise ValueError(f"{name} is part of itself")
-        return made
+        return self._made[name]
 
     def _message(self, name: str) -> _Step:
         steps = list(self._steps(self._fields[name]))
@@ -79,7 +70,7 @@ class _Types:
         """Consecutive fields with their reader; those of fixed size are read together."""
         names, formats = list[str](), "<"
         for field in fields:
-            if field.many is None and field.type in _FORMATS:
+            if field.length is None and field.type in _FORMATS:
                 names.append(field.name)
                 formats += _FORMATS[field.type]
                 continue
@@ -91,10 +82,10 @@ class _Types:
             yield names, _numbers(struct.Struct(formats))
 
     def _value(self, field: Field) -> _Step:
-        if field.many is not None and field.type in _FORMATS:
-            return _array_of_numbers(_FORMATS[field.type], field.many)
+        if field.length is not None and field.type in _FORMATS:
+            return _array_of_numbers(_FORMATS[field.type], field.length)
         one = _text if field.type == "string" else self.message(field.type)
-        return one if field.many is None else _array(one, field.many)
+        return one if field.length is None else _array(one, field.length)
 
 
 def _single(read: _Step) -> _Step:

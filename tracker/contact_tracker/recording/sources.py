@@ -281,6 +281,8 @@ def _reasons(channels: Sequence[Channel]) -> str:
     advice = [f"poses are {USUAL}"] if any(map(is_readable, channels)) else []
     if not all(map(is_readable, channels)):
         advice.append(f"only {READ} with their schemas are read: record or convert it so")
+    if any(channel.schema_encoding == "ros2idl" for channel in channels):
+        advice.append("definitions in IDL are not read: record the types with ros2msg definitions")
     return "; ".join(reasons + advice)
 
 

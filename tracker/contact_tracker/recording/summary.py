@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
-from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
 from contact_tracker.recording.decoding import (
     MessageDecoder,
@@ -46,6 +46,7 @@ class SourceSummary:
     counts : what the gate dropped, repaired or noted, by kind (including ``gap`` and ``held``).
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
+    loss : one line if most poses were dropped.
     beginning : the first valid poses, ``BEGINNING_S`` at most.
     sigma_position_m, sigma_rotation_rad : estimated sensor noise; filled in by the caller.
     """
@@ -61,6 +62,7 @@ class SourceSummary:
     log_offset_s: float
     path_m: float
     extent_m: tuple[float, float, float]
+    loss: str | None = None
     beginning: Poses = field(default=NO_POSES, compare=False, repr=False)
     sigma_position_m: float | None = None
     sigma_rotation_rad: float | None = None
@@ -360,6 +362,7 @@ class _Tally:
             log_offset_s=float(np.median(self._offsets_ns.values)) * 1e-9,
             path_m=self._path_m,
             extent_m=(x, y, z),
+            loss=remark_on_loss(self.counts, self.observed, self._gate.refused_xyzw),
             beginning=Poses.join(self._beginning),
         )
 

@@ -219,11 +219,13 @@ def _opened(
         is_parquet = file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
     if is_parquet:
         frame = polars.scan_parquet(path, glob=False)
-        names = frame.collect_schema().names()
+        schema = frame.collect_schema()
+        names = schema.names()
         layout = layout_of_names(names, PARQUET, None, 0)
+        _require_plain(polars, schema, layout)
         places = {layout.time, *(place for body in layout.bodies for place in body.columns)}
         groups = check_pages(path, {names[place] for place in places}, len(layout.bodies), budget)
-        if isinstance(frame.collect_schema()[names[layout.time]], polars.Duration):
+        if isinstance(schema[names[layout.time]], polars.Duration):
             frame = frame.with_columns(polars.col(names[layout.time]).dt.total_nanoseconds())
             layout = replace(layout, time_ns=1, has_own_unit=True)
         frame = frame.select(polars.col(name).alias(str(i)) for i, name in enumerate(names))
@@ -266,6 +268,17 @@ def _opened(
     frame = frame.select(cell.alias(str(place)) for place, cell in enumerate(cells))
     is_cut = is_last and is_cut_off(path, layout.separator)
     return layout, _chosen(polars, frame, layout), None, is_cut
+
+
+def _require_plain(polars: Any, schema: Any, layout: TableLayout) -> None:
+    """Refuse columns of other types than numbers, texts and times."""
+    names = schema.names()
+    for place in dict.fromkeys([layout.time, *(place for body in layout.bodies for place in body.columns)]):
+        kind = schema[names[place]]
+        is_time = place == layout.time and kind.is_temporal()
+        if not (kind.is_numeric() or is_time or kind in (polars.String, polars.Null)):
+            named = f"its column {printable(names[place][:_LONGEST_TIME])} is of the type {kind.base_type()}"
+            raise UnreadableRecording(f"{named}: columns of numbers are read")
 
 
 def _chosen(polars: Any, frame: Any, layout: TableLayout) -> "pl.LazyFrame":

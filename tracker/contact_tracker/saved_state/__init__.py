@@ -2,6 +2,6 @@
 
 from contact_tracker.saved_state.encoding import is_same
 from contact_tracker.saved_state.progress import Progress
-from contact_tracker.saved_state.state_file import load, save
+from contact_tracker.saved_state.state_file import continued, load, save
 
-__all__ = ["Progress", "is_same", "load", "save"]
+__all__ = ["Progress", "continued", "is_same", "load", "save"]

@@ -4,6 +4,8 @@ import hashlib
 import json
 import struct
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +14,7 @@ import numpy as np
 
 from contact_tracker import __version__
 from contact_tracker.atomic_file import whole_file
-from contact_tracker.errors import StateError
+from contact_tracker.errors import ContactTrackerError, StateError
 from contact_tracker.regular_file import read_regular
 from contact_tracker.saved_state.encoding import KINDS, Decoder, Encoder, schema
 
@@ -62,7 +64,7 @@ def load(path: Path) -> Any:
         expected = _head(parts)
         if not isinstance(head, dict) or head.get("kind") != expected["kind"]:
             raise StateError("it is no saved state")
-        if head.get("schema") != expected["schema"] or head.get("format") != FORMAT:
+        if any(head.get(key) != expected[key] for key in ("schema", "format", "version")):
             raise StateError(
                 f"it was saved by another version ({head.get('version')}, this is {__version__})"
             )
@@ -79,6 +81,25 @@ def load(path: Path) -> Any:
         raise StateError(f"{path}: {error.strerror or error}") from error
     except _PARSE_ERRORS as error:
         raise StateError(f"{path}: it is no saved state: name another file") from error
+
+
+@contextmanager
+def continued(path: Path | None) -> Iterator[None]:
+    """Raise StateError for any unexpected error while a stream goes on from the state in ``path``, if any.
+
+    A state has hundreds of arrays and numbers that depend on each other, and a file may hold any: its
+    checksum shows damage, but not what somebody has written on purpose.
+    """
+    try:
+        yield
+    except (ContactTrackerError, OSError):
+        raise
+    except Exception as error:
+        if path is None:
+            raise
+        raise StateError(
+            f"{path}: it cannot be continued ({type(error).__name__}): name another file"
+        ) from error
 
 
 def _head(parts: dict[str, bytes]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def vertices_from_metadata(metadata: Mapping[str, Mapping[str, str]]) -> Array |
     for record in metadata.values():
         try:
             vertices = np.asarray(json.loads(record[KEY]), float)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
             continue
         if vertices.ndim == 2 and vertices.shape[1] == 3 and np.all(np.isfinite(vertices)):
             return vertices
