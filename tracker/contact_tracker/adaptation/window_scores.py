@@ -26,6 +26,8 @@ STEPS: Final = 8
 """Steps of the fit; with 12 no lead changes by more than a few nats."""
 MOVED: Final = 3.0
 """There is motion if position and orientation vary by more than this many deviations of a tick's noise."""
+_ROUNDING: Final = 1e-14
+"""Share of the trace of a matrix that is lost in rounding."""
 _INVERSE: Final = np.concatenate([np.arange(9).reshape(3, 3).T.ravel(), [12, 13, 14]])
 _INVERSE_SIGN: Final = np.repeat([1.0, -1.0], [9, 3])
 
@@ -118,24 +120,30 @@ def _vertex_on_face(sums: Array, ridge: Array) -> Array:
     turn.
     """
     turns, cross, shift = sums[:, :9, :9], sums[:, :9, 9:], sums[:, 9:, 9:]
-    steady = turns + ridge[:, None, None] * np.eye(9)
-    _, normals = np.linalg.eigh(shift - np.swapaxes(cross, 1, 2) @ np.linalg.solve(steady, cross))
+    eliminated = np.swapaxes(cross, 1, 2) @ np.linalg.solve(_held(turns, ridge), cross)
+    _, normals = np.linalg.eigh(shift - eliminated)
     normal = np.swapaxes(normals, 1, 2).reshape(-1, 3)
     count = len(normal)
     # (body axes, world axes): products of two elements of R, and of one with t
     turns = turns.reshape(-1, 3, 3, 3, 3).transpose(0, 2, 4, 1, 3).reshape(-1, 9, 9).repeat(3, axis=0)
     cross = cross.reshape(-1, 3, 3, 3).transpose(0, 2, 1, 3).reshape(-1, 3, 9).repeat(3, axis=0)
     shift, ridge = shift.repeat(3, axis=0), ridge.repeat(3)
-    steady = ridge[:, None, None] * np.eye(3)
     for _ in range(STEPS):
         pairs = (normal[:, :, None] * normal[:, None, :]).reshape(count, 9, 1)
-        curvature = (turns @ pairs).reshape(count, 3, 3) + steady
+        curvature = _held((turns @ pairs).reshape(count, 3, 3), ridge)
         point = -np.linalg.solve(curvature, cross @ pairs)[:, :, 0]
         by_point = (point[:, None, :] @ cross).reshape(count, 3, 3)
         points = (point[:, :, None] * point[:, None, :]).reshape(count, 1, 9)
         squares = (points @ turns).reshape(count, 3, 3) + by_point + np.swapaxes(by_point, 1, 2) + shift
         # a step of the inverse iteration for the least eigenvector
-        normal = np.linalg.solve(squares + 1e-9 * steady, normal[:, :, None])[:, :, 0]
+        normal = np.linalg.solve(_held(squares, 1e-9 * ridge), normal[:, :, None])[:, :, 0]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     cost = np.einsum("bi,bij,bj->b", normal, squares, normal) + ridge * np.square(point).sum(axis=1)
     return np.asarray(cost.reshape(-1, 3).min(axis=1))
+
+
+def _held(matrices: Array, ridge: Array) -> Array:
+    """Matrices (B, n, n) plus ``ridge`` (B,) times the unit matrix, at least so much that poses without noise
+    do not make them singular."""
+    trace = np.trace(matrices, axis1=1, axis2=2)
+    return np.asarray(matrices + (ridge + _ROUNDING * trace)[:, None, None] * np.eye(matrices.shape[1]))

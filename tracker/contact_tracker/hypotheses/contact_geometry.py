@@ -65,7 +65,11 @@ def element_estimate(
     variance = np.full(model.family.SIZE, LOOSE_M**2)
     variance[directions(model.family.FORM)] = LOOSE_RAD**2
     onto = np.linalg.pinv(spectrum.tangent)
-    shown = shown @ np.linalg.inv(np.eye(len(shown)) + (onto * variance) @ onto.T @ shown)
+    loose = np.linalg.cholesky((onto * variance) @ onto.T)
+    values, axes = np.linalg.eigh(loose.T @ shown @ loose)
+    values = np.maximum(values, 0.0)
+    along = np.linalg.solve(loose.T, axes)
+    shown = (along * (values / (1.0 + values))) @ along.T
     rotation = window.zeta[len(window) // 2, R].reshape(3, 3)
     anchors = anchors_of(bank, model)[0]
-    return ElementEstimate(model, bank.x[0], spectrum.tangent, 0.5 * (shown + shown.T), anchors, rotation)
+    return ElementEstimate(model, bank.x[0], spectrum.tangent, shown, anchors, rotation)

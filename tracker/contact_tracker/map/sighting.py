@@ -52,6 +52,12 @@ class Sighting:
         return self.estimate.information
 
     @cached_property
+    def root(self) -> Array:
+        """A root (P, P) of the information: its product with its transpose."""
+        values, axes = np.linalg.eigh(self.information)
+        return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))
+
+    @cached_property
     def own_pair(self) -> Pair:
         """The elements as seen here alone."""
         return split(self.estimate.model, self.estimate.x)

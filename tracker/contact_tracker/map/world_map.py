@@ -202,9 +202,9 @@ class Map:
         )
         pair = sighting.completed((ours, theirs), is_new)
         residual, derivative = sighting.linearised(pair)
-        covariance = derivative @ view.joint(keys, sighting.kinds, self._reach_m) @ derivative.T
-        ratio = np.eye(len(residual)) + covariance @ sighting.information
-        misfit = residual @ sighting.information @ np.linalg.solve(ratio, residual)
+        whitened, by_pair = sighting.root.T @ residual, sighting.root.T @ derivative
+        ratio = np.eye(len(residual)) + by_pair @ view.joint(keys, sighting.kinds, self._reach_m) @ by_pair.T
+        misfit = whitened @ np.linalg.solve(ratio, whitened)
         evidence = -0.5 * (float(np.linalg.slogdet(ratio)[1]) + float(misfit))
         return _Candidate(evidence + log_choice, keys, pair)
 
