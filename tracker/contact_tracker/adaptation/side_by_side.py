@@ -54,6 +54,7 @@ class TrackedTick(NamedTuple):
 class FirstTick(NamedTuple):
     """A tick of the first tracker before the others start, and whether the object ``moves`` in it."""
 
+    tick: Tick
     tracked: TrackedTick
     moves: bool
 
@@ -74,7 +75,7 @@ class SideBySide(NamedTuple):
     trackers : none before the rate is known. While the object rests only the first is updated (``rest``).
     log_weight, log_prior : (K,) log weights of the trackers, and the part of them that is no evidence.
     pending : poses so far, until the other trackers start with them; then None.
-    first : the ticks in these poses, of the first tracker.
+    first : the ticks so far, of the first tracker.
     moved_s : time for which the object has moved.
     rest : whether the object rests, and the ticks by which the others are not updated yet.
     """
@@ -115,6 +116,14 @@ def goes_on(state: SideBySide, stamp_ns: int) -> bool:
     return one.averaging is not None and tick_grid.goes_on(one.averaging, stamp_ns, one.model)
 
 
+def is_late(state: SideBySide, stamp_ns: int) -> bool:
+    """Whether a pose is more than a tick before the current one."""
+    if not state.trackers or state.trackers[0].averaging is None:
+        return False
+    model = state.trackers[0].model
+    return stamp_ns < tick_grid.open_since_ns(state.trackers[0].averaging, model) - model.tick_ns
+
+
 def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     """Advance by poses; returns the beliefs of the ticks that they close."""
     if state.pending is None:
@@ -136,6 +145,13 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
         state, reported = _side_by_side(state, left, detail)
         beliefs += reported
     return state, beliefs
+
+
+def pass_time(state: SideBySide, until_ns: int, detail: Detail) -> tuple[SideBySide, list[Belief]]:
+    """Close the ticks that are over, see ``tick_grid.pass_time``; returns their beliefs."""
+    if not state.trackers:
+        return state, []
+    return _with_ticks(state, *tracker.pass_time(state.trackers[0], until_ns), detail)
 
 
 def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
@@ -167,9 +183,15 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     """Start the other trackers and update them by the poses so far, whose beliefs were reported already."""
     assert state.pending is not None
     chosen = candidates(state.trackers[0].model, state.pending)
+    leader, first = state.trackers[0], state.first
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
-    started = [_observe(*tracker.accumulate_poses(start, state.pending), detail, False) for start in starts]
-    first, log_prior = state.first, np.array([one.log_prior for one in chosen])
+    begun = [tracker.begin_like(start, leader, state.pending) for start in starts]
+    ticks = [one.tick for one in first]
+    started = [
+        _observe(*tracker.follow_ticks(one, one, leader, ticks), detail, tests_curvature=False)
+        for one in begun
+    ]
+    log_prior = np.array([one.log_prior for one in chosen])
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in started)),
         log_weight=log_prior,
@@ -179,17 +201,24 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
         rest=state.rest.restarted(),
     )
     alive = np.arange(len(state.trackers))
-    for (tracked, moves), *others in zip(first, *(followed for _, followed in started), strict=True):
-        now = [tracked, *others]
-        state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
+    for one, *others in zip(first, *(followed for _, followed in started), strict=True):
+        now = [one.tracked, *others]
+        state, kept = _weigh_trackers(state, one.tick, [now[i] for i in alive], one.moves)
         alive = alive[kept]
     return state
 
 
 def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """Advance all trackers by poses; those that are dropped are left out of later ticks."""
+    """Advance all trackers by poses."""
+    return _with_ticks(state, *tracker.accumulate_poses(state.trackers[0], poses), detail)
+
+
+def _with_ticks(
+    state: SideBySide, advanced: TrackerState, closed: Sequence[Tick], detail: Detail
+) -> tuple[SideBySide, list[Belief]]:
+    """Advance all trackers, of which the first has ``advanced`` its averaging and ``closed`` some ticks;
+    those that are dropped are left out of later ticks."""
     leader, *others = state.trackers
-    advanced, closed = tracker.accumulate_poses(leader, poses)
     if state.is_decided:
         return _single(state, advanced, closed, detail)
     # frames are averaged once, so that trackers are compared on the same ticks
@@ -279,7 +308,7 @@ def _update_all(
     followed = [_observe(one, own, *of_one) for (one, own), of_one in zip(gathered, details, strict=True)]
     curved = followed[best][0].curved  # tested by one for all
     state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
-    state, kept = _weigh_trackers(state, [ticks[0] for _, ticks in followed], now.moves)
+    state, kept = _weigh_trackers(state, tick, [ticks[0] for _, ticks in followed], now.moves)
     tracked = [followed[i][1][0] for i in kept]
     beliefs = [one.belief for one in tracked if one.belief is not None]
     if not beliefs:  # all have the same lag
@@ -383,13 +412,13 @@ def _with_curved(one: TrackerState, curved: CurvedMotion) -> TrackerState:
 
 
 def _weigh_trackers(
-    state: SideBySide, now: Sequence[TrackedTick], moves: bool
+    state: SideBySide, tick: Tick, now: Sequence[TrackedTick], moves: bool
 ) -> tuple[SideBySide, NDArray[np.int64]]:
-    """Weigh the trackers by the evidence of a tick, if the object ``moves`` in it; returns the indices of
+    """Weigh the trackers by the evidence of a ``tick``, if the object ``moves`` in it; returns the indices of
     those that are kept."""
     every = np.arange(len(now))
     if len(now) == 1:
-        first = (*state.first, FirstTick(now[0], moves))
+        first = (*state.first, FirstTick(tick, now[0], moves))
         return state if state.pending is None else state._replace(first=first), every
     if not moves:
         return state, every

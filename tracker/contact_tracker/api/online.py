@@ -10,7 +10,7 @@ from contact_tracker import adaptation
 from contact_tracker.adaptation import AdaptiveState
 from contact_tracker.api.given import Deviations, Known, ModelLike, knowledge_of, model_from
 from contact_tracker.errors import InvalidPose, StateError, UsageError
-from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.pose_validation import Arrival, PoseGate, remark_on_excursions
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import warnings
 from contact_tracker.saved_state import load, save
@@ -67,25 +67,27 @@ class Tracker:
         InvalidPose
             The stamp is not an integer, or there are not three and four numbers.
         """
-        return _newest(self._advance(self._gate.admit(_pose(stamp_ns, position_m, quat_xyzw))))
+        beliefs = self._take(self._gate.arrive(_pose(stamp_ns, position_m, quat_xyzw)))
+        return beliefs[-1] if beliefs else None
 
     def finish(self) -> list[Belief]:
         """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
-        beliefs = self._advance(self._gate.finish())
+        beliefs = self._take(self._gate.end())
         self._state, rest = adaptation.finish(self._state)
         return [*beliefs, *rest]
 
     @property
     def counts(self) -> Mapping[str, int]:
         """Numbers of poses dropped or repaired so far, by kind (docs/conventions.md)."""
-        outliers = {"outlier": self._state.outliers} if self._state.outliers else {}
-        return {**self._gate.counts, **outliers}
+        left_out = {"late": self._state.late, "outlier": self._state.outliers}
+        return {**self._gate.counts, **{kind: count for kind, count in left_out.items() if count}}
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """One line per warning so far."""
         found = adaptation.report(self._state)
-        return (*self._notes, *(() if found is None else warnings(found)))
+        remark = remark_on_excursions(self._gate.counts)
+        return (*self._notes, *filter(None, [remark]), *(() if found is None else warnings(found)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the state to a file, atomically; raises OSError."""
@@ -109,16 +111,9 @@ class Tracker:
                 return tracker
         raise StateError(f"{os.fspath(path)}: it is no state of a tracker")
 
-    def _advance(self, poses: Sequence[Pose]) -> list[Belief]:
-        beliefs = list[Belief]()
-        for pose in poses:
-            self._state, new = adaptation.advance(self._state, pose)
-            beliefs += new
+    def _take(self, arrival: Arrival) -> list[Belief]:
+        self._state, beliefs = adaptation.take(self._state, arrival)
         return beliefs
-
-
-def _newest(beliefs: list[Belief]) -> Belief | None:
-    return beliefs[-1] if beliefs else None
 
 
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:

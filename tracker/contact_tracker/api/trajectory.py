@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.pose_validation import gate, remark_on_times
+from contact_tracker.motion.pose_validation import gate, remark_on_excursions, remark_on_times
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.named_columns import metres_of, time_ns_of
@@ -103,7 +103,8 @@ class Trajectory:
             if _has_own_unit(stamps)
             else doubt_of_unit(stamp_ns[usable] / TIMES_NS[unit], TIMES_NS[unit])
         )
-        return cls(passed, counts, notes=tuple(filter(None, (doubt, remark_on_times(counts, len(columns))))))
+        remarks = remark_on_times(counts, len(columns)), remark_on_excursions(counts)
+        return cls(passed, counts, notes=tuple(filter(None, (doubt, *remarks))))
 
     @classmethod
     def from_dataframe(

@@ -37,7 +37,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite, sqrt
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -47,7 +47,7 @@ from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Steps
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import RESET_RUN, Ordered, StampOrder
+from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS, RESET_RUN, Ordered, StampOrder
 
 ROUNDING: Final = 1e-3
 NORM_TOLERANCE: Final = 0.05
@@ -87,6 +87,19 @@ def remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
     return (
         f"{backward} of {total} poses are earlier than one before them and are left out: sort them by time; "
         "if they are of several bodies, record each on a topic of its own"
+    )
+
+
+def remark_on_excursions(counts: Mapping[str, int]) -> str | None:
+    """One line if there are long excursions."""
+    many = counts.get("long_excursion", 0)
+    if not many:
+        return None
+    times = "once" if many == 1 else f"{many} times"
+    return (
+        f"{times} the poses jump to another place, for half a second or more, and back as no motion does "
+        f"({counts['excursion']} poses, left out): another body or marker in the place of this one? give each "
+        "a topic, frame or name of its own"
     )
 
 
@@ -142,6 +155,20 @@ def require_valid(poses: Poses, after_ns: int | None) -> None:
             raise InvalidPose(f"pose {first} of {count} has {text} (stamp {stamp_ns[first]} ns): {_ADVICE}")
 
 
+class Arrival(NamedTuple):
+    """What a measured pose brings: the ``poses`` to go on with now, none or those that were held until it
+    came.
+
+    ``time_ns`` is the stamp up to which the stream has come, None before the first pose in order. No pose of
+    before ``next_ns`` is waited for any more, as held poses are for ``LONGEST_WAIT_NS`` only: ticks that end
+    by then are complete. It is later than ``time_ns`` by the usual period where none is held.
+    """
+
+    poses: Sequence[Pose]
+    time_ns: int | None
+    next_ns: int | None
+
+
 class PoseGate:
     """Validates a stream of poses one by one.
 
@@ -189,10 +216,26 @@ class PoseGate:
             return ()
         return self._pass_on(self._order.admit(Pose(pose.stamp_ns, pose.position_m, quat_xyzw)))
 
+    def arrive(self, pose: Pose) -> Arrival:
+        """``admit`` online, where time goes on while poses are held or dropped."""
+        poses, time_ns = self.admit(pose), self._order.last_ns
+        if time_ns is None:
+            return Arrival(poses, None, None)
+        if poses and poses[-1].stamp_ns == time_ns:
+            return Arrival(poses, time_ns, time_ns + self._order.period_ns)
+        held = [one.held_since_ns for one in (self._defaults, self._excursions)]
+        since_ns = min((stamp_ns for stamp_ns in held if stamp_ns is not None), default=time_ns)
+        return Arrival(poses, time_ns, max(since_ns, time_ns - LONGEST_WAIT_NS))
+
+    def end(self) -> Arrival:
+        """``finish`` online."""
+        time_ns = self._order.last_ns
+        return Arrival(self.finish(), time_ns, time_ns)
+
     def finish(self) -> Sequence[Pose]:
         """The poses still held, at the end of the stream."""
         passed = self._pass_on(self._order.finish())
-        waiting = [kept for pose in self._defaults.finish() for kept in self._excursions.admit(pose, True)]
+        waiting = [kept for pose in self._defaults.finish() for kept in self._without_excursions(pose, True)]
         return (*passed, *map(self._continuous, (*waiting, *self._excursions.finish())))
 
     def admit_all(self, poses: Poses) -> Poses | None:
@@ -217,7 +260,8 @@ class PoseGate:
         self._order.pass_all(joined[1:], steps_ns)
         self._defaults.pass_all(joined, steps, repeats)
         (newest,) = joined[-1:]
-        self._excursions.pass_all(newest, steps)
+        new = np.flatnonzero(~repeats)
+        self._excursions.pass_all(newest, steps, int(poses.stamp_ns[new[-1]]) if len(new) else 0)
         first = 1.0 if last.quat_xyzw == before.quat_xyzw else -1.0
         sign = first * np.where(steps.cosine < 0.0, -1.0, 1.0).cumprod()
         admitted = Poses(poses.stamp_ns, poses.position_m, unit * sign[:, None])
@@ -248,8 +292,11 @@ class PoseGate:
             self._continuous(kept)
             for arrived, continues in ordered
             for pose in self._defaults.admit(arrived, continues)
-            for kept in self._excursions.admit(pose, continues)
+            for kept in self._without_excursions(pose, continues)
         ]
+
+    def _without_excursions(self, pose: Pose, continues: bool) -> Sequence[Pose]:
+        return self._excursions.admit(pose, continues, self._order.period_ns)
 
     def _continuous(self, pose: Pose) -> Pose:
         """The pose with the sign of its quaternion that is nearer to the last."""

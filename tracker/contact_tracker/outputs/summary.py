@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from contact_tracker.adaptation import Report
 from contact_tracker.errors import printable
-from contact_tracker.motion.pose_validation import remark_on_times
+from contact_tracker.motion.pose_validation import remark_on_excursions, remark_on_times
 from contact_tracker.outputs.adaptation import noise_text, report_json, warnings
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
 
@@ -74,9 +74,8 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
     if adapted is not None:
         yield "tracking", noise_text(adapted)
         yield from (("warning", line) for line in warnings(adapted))
-    disorder = remark_on_times(source.counts, source.observed)
-    if disorder is not None:
-        yield "warning", disorder
+    remarks = remark_on_times(source.counts, source.observed), remark_on_excursions(source.counts)
+    yield from (("warning", line) for line in remarks if line is not None)
     if source.counts:
         yield "noted", ", ".join(f"{kind} {count}" for kind, count in source.counts.items())
 

@@ -31,11 +31,13 @@ __all__ = [
     "accumulate_pose",
     "accumulate_poses",
     "answer",
+    "begin_like",
     "can_hold",
     "close_tick",
     "finish",
     "flush_lag",
     "hold",
+    "pass_time",
     "scales_of",
     "start",
     "step",
@@ -88,6 +90,19 @@ def accumulate_poses(state: TrackerState, poses: Poses) -> tuple[TrackerState, l
     averaging = tick_grid.begin(state.model, poses) if state.averaging is None else state.averaging
     averaging, closed = tick_grid.advance(averaging, poses, state.model)
     return state._replace(averaging=averaging), closed
+
+
+def pass_time(state: TrackerState, until_ns: int) -> tuple[TrackerState, list[Tick]]:
+    """Close the ticks that are over, see ``tick_grid.pass_time``."""
+    if state.averaging is None:
+        return state, []
+    averaging, closed = tick_grid.pass_time(state.averaging, until_ns, state.model)
+    return state._replace(averaging=averaging), closed
+
+
+def begin_like(state: TrackerState, leader: TrackerState, first: Poses) -> TrackerState:
+    """The state before the ``first`` poses, from which on it can follow the ticks of the ``leader``."""
+    return state._replace(averaging=tick_grid.begin(leader.model, first))
 
 
 def follow_ticks(
