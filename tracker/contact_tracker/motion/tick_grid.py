@@ -43,9 +43,14 @@ class TickState(NamedTuple):
 def begin(model: Model, poses: Poses) -> TickState:
     """Start the grid of ticks and the world's origin at the first of the poses, which are not used
     otherwise."""
+    return begin_at(int(poses.stamp_ns[0]), poses.position_m[0].copy(), model)
+
+
+def begin_at(origin_ns: int, origin_m: Array, model: Model) -> TickState:
+    """Start the grid at this time, and the world's origin at this place."""
     estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
     learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
-    return TickState(int(poses.stamp_ns[0]), poses.position_m[0].copy(), 0, (), None, learnt)
+    return TickState(origin_ns, origin_m, 0, (), None, learnt)
 
 
 def goes_on(state: TickState, stamp_ns: int, model: Model) -> bool:
