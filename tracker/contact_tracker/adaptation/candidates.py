@@ -80,7 +80,10 @@ def period_for_all_s(stamp_ns: NDArray[np.int64], model: Model) -> float:
     middle = order[np.searchsorted(passed, (QUANTILES * passed[-1]).astype(np.int64))]
 
     def lost(period_s: float) -> float:
-        tick_s = with_ticks_for(model, period_s).tick_s
+        ticks = with_ticks_for(model, period_s)
+        if not can_be_compared(ticks):
+            return 1.0
+        tick_s = ticks.tick_s
         apart = float(periods[local * 1e-9 > TOLERANCE * tick_s].sum() / periods.sum())
         return apart + (1.0 - apart) * min(tick_s * model.transitions.leave_per_s, 1.0)
 

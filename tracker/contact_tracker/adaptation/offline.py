@@ -79,12 +79,12 @@ class OfflineTracker:
         InvalidPose
             While iterating, where poses did not pass the gate.
         """
-        ahead, stream = _read_ahead(_validated(batches(poses)))
+        ahead, later = _read_ahead(_validated(batches(poses)))
         if ahead:
             trackers = self._state.trackers
             period_s = period_for_all_s(np.concatenate([some.stamp_ns for some in ahead]), trackers.model)
             self._state = self._state._replace(trackers=trackers._replace(period_s=period_s))
-        inspected, rest, early = self._choose(chain(_released(ahead), stream), detail)
+        inspected, rest, early = self._choose(chain(_released(ahead), later), detail)
         best = self._state.best
         if best is None:
             yield Segmentation()

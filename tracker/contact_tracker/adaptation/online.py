@@ -174,8 +174,8 @@ def advance(
 def take(
     state: AdaptiveState, arrival: Arrival, detail: Detail = Detail.FORMATION
 ) -> tuple[AdaptiveState, list[Belief]]:
-    """``advance`` online, where a tick does not wait for poses that are held or late: it is complete once none
-    is waited for.
+    """``advance`` online, where a tick does not wait for poses that are held or late: it is complete once
+    none is waited for.
 
     Poses that come more than a tick after theirs was closed are left out and counted.
     """

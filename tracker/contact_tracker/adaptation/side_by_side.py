@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.adaptation import rest
-from contact_tracker.adaptation.candidates import candidates, usual_period_s, with_ticks_for
+from contact_tracker.adaptation.candidates import can_be_compared, candidates, usual_period_s, with_ticks_for
 from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
@@ -214,7 +214,8 @@ def _changed(state: SideBySide) -> Model | None:
         return None
     model = with_ticks_for(state.model, usual_period_s(state.latest_ns))
     ratio = model.tick_s / state.trackers[0].model.tick_s
-    return None if 1.0 / CHANGED <= ratio <= CHANGED else model
+    is_same = 1.0 / CHANGED <= ratio <= CHANGED
+    return None if is_same or not can_be_compared(model) else model
 
 
 def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySide, list[Belief]]:

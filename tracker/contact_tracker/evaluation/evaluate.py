@@ -29,9 +29,10 @@ BeliefRows = NDArray[np.void]
 class Evaluation:
     """Of one recording, or (``a + b``) of several: offline and online against the same truth.
 
-    Offline: the Viterbi label and the smoothed posterior; each frame has the belief of the tick that contains
-    it. Online: each frame has the latest belief up to its stamp. By arrival, if the answers of a stream are
-    given: the latest belief that had been given out by then. The geometry is that of the offline segments. Further contacts have scores of their own, online only where beliefs have them
+    Offline: the Viterbi label and the smoothed posterior; each frame has the belief of the tick that
+    contains it. Online: each frame has the latest belief up to its stamp. By arrival, if the answers of a
+    stream are given: the latest belief that had been given out by then. The geometry is that of the offline
+    segments. Further contacts have scores of their own, online only where beliefs have them
     (``Detail.FORMATION``).
     """
 

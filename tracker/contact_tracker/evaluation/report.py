@@ -105,7 +105,11 @@ def _mode_rows(entries: list[tuple[str, Evaluation]], cells: Callable[[Tally], l
     return [
         [name if mode == "offline" else "", mode, *cells(tally)]
         for name, value in entries
-        for mode, tally in (("offline", value.offline), ("online", value.online), ("by arrival", value.arrival))
+        for mode, tally in (
+            ("offline", value.offline),
+            ("online", value.online),
+            ("by arrival", value.arrival),
+        )
         if tally is not None
     ]
 

@@ -1,11 +1,11 @@
 """Filter of excursions: poses that jump away from the motion and back, for example by swapped markers.
 
-A jump is a step much longer than usual, for the time that has passed since the last new pose. The poses after it are held. If the next step continues it, its
-velocity has changed, as in an impact, and all are passed on. If the poses jump back, the held ones were wrong
-and are dropped: back is where the jumps since add up to no more than a step, as of markers that are swapped,
-or where usual motion leads from the last pose, as of another body in the place of this one. If that has not
-happened for half a second, the object has moved, and all are passed on; after two seconds, if no hand
-accelerates an object so.
+A jump is a step much longer than usual, for the time that has passed since the last new pose. The poses
+after it are held. If the next step continues it, its velocity has changed, as in an impact, and all are
+passed on. If the poses jump back, the held ones were wrong and are dropped: back is where the jumps since
+add up to no more than a step, as of markers that are swapped, or where usual motion leads from the last
+pose, as of another body in the place of this one. If that has not happened for half a second, the object
+has moved, and all are passed on; after two seconds, if no hand accelerates an object so.
 
 If they jump to one place and back all the time, two bodies take turns: all are passed on as well, for
 ``inspection`` to see.
@@ -154,8 +154,8 @@ class ExcursionFilter:
         return not self._held and self._last is not None and steps.are_near
 
     def pass_all(self, last: Pose, steps: Steps, new_ns: int) -> None:
-        """Pass on poses that need no further checks, up to ``last``, of which the last that does not repeat the
-        one before came at ``new_ns``."""
+        """Pass on poses that need no further checks, up to ``last``; the last of them that does not repeat
+        the one before came at ``new_ns``."""
         newest = slice(-STEPS_KEPT, None)
         self._poses += len(steps.distance_m)
         self._steps.extend(map(Step, steps.distance_m[newest].tolist(), steps.turn[newest].tolist()))

@@ -16,15 +16,16 @@ kind                fate    meaning
 ``backward_stamp``  dropped a stamp before that of the last pose
 ``leading_stamp``   dropped a stamp more than 5 median periods after that of the last pose, which those that
                             follow contradict. Such a pose is held until enough follow it: one, and one
-                            more for each 0.1 s it leads, at most 20; or two, and 0.5 s
+                            more for each 0.1 s it leads, at most 20; or two, and 0.1 s
 ``clock_reset``     kept    20 backward stamps in a row that run forward among themselves: the
                             clock was set back. From here on stamps are shifted so that time
                             goes on where it stood when the first of those 20 came
 ``gap``             kept    longer than 0.5 s and than 10 median periods since the last pose
 ``default_pose``    dropped what trackers report of an object that they do not see, away from the motion: the
                             origin, or any other pose that comes back, bit for bit
-``excursion``       dropped poses that jump away from the motion, and back within half a second, unless they
+``excursion``       dropped poses that jump away from the motion, and back within two seconds, unless they
                             do so again and again: those are of another body
+``long_excursion``  -       an excursion of more than half a second
 ``held``            kept    the last pose once more, bit for bit, with a new stamp
 =================== ======= ===================================================================
 
@@ -98,8 +99,8 @@ def remark_on_excursions(counts: Mapping[str, int]) -> str | None:
     times = "once" if many == 1 else f"{many} times"
     return (
         f"{times} the poses jump to another place, for half a second or more, and back as no motion does "
-        f"({counts['excursion']} poses, left out): another body or marker in the place of this one? give each "
-        "a topic, frame or name of its own"
+        f"({counts['excursion']} poses, left out): another body or marker in the place of this one? give "
+        "each a topic, frame or name of its own"
     )
 
 

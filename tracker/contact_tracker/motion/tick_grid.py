@@ -137,9 +137,7 @@ def _has_closed_early(state: TickState, model: Model) -> bool:
     return state.last is not None and state.last.stamp_ns >= state.origin_ns + state.number * model.tick_ns
 
 
-def _missed(
-    state: TickState, stamp_ns: int, model: Model, is_closed: bool
-) -> tuple[TickState, list[Tick]]:
+def _missed(state: TickState, stamp_ns: int, model: Model, is_closed: bool) -> tuple[TickState, list[Tick]]:
     """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether the
     current one is."""
     if not is_closed:
@@ -156,4 +154,5 @@ def _missed(
     if number - state.number - 1 > missed:  # skip the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)
-    return state._replace(number=number, empty=state.empty + missed), empty
+    last = empty[-1] if empty else state.last
+    return state._replace(number=number, empty=state.empty + missed, last=last), empty

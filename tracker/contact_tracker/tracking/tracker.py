@@ -103,7 +103,9 @@ def pass_time(state: TrackerState, until_ns: int) -> tuple[TrackerState, list[Ti
 def begin_like(state: TrackerState, leader: TrackerState) -> TrackerState:
     """The state before the first pose, from which on it can follow the ticks of the ``leader``."""
     assert leader.averaging is not None
-    return state._replace(averaging=tick_grid.begin_at(leader.averaging.origin_ns, leader.averaging.origin_m, state.model))
+    return state._replace(
+        averaging=tick_grid.begin_at(leader.averaging.origin_ns, leader.averaging.origin_m, state.model)
+    )
 
 
 def follow_ticks(
