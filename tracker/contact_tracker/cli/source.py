@@ -206,9 +206,10 @@ def paced(
     first_ns: int | None = None
     begin_s = time.monotonic()
     for arrival in arrivals:
-        if first_ns is None:
-            first_ns, begin_s = arrival.time_ns, time.monotonic()
-        due_s = begin_s + ((arrival.time_ns or 0) - (first_ns or 0)) * 1e-9 / rate
-        while (wait_s := due_s - time.monotonic()) > 0 and not has_to_end():
-            time.sleep(min(wait_s, _LONGEST_SLEEP_S))  # a signal that raises nothing does not end it
+        if first_ns is None and arrival.poses:
+            first_ns, begin_s = arrival.poses[0].stamp_ns, time.monotonic()
+        if first_ns is not None and arrival.time_ns is not None:
+            due_s = begin_s + (arrival.time_ns - first_ns) * 1e-9 / rate
+            while (wait_s := due_s - time.monotonic()) > 0 and not has_to_end():
+                time.sleep(min(wait_s, _LONGEST_SLEEP_S))  # a signal that raises nothing does not end it
         yield arrival
