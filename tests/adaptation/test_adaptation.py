@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from contact_tracker import adaptation, hmm
 from contact_tracker.adaptation import offline
-from contact_tracker.adaptation.candidates import candidates, with_ticks_for
+from contact_tracker.adaptation.candidates import candidates, period_for_all_s, with_ticks_for
 from contact_tracker.adaptation.comparison import TickEvidence, are_compared, relative_evidence
 from contact_tracker.adaptation.mixture import mixed_with_uniform, mixture
 from contact_tracker.adaptation.rest import LASTING_TICKS, SPAN_TICKS, is_moving
@@ -22,7 +22,9 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.lifted_pose import T, lift
+from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS
 from contact_tracker.motion.window import Window
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.simulate import simulate
@@ -406,3 +408,45 @@ def test_ticks_follow_the_mean_period_of_jittered_stamps_without_gaps(seed: int)
     rows[10:] += 200
     state, _ = adaptation.advance(adaptation.start(MODEL), paper()[rows], Detail.WEIGHTS)
     assert state.trackers.trackers[0].model.tick_s == pytest.approx(0.15, abs=0.008)
+
+
+# --- the rate of the stream, and the time of answers -------------------------------------------------------
+
+
+def test_ticks_follow_a_lasting_change_of_the_rate() -> None:
+    """Ten poses at 2 s spacing before a recording decide nothing; and of a slower rate ticks get longer."""
+    poses = recorded(FACE_TO_EDGE).poses
+    slow_ns = poses.stamp_ns[0] - 2_000_000_000 * np.arange(10, 0, -1)
+    slow_start = Poses.join([replace(poses[:10], stamp_ns=slow_ns), poses])
+    state, beliefs = adaptation.advance(adaptation.start(MODEL), slow_start, Detail.WEIGHTS)
+    ticks_ns = np.diff([belief.stamp_ns for belief in beliefs if belief.stamp_ns > poses.stamp_ns[0]])
+    assert np.median(ticks_ns[5:]) == pytest.approx(1e8, rel=0.01)
+    assert min(ticks_ns) > 0
+    assert period_for_all_s(slow_start.stamp_ns, MODEL) == pytest.approx(0.005)
+    later_ns = poses.stamp_ns[-1] + 500_000_000 * np.arange(1, 15)
+    state, _ = adaptation.advance(state, replace(poses[:14], stamp_ns=later_ns), Detail.WEIGHTS)
+    assert state.best is not None
+    assert state.best.model.tick_s == pytest.approx(0.5 * MODEL.poses_per_tick)
+
+
+def test_ticks_go_out_in_time_while_poses_are_held() -> None:
+    """Of a tick whose poses have jumped away no evidence is left; its answer comes a tenth later at most."""
+    poses = recorded(FACE_TO_EDGE).poses[:1200]
+    away = np.zeros((len(poses), 1))
+    away[500:700] = 1.0
+    away[900:] = 1.0  # and stay there
+    gate, state = PoseGate(), adaptation.start(MODEL)
+    delays_ns, counts = list[int](), list[float]()
+    for pose in replace(poses, position_m=poses.position_m + 0.3 * away):
+        arrival = gate.arrive(pose)
+        state, beliefs = adaptation.take(state, arrival, Detail.WEIGHTS)
+        delays_ns += [(arrival.time_ns or 0) - belief.stamp_ns for belief in beliefs]
+        best = state.best
+        if best is not None and beliefs:
+            counts.append(float(best.sliding_window.frames[-1]))
+    interval_ns = int(poses.stamp_ns[1] - poses.stamp_ns[0])
+    assert max(delays_ns[1:]) <= LONGEST_WAIT_NS + 1e8 + interval_ns
+    assert min(delays_ns) == 0
+    assert counts.count(0.0) >= 18
+    assert gate.counts["excursion"] == 200
+    assert gate.counts["long_excursion"] == 1

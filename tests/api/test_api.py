@@ -9,7 +9,7 @@ import pytest
 
 import contact_tracker
 from contact_tracker import ContactTrackerWarning, Trajectory
-from contact_tracker.adaptation import advance, finish, start
+from contact_tracker.adaptation import finish, start, take
 from contact_tracker.adaptation import segment as segment_inside
 from contact_tracker.adaptation.with_wrenches import NoLoad
 from contact_tracker.config.loading import load_model
@@ -24,7 +24,7 @@ from contact_tracker.errors import (
     UnreadableRecording,
     UsageError,
 )
-from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.pose_validation import PoseGate, gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import WRENCH_TYPE, wrench_evidence, write_recording
 from contact_tracker.wrenches.wrenches import Wrenches
@@ -225,9 +225,9 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
 
 def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses, tmp_path: Path) -> None:
     poses = poses[:800]
-    state, expected = start(load_model()), []
-    for pose in gate(poses):
-        state, new = advance(state, pose)
+    state, passed, expected = start(load_model()), PoseGate(), []
+    for pose in poses:
+        state, new = take(state, passed.arrive(pose))
         expected += new[-1:]
     expected += finish(state)[1]
     tracker, beliefs = contact_tracker.Tracker(), []

@@ -9,7 +9,8 @@ Each labelled recording is distorted (``distortions.py``), passes the gate and i
 and for comparison without adaptation. Figures of a distortion are means over the recordings: accuracy, share
 of the time with a probability above 0.9 on a wrong state, calibration error of the most probable state, the
 accuracy of the worst recording, the share of the elements within 3 standard deviations of the truth, and
-their median error in standard deviations, which is 0.67 if these are right and less if they are too large.
+their median error in standard deviations, which is 0.67 if these are right and less if they are too large;
+the accuracy by arrival, of what ``live`` has given out when a pose comes.
 """
 
 import argparse
@@ -29,6 +30,7 @@ import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.api.given import model_from
 from contact_tracker.config.parameters import Model
+from contact_tracker.evaluation.answers import answers_to
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.pose_validation import gate
@@ -48,7 +50,7 @@ FIGURES: Final = (
     *("within 3 sd", "median sd"),
 )
 
-HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "not adapted online")
+HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "not adapted online", "by arrival")
 ORACLE_HEADER: Final = ("distortion", "errors", *FIGURES)
 
 
@@ -68,13 +70,13 @@ def measure(path: str, distortion: str, model: Model, oracle: bool) -> Measured:
     random = np.random.default_rng(zlib.crc32(f"{Path(path).stem} {distortion}".encode()))
     distorted = DISTORTIONS[distortion](clean, random)
     poses = gate(distorted)
-    found = adaptation.segment(poses, model)
+    found, answers = adaptation.segment(poses, model), answers_to(distorted, model)
     if oracle:
         good = gate(measured_poses(distortion, clean, distorted))
         other = offline_smoother.segment(good, true_model(distortion, path, good, model))
     else:
         other = offline_smoother.segment(poses, model)
-    return Measured(*(evaluate(poses, truth, one) for one in (found, other)))
+    return Measured(evaluate(poses, truth, found, answers), evaluate(poses, truth, other))
 
 
 def figures(measured: Sequence[Evaluation]) -> list[str]:
@@ -97,7 +99,8 @@ def rows_of(name: str, measured: Sequence[Measured], oracle: bool) -> list[list[
     adapted, other = figures([one.adapted for one in measured]), figures([one.other for one in measured])
     if oracle:
         return [[name, "inferred", *adapted], [name, "given", *other]]
-    return [[name, *adapted, *other[:2]]]
+    by_arrival = [one.adapted.arrival.accuracy() for one in measured if one.adapted.arrival is not None]
+    return [[name, *adapted, *other[:2], number(float(np.mean(by_arrival)))]]
 
 
 def with_others(rows: list[list[str]], kept: list[list[str]]) -> list[list[str]]:

@@ -2,7 +2,8 @@
 
     python tests/benchmarks/tosses.py --model impacts
 
-Share of the frames with certain truth and the cube in motion that are labelled right: offline and online,
+Share of the frames with certain truth and the cube in motion that are labelled right: offline, online, and
+online by arrival, where the label counts that had been given out when a frame came,
 with nothing known, with the table's plane, and with plane and cube, both from the metadata of each recording.
 Figures are of every second recording (``--half checked``); the model was tuned on the others.
 """
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 import kept_tables
 from contact_tracker.adaptation import segment
 from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.answers import answers_to
 from contact_tracker.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -36,15 +38,17 @@ MOVING_M_S: Final = 0.05
 """The cube is in motion while its fastest corner is faster than this."""
 SIGMA: Final = {"sigma_position_m": 0.5e-3, "sigma_rotation_deg": 0.2}
 """Assumed accuracy of plane and cube in the metadata."""
-COLUMNS: Final = ("known", "frames", "accuracy offline", "accuracy online")
+COLUMNS: Final = ("known", "frames", "accuracy offline", "accuracy online", "by arrival")
 LEVELS: Final = ("nothing", "plane", "plane and cube")
 
 
 class Scores(NamedTuple):
-    """Confusion (7, 7), truth by label, of the frames in motion: offline and online."""
+    """Confusion (7, 7), truth by label, of the frames in motion: offline; online, where each frame has the
+    latest label up to its stamp, and where it has the latest that had been given out when it came."""
 
     offline: NDArray[np.int64]
     online: NDArray[np.int64]
+    by_arrival: NDArray[np.int64]
 
 
 def known(level: str, metadata: dict[str, str]) -> PriorMap:
@@ -69,11 +73,16 @@ def measure(path: Path, model_name: str) -> dict[str, Scores]:
     counted = (scored.truth != UNSCORED) & in_motion(poses, float(metadata["cube_side_m"]))
     results = {}
     for level in LEVELS:
-        found = segment(poses, load_model(model_name), knowledge=known(level, dict(metadata)))
+        model, knowledge = load_model(model_name), known(level, dict(metadata))
+        found, answers = segment(poses, model, knowledge=knowledge), answers_to(poses, model, knowledge)
         rows = []
-        for beliefs, tick_of in ((found.beliefs, tick_containing), (found.filtered, tick_in_force)):
-            tick = tick_of(poses.stamp_ns, np.array([b.stamp_ns for b in beliefs], np.int64))
-            label = np.array([b.contact.column for b in beliefs])[tick]
+        for beliefs, time_ns, tick_of in (
+            (found.beliefs, found.beliefs.stamp_ns, tick_containing),
+            (answers.beliefs, answers.beliefs.stamp_ns, tick_in_force),
+            (answers.beliefs, answers.arrival_ns, tick_in_force),
+        ):
+            tick = tick_of(poses.stamp_ns, time_ns)
+            label = beliefs.rows["contact"][tick]
             confusion = np.zeros((len(STATES), len(STATES)), np.int64)
             has_label = counted & (tick >= 0)
             np.add.at(confusion, (scored.truth[has_label], label[has_label]), 1)
@@ -129,7 +138,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for model in args.model:
             results = list(pool.map(partial(measure, model_name=model), paths))
             total = {
-                level: Scores(*(sum(r[level][i] for r in results) for i in range(2)))  # type: ignore[arg-type]
+                level: Scores(*(sum(r[level][i] for r in results) for i in range(3)))  # type: ignore[arg-type]
                 for level in LEVELS
             }
             print(f"{model}\n" + "\n".join(lines(total)))

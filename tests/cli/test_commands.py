@@ -735,10 +735,10 @@ def test_a_live_stream_that_is_replayed_slowly_ends_at_once_and_loses_no_pose(tm
     command = [*PROGRAM, "live", str(log), "--rate", "1e-6", "--state", str(state), "-v"]
     with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE) as live:
         assert live.stderr is not None
-        wait_until_it_waits(live)  # for the second pose
+        wait_until_it_waits(live)  # for the third pose, with which the second is released
         live.send_signal(signal.SIGTERM)
         assert live.wait(timeout=20) == 128 + signal.SIGTERM
-        assert b"2 poses" in live.stderr.read()
+        assert b"3 poses" in live.stderr.read()
     assert "60 poses" in run("live", log, "--state", state).stderr
 
 

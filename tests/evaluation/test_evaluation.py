@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import NoTruth
+from contact_tracker.evaluation.answers import Answers
 from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m, nearest
 from contact_tracker.evaluation.evaluate import Evaluation, Evaluator, evaluate
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
@@ -279,6 +280,19 @@ def test_scores_do_not_depend_on_how_the_segmentation_is_split(seed: int, pieces
         assert np.array_equal(vars(again.offline)[name], figure, equal_nan=True)
         assert np.array_equal(vars(again.online)[name], vars(once.online)[name], equal_nan=True)
     assert once.geometry.found_segments == len(CONTACTS)
+
+
+@pytest.mark.parametrize("late_ns", [0, 200_000_000])
+def test_by_arrival_a_label_counts_from_when_it_is_given_out(late_ns: int) -> None:
+    poses, truth, whole = recorded(3, 0.9)
+    found = evaluate(poses, truth, whole, Answers(whole.filtered, whole.filtered.stamp_ns + late_ns))
+    shifted = Beliefs.of(replace(belief, stamp_ns=belief.stamp_ns + late_ns) for belief in whole.filtered)
+    later = evaluate(poses, truth, replace(whole, filtered=shifted))
+    assert found.arrival is not None
+    assert found.arrival.accuracy() == later.online.accuracy()
+    assert (found + found).arrival is not None
+    assert (found + later).arrival is None
+    assert (found.arrival.accuracy() == found.online.accuracy()) is (late_ns == 0)
 
 
 def test_wrong_elements_in_the_truth_are_refused_before_scoring() -> None:

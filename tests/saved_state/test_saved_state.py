@@ -50,11 +50,12 @@ def recorded(name: str, count: int) -> Poses:
 def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: bool = False) -> list[str]:
     """All beliefs of a stream that is saved and restored before the poses ``cuts``."""
     state, lines_ = adaptation.start(MODEL, lag_s, KNOWN if known else EMPTY_MAP), list[str]()
+    gate = PoseGate()
     for i, pose in enumerate(poses):
         if i in cuts:
-            save(path, state)
-            state = load(path)
-        state, beliefs = adaptation.advance(state, pose)
+            save(path, (state, gate))
+            state, gate = load(path)
+        state, beliefs = adaptation.take(state, gate.arrive(pose))
         lines_ += map(json_line, beliefs)
     return [*lines_, *map(json_line, adaptation.finish(state)[1])]
 

@@ -1,7 +1,7 @@
 """Trackers whose ticks and noise are adapted to the stream: multiple-model estimation (docs/theory.md)."""
 
 from contact_tracker.adaptation.offline import OfflineTracker, segment
-from contact_tracker.adaptation.online import AdaptiveState, advance, finish, start, step
+from contact_tracker.adaptation.online import AdaptiveState, advance, finish, start, step, take
 from contact_tracker.adaptation.report import Report, report
 
 __all__ = [
@@ -14,4 +14,5 @@ __all__ = [
     "segment",
     "start",
     "step",
+    "take",
 ]

@@ -18,6 +18,8 @@ TOLERANCE: Final = 1.05
 TICKS_PER_WINDOW: Final = 10
 IRREGULAR: Final = 2.0
 """Periods longer than the median by more than this factor are gaps; shorter ones are those of two bodies."""
+QUANTILES: Final = np.arange(0.1, 1.0, 0.2)
+"""Quantiles of the period, over time, by which the rates of a recording are found."""
 NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
 """Candidates for the noise of a tick: geometric means of its standard deviations in position (m) and
 orientation (rad). Within a factor of the square root of two of the true noise contacts are found equally
@@ -51,9 +53,41 @@ def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
     """
     if len(stamp_ns) < 2:
         return 0.0
-    ratio = np.diff(stamp_ns) / np.median(np.diff(stamp_ns))
+    periods = np.diff(stamp_ns)
+    return _mean_near(periods, float(np.median(periods)))
+
+
+def _mean_near(periods: NDArray[np.int64], one: float) -> float:
+    """Mean (s) of the periods (ns) within a factor of ``IRREGULAR`` of one."""
+    ratio = periods / one
     usual = (ratio <= IRREGULAR) & (ratio >= 1.0 / IRREGULAR)
-    return float(np.diff(stamp_ns)[usual].mean()) * 1e-9
+    return float(periods[usual].mean()) * 1e-9
+
+
+def period_for_all_s(stamp_ns: NDArray[np.int64], model: Model) -> float:
+    """The usual period of that stretch of a recording whose ticks suit the whole best.
+
+    Lost are the stretches whose poses are too far apart for these ticks, and the ticks in which the contact
+    changes, as often as the model has it.
+    """
+    if len(stamp_ns) < 2:
+        return 0.0
+    periods = np.diff(stamp_ns)
+    beside = np.concatenate([periods[:1], periods, periods[-1:]])
+    local = np.minimum(periods, np.minimum(beside[:-2], beside[2:]))  # not those of gaps
+    order = np.argsort(local)
+    passed = periods[order].cumsum()
+    middle = order[np.searchsorted(passed, (QUANTILES * passed[-1]).astype(np.int64))]
+
+    def lost(period_s: float) -> float:
+        ticks = with_ticks_for(model, period_s)
+        if not can_be_compared(ticks):
+            return 1.0
+        tick_s = ticks.tick_s
+        apart = float(periods[local * 1e-9 > TOLERANCE * tick_s].sum() / periods.sum())
+        return apart + (1.0 - apart) * min(tick_s * model.transitions.leave_per_s, 1.0)
+
+    return min((_mean_near(periods, float(one)) for one in local[middle]), key=lost)
 
 
 def with_ticks_for(model: Model, period_s: float) -> Model:

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.adaptation import misplaced, online, repeatability, untouched
+from contact_tracker.adaptation.candidates import period_for_all_s
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.adaptation.unconfirmed import WaitingPieces
@@ -24,6 +25,8 @@ from contact_tracker.tracking.pass_record import PassRecord
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
+AHEAD_POSES: Final = 100_000
+"""Number of poses whose periods decide the ticks; they are kept in memory until then."""
 MOST_POSES: Final = 1_000_000
 """Number of poses after which the best model so far is chosen; until then all are kept in memory."""
 INITIAL_AUTOCORRELATION: Final = 0.5
@@ -79,7 +82,12 @@ class OfflineTracker:
         InvalidPose
             While iterating, where poses did not pass the gate.
         """
-        inspected, rest, early = self._choose(_validated(batches(poses)), detail)
+        ahead, later = _read_ahead(_validated(batches(poses)))
+        if ahead:
+            trackers = self._state.trackers
+            period_s = period_for_all_s(np.concatenate([some.stamp_ns for some in ahead]), trackers.model)
+            self._state = self._state._replace(trackers=trackers._replace(period_s=period_s))
+        inspected, rest, early = self._choose(chain(_released(ahead), later), detail)
         best = self._state.best
         if best is None:
             yield Segmentation()
@@ -138,6 +146,17 @@ class OfflineTracker:
             self._state, new = online.finish(self._state)
             beliefs.append(_in_columns(new, detail))
         return _released(inspected), chain(_released(ahead), stream), Beliefs.join(beliefs)
+
+
+def _read_ahead(stream: Iterator[Poses]) -> tuple[list[Poses], Iterator[Poses]]:
+    """The first ``AHEAD_POSES`` poses, and the rest."""
+    ahead, count = list[Poses](), 0
+    for some in stream:
+        ahead.append(some)
+        count += len(some)
+        if count >= AHEAD_POSES:
+            break
+    return ahead, stream
 
 
 def _in_columns(beliefs: list[Belief], detail: Detail) -> Beliefs:

@@ -21,7 +21,7 @@ from contact_tracker.inspection.stream_checks import (
     inspect,
 )
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
-from contact_tracker.motion.pose_validation import is_valid, require_valid
+from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.state import TrackerState
@@ -36,7 +36,8 @@ class AdaptiveState(NamedTuple):
     The ``trackers`` side by side; the tests of ``conventions``, of a ``contradiction`` to the prior map, of
     the ``clearance`` and of ``impacts``; the ``inspection`` of the poses. ``uninspected`` are the latest
     ``many`` poses; the trackers have the first ``taken_in`` parts of these and get the others at the end of
-    the tick. ``last_ns`` is the stamp of the last pose.
+    the tick. ``last_ns`` is the stamp of the last pose; ``late`` is the number of those left out, see
+    ``take``.
     """
 
     trackers: SideBySide
@@ -49,6 +50,7 @@ class AdaptiveState(NamedTuple):
     many: int
     taken_in: int
     last_ns: int | None = None
+    late: int = 0
 
     @property
     def is_decided(self) -> bool:
@@ -168,6 +170,30 @@ def advance(
         state, new = _advance(state, some, len(some), detail)
         beliefs += new
     return state, beliefs
+
+
+def take(
+    state: AdaptiveState, arrival: Arrival, detail: Detail = Detail.FORMATION
+) -> tuple[AdaptiveState, list[Belief]]:
+    """``advance`` online, where a tick does not wait for poses that are held or late: it is complete once
+    none is waited for.
+
+    Poses that come more than a tick after theirs was closed are left out and counted.
+    """
+    beliefs = list[Belief]()
+    for pose in arrival.poses:
+        if side_by_side.is_late(state.trackers, pose.stamp_ns):
+            state = state._replace(late=state.late + 1)
+        else:
+            state, new = advance(state, pose, detail)
+            beliefs += new
+    if arrival.next_ns is None or side_by_side.goes_on(state.trackers, arrival.next_ns):
+        return state, beliefs
+    state, new = _update_trackers(state, detail)
+    beliefs += new
+    trackers, new = side_by_side.pass_time(state.trackers, arrival.next_ns, detail)
+    state = state._replace(trackers=trackers)
+    return state, [*beliefs, *_with_doubt(state, new)]
 
 
 def inspect_poses(state: AdaptiveState, poses: Poses) -> AdaptiveState:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.adaptation import rest
-from contact_tracker.adaptation.candidates import candidates, usual_period_s, with_ticks_for
+from contact_tracker.adaptation.candidates import can_be_compared, candidates, usual_period_s, with_ticks_for
 from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
@@ -23,6 +23,7 @@ from contact_tracker.adaptation.comparison import (
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.adaptation.rest import NO_REST, Rest
 from contact_tracker.config.parameters import Model, Noise
+from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY, LandmarkMemory
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.free_motion import NO_EXCESS
@@ -37,7 +38,10 @@ from contact_tracker.tracking.state import TrackerState
 Array = NDArray[np.float64]
 
 RATE_POSES: Final = 12
-"""Number of poses from which the rate of the stream is estimated."""
+"""Number of poses from which the rate of the stream is estimated: its first, later the latest."""
+CHANGED: Final = 2.0
+"""The rate has changed if ticks for it are longer or shorter by more than this factor. Trackers then start
+again, which costs more than ticks with one pose or with some more than needed."""
 RATIO_POSES: Final = 60
 """Number of poses from which the ratio of the noise of position and orientation is estimated."""
 REST_NATS: Final = 10.0
@@ -54,6 +58,7 @@ class TrackedTick(NamedTuple):
 class FirstTick(NamedTuple):
     """A tick of the first tracker before the others start, and whether the object ``moves`` in it."""
 
+    tick: Tick
     tracked: TrackedTick
     moves: bool
 
@@ -74,7 +79,10 @@ class SideBySide(NamedTuple):
     trackers : none before the rate is known. While the object rests only the first is updated (``rest``).
     log_weight, log_prior : (K,) log weights of the trackers, and the part of them that is no evidence.
     pending : poses so far, until the other trackers start with them; then None.
-    first : the ticks in these poses, of the first tracker.
+    first : the ticks so far, of the first tracker.
+    latest_ns : stamps of the latest poses, for the rate.
+    period_s : the usual time between poses, if it is known in advance: then ticks do not change.
+    memory : landmarks from before the rate has changed.
     moved_s : time for which the object has moved.
     rest : whether the object rests, and the ticks by which the others are not updated yet.
     """
@@ -89,6 +97,9 @@ class SideBySide(NamedTuple):
     first: tuple[FirstTick, ...]
     moved_s: float
     rest: Rest
+    latest_ns: NDArray[np.int64]
+    period_s: float | None
+    memory: LandmarkMemory
 
     @property
     def is_decided(self) -> bool:
@@ -104,7 +115,21 @@ class SideBySide(NamedTuple):
 
 def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> SideBySide:
     """The state before the first pose."""
-    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), np.zeros(1), NO_POSES, (), 0.0, NO_REST)
+    return SideBySide(
+        model=model,
+        knowledge=knowledge,
+        lag_s=lag_s,
+        trackers=(),
+        log_weight=np.zeros(1),
+        log_prior=np.zeros(1),
+        pending=NO_POSES,
+        first=(),
+        moved_s=0.0,
+        rest=NO_REST,
+        latest_ns=NO_POSES.stamp_ns,
+        period_s=None,
+        memory=EMPTY_MEMORY,
+    )
 
 
 def goes_on(state: SideBySide, stamp_ns: int) -> bool:
@@ -115,8 +140,28 @@ def goes_on(state: SideBySide, stamp_ns: int) -> bool:
     return one.averaging is not None and tick_grid.goes_on(one.averaging, stamp_ns, one.model)
 
 
+def is_late(state: SideBySide, stamp_ns: int) -> bool:
+    """Whether a pose is more than a tick before the current one."""
+    if not state.trackers or state.trackers[0].averaging is None:
+        return False
+    model = state.trackers[0].model
+    return stamp_ns < tick_grid.open_since_ns(state.trackers[0].averaging, model) - model.tick_ns
+
+
 def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     """Advance by poses; returns the beliefs of the ticks that they close."""
+    state, beliefs = _advance(state, poses, detail)
+    if state.period_s is not None:
+        return state, beliefs
+    state = state._replace(latest_ns=np.append(state.latest_ns, poses.stamp_ns)[-RATE_POSES:])
+    model = _changed(state)
+    if model is None:
+        return state, beliefs
+    state, more = _restart(state, model, detail)
+    return state, [*beliefs, *more]
+
+
+def _advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     if state.pending is None:
         return _side_by_side(state, poses, detail)
     left, beliefs = poses, list[Belief]()
@@ -138,6 +183,13 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
     return state, beliefs
 
 
+def pass_time(state: SideBySide, until_ns: int, detail: Detail) -> tuple[SideBySide, list[Belief]]:
+    """Close the ticks that are over, see ``tick_grid.pass_time``; returns their beliefs."""
+    if not state.trackers:
+        return state, []
+    return _with_ticks(state, *tracker.pass_time(state.trackers[0], until_ns), detail)
+
+
 def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
     """At the end of the stream: beliefs of the last, partial tick and of the ticks within the lag.
 
@@ -155,10 +207,36 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
     return state._replace(trackers=tuple(one for one, _ in ended)), beliefs
 
 
+def _changed(state: SideBySide) -> Model | None:
+    """The model with ticks for the present rate of the stream, if that has changed; None otherwise."""
+    averaging = state.trackers[0].averaging if state.trackers else None
+    if averaging is None or not averaging.frames or len(state.latest_ns) < RATE_POSES:
+        return None
+    model = with_ticks_for(state.model, usual_period_s(state.latest_ns))
+    ratio = model.tick_s / state.trackers[0].model.tick_s
+    is_same = 1.0 / CHANGED <= ratio <= CHANGED
+    return None if is_same or not can_be_compared(model) else model
+
+
+def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySide, list[Belief]]:
+    """Start again with other ticks, at the first pose of the current tick; landmarks are kept."""
+    leader, best = state.trackers[0], state.best
+    assert leader.averaging is not None
+    assert best is not None
+    frames, memory = Poses.join(leader.averaging.frames), best.memory
+    averaging = tick_grid.begin_at(int(frames.stamp_ns[0]), leader.averaging.origin_m, model)
+    first = tracker.start(model, state.lag_s, state.knowledge)._replace(averaging=averaging, memory=memory)
+    again = begin(state.model, state.lag_s, state.knowledge)
+    again = again._replace(
+        trackers=(first,), pending=frames[-RATIO_POSES + 1 :], latest_ns=state.latest_ns, memory=memory
+    )
+    return _side_by_side(again, frames, detail)
+
+
 def _with_first(state: SideBySide, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     """Start the tracker of the model as given, with ticks long enough to hold frames; its beliefs so far."""
     assert state.pending is not None
-    period_s = usual_period_s(state.pending.stamp_ns)
+    period_s = usual_period_s(state.pending.stamp_ns) if state.period_s is None else state.period_s
     first = tracker.start(with_ticks_for(state.model, period_s), state.lag_s, state.knowledge)
     return _side_by_side(state._replace(trackers=(first,)), state.pending, detail)
 
@@ -167,9 +245,15 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     """Start the other trackers and update them by the poses so far, whose beliefs were reported already."""
     assert state.pending is not None
     chosen = candidates(state.trackers[0].model, state.pending)
+    leader, first = state.trackers[0], state.first
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
-    started = [_observe(*tracker.accumulate_poses(start, state.pending), detail, False) for start in starts]
-    first, log_prior = state.first, np.array([one.log_prior for one in chosen])
+    begun = [tracker.begin_like(start._replace(memory=state.memory), leader) for start in starts]
+    ticks = [one.tick for one in first]
+    started = [
+        _observe(*tracker.follow_ticks(one, one, leader, ticks), detail, tests_curvature=False)
+        for one in begun
+    ]
+    log_prior = np.array([one.log_prior for one in chosen])
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in started)),
         log_weight=log_prior,
@@ -179,17 +263,24 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
         rest=state.rest.restarted(),
     )
     alive = np.arange(len(state.trackers))
-    for (tracked, moves), *others in zip(first, *(followed for _, followed in started), strict=True):
-        now = [tracked, *others]
-        state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
+    for one, *others in zip(first, *(followed for _, followed in started), strict=True):
+        now = [one.tracked, *others]
+        state, kept = _weigh_trackers(state, one.tick, [now[i] for i in alive], one.moves)
         alive = alive[kept]
     return state
 
 
 def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """Advance all trackers by poses; those that are dropped are left out of later ticks."""
+    """Advance all trackers by poses."""
+    return _with_ticks(state, *tracker.accumulate_poses(state.trackers[0], poses), detail)
+
+
+def _with_ticks(
+    state: SideBySide, advanced: TrackerState, closed: Sequence[Tick], detail: Detail
+) -> tuple[SideBySide, list[Belief]]:
+    """Advance all trackers, of which the first has ``advanced`` its averaging and ``closed`` some ticks;
+    those that are dropped are left out of later ticks."""
     leader, *others = state.trackers
-    advanced, closed = tracker.accumulate_poses(leader, poses)
     if state.is_decided:
         return _single(state, advanced, closed, detail)
     # frames are averaged once, so that trackers are compared on the same ticks
@@ -279,7 +370,7 @@ def _update_all(
     followed = [_observe(one, own, *of_one) for (one, own), of_one in zip(gathered, details, strict=True)]
     curved = followed[best][0].curved  # tested by one for all
     state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
-    state, kept = _weigh_trackers(state, [ticks[0] for _, ticks in followed], now.moves)
+    state, kept = _weigh_trackers(state, tick, [ticks[0] for _, ticks in followed], now.moves)
     tracked = [followed[i][1][0] for i in kept]
     beliefs = [one.belief for one in tracked if one.belief is not None]
     if not beliefs:  # all have the same lag
@@ -383,13 +474,13 @@ def _with_curved(one: TrackerState, curved: CurvedMotion) -> TrackerState:
 
 
 def _weigh_trackers(
-    state: SideBySide, now: Sequence[TrackedTick], moves: bool
+    state: SideBySide, tick: Tick, now: Sequence[TrackedTick], moves: bool
 ) -> tuple[SideBySide, NDArray[np.int64]]:
-    """Weigh the trackers by the evidence of a tick, if the object ``moves`` in it; returns the indices of
+    """Weigh the trackers by the evidence of a ``tick``, if the object ``moves`` in it; returns the indices of
     those that are kept."""
     every = np.arange(len(now))
     if len(now) == 1:
-        first = (*state.first, FirstTick(now[0], moves))
+        first = (*state.first, FirstTick(tick, now[0], moves))
         return state if state.pending is None else state._replace(first=first), every
     if not moves:
         return state, every

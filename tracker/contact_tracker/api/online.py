@@ -20,7 +20,7 @@ from contact_tracker.api.given import (
 )
 from contact_tracker.api.notices import log_counts, warn_of, words_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
-from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
+from contact_tracker.motion.pose_validation import Arrival, PoseGate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.outputs.adaptation import warnings
@@ -93,17 +93,17 @@ class Tracker:
         pose = _pose(stamp_ns, position_m, quat_xyzw)
         self._given += 1
         with continued(self._restored):
-            beliefs = self._advance(self._gate.admit(pose))
+            beliefs = self._take(self._gate.arrive(pose))
             if beliefs or self._given % _ENOUGH == 0:
                 self._warn_of_news(self._found_in_poses())
                 if self._given >= _ENOUGH:
                     self._warn_of_news(self._found_in_counts())
-        return _newest(beliefs)
+        return beliefs[-1] if beliefs else None
 
     def finish(self) -> list[Belief]:
         """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
         with continued(self._restored):
-            beliefs = self._advance(self._gate.finish())
+            beliefs = self._take(self._gate.end())
             self._state, rest = adaptation.finish(self._state)
             self._warn_of_news(self.warnings)
         log_counts("poses", self.counts)
@@ -113,8 +113,8 @@ class Tracker:
     def counts(self) -> Mapping[str, int]:
         """Numbers of poses dropped or repaired so far, by kind (docs/conventions.md)."""
         with continued(self._restored):
-            outliers = {"outlier": self._state.outliers} if self._state.outliers else {}
-            return {**self._gate.counts, **outliers}
+            left_out = {"late": self._state.late, "outlier": self._state.outliers}
+            return {**self._gate.counts, **{kind: count for kind, count in left_out.items() if count}}
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -163,16 +163,9 @@ class Tracker:
                 self._told.add(words)
                 warn_of([text])
 
-    def _advance(self, poses: Sequence[Pose]) -> list[Belief]:
-        beliefs = list[Belief]()
-        for pose in poses:
-            self._state, new = adaptation.advance(self._state, pose)
-            beliefs += new
+    def _take(self, arrival: Arrival) -> list[Belief]:
+        self._state, beliefs = adaptation.take(self._state, arrival)
         return beliefs
-
-
-def _newest(beliefs: list[Belief]) -> Belief | None:
-    return beliefs[-1] if beliefs else None
 
 
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:

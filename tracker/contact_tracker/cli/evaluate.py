@@ -60,6 +60,7 @@ def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
 ) -> "tuple[Evaluation, bool]":
     from contact_tracker.adaptation import OfflineTracker
+    from contact_tracker.evaluation.answers import Answering
     from contact_tracker.evaluation.evaluate import Evaluator
     from contact_tracker.outputs.adaptation import warnings
     from contact_tracker.recording import need_truth, open_log
@@ -76,10 +77,13 @@ def _evaluate(
     evaluator = Evaluator(truth)
     wrenches = evidence_of(name, args, model, knowledge)
     log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
+    answering = Answering(model, knowledge, log.source.frame_moves)
     with progress(name, "poses", log.source.messages) as set_done:
         tracker = OfflineTracker(model, knowledge, wrenches=wrenches, frame_moves=log.source.frame_moves)
         for piece in with_pose_callback(
-            log, lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION), evaluator.add_poses
+            answering.through(log.arrivals()),
+            lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION),
+            evaluator.add_poses,
         ):
             evaluator.add_piece(piece)
     if not evaluator.frames:
@@ -87,4 +91,4 @@ def _evaluate(
     found = () if tracker.report is None else warnings(tracker.report)
     for line in (*filter(None, (log.damage,)), *log.remarks, *found):
         warn(f"{name}: {line}")
-    return evaluator.finish(), log.damage is not None
+    return evaluator.finish(answering.finish()), log.damage is not None

@@ -144,11 +144,13 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
 
         ended = DONE
         try:
-            for pose in paced(source, args.rate, has_to_end) if args.rate else source:
+            arrivals = source.arrivals()
+            for arrival in paced(arrivals, args.rate, has_to_end) if args.rate else arrivals:
                 if saved is not None:
                     saved.take()
-                viewer.pose(pose)
-                state, beliefs = adaptation.advance(state, pose)
+                for pose in arrival.poses:
+                    viewer.pose(pose)
+                state, beliefs = adaptation.take(state, arrival)
                 report(beliefs)
                 if saved is not None and saved.keep(state):
                     ended = 128 + saved.signal
@@ -162,7 +164,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             report(beliefs)
         else:
             saved.save(state)
-    source.outliers = state.outliers
+    source.outliers, source.late = state.outliers, state.late
     code = source.finish(adaptation.report(state))
     return code if ended == DONE else ended
 

@@ -92,7 +92,6 @@ class SavedStream:
             log.first,
             log.taken,
             log.gate,
-            log.released,
             log.stamping.values,
             source.origin_ns,
             source.first_ns,
@@ -131,7 +130,7 @@ class SavedStream:
                 "another file"
             )
         stamping = Stamping.of(saved.stamping)
-        log.carry_on(saved.gate, stamping, saved.taken, saved.released, is_same_log)
+        log.carry_on(saved.gate, stamping, saved.taken, is_same_log)
         self._source.carry_on(saved.origin_ns, saved.first_ns, saved.last_ns, saved.used)
         changes, formation = self._shown
         changes.label, changes.settled, changes.open = saved.label, saved.settled, saved.open

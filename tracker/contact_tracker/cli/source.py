@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.terminal import detail, say, warn
 from contact_tracker.errors import ChoiceError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE
+from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.recording import PoseLog
@@ -43,25 +44,37 @@ class Source:
         self.last_ns = 0
         self.used = 0
         self.outliers = 0
+        self.late = 0
 
     def __iter__(self) -> Iterator[Pose]:
         """The poses of the interval; raises NoPoses or ChoiceError at the end if there were none."""
-        since_ns, late = 0 if self.used else None, 0
-        for pose in self._log:
-            if since_ns is None:
-                self.origin_ns = pose.stamp_ns
-            since_ns = pose.stamp_ns - self.origin_ns
-            if since_ns < self._start_ns:
-                continue
-            if self._end_ns is not None and since_ns >= self._end_ns:
-                break
-            if not self.used:
-                self.first_ns = pose.stamp_ns
-            self.used += 1
-            self.last_ns = pose.stamp_ns
+        return (pose for arrival in self.arrivals() for pose in arrival.poses)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """What each measured pose of the interval brings, instead of the poses."""
+        since_ns, late, has_ended = 0 if self.used else None, 0, False
+        for arrival in self._log.arrivals():
+            poses = list[Pose]()
+            for pose in arrival.poses:
+                if since_ns is None:
+                    self.origin_ns = pose.stamp_ns
+                since_ns = pose.stamp_ns - self.origin_ns
+                has_ended = self._end_ns is not None and since_ns >= self._end_ns
+                if has_ended:
+                    break
+                if since_ns >= self._start_ns:
+                    poses.append(pose)
+            if poses:
+                if not self.used:
+                    self.first_ns = poses[0].stamp_ns
+                self.used += len(poses)
+                self.last_ns = poses[-1].stamp_ns
             if len(self._log.late_sources) > late:
                 late = self._warn_of_late(late)
-            yield pose
+            if self.used:
+                yield Arrival(poses, None, None) if has_ended else arrival._replace(poses=poses)
+            if has_ended:
+                break
         self._warn_of_late(late)
         self._used_some(since_ns)
 
@@ -137,7 +150,7 @@ class Source:
     @property
     def counts(self) -> dict[str, int]:
         """Numbers of dropped or repaired poses, by kind."""
-        kinds = {**self._log.counts, "outlier": self.outliers}
+        kinds = {**self._log.counts, "late": self.late, "outlier": self.outliers}
         return {kind: count for kind, count in kinds.items() if count}
 
     def outcome(self, poses: Poses, found: "Segmentation", adapted: "Report | None") -> "Outcome":
@@ -179,18 +192,19 @@ class Source:
 
 
 def paced(
-    poses: Iterable[Pose], rate: float, has_to_end: Callable[[], bool] = lambda: False
-) -> Iterator[Pose]:
-    """``poses`` in real time, ``rate`` times as fast.
+    arrivals: Iterable[Arrival], rate: float, has_to_end: Callable[[], bool] = lambda: False
+) -> Iterator[Arrival]:
+    """``arrivals`` in real time, ``rate`` times as fast.
 
     Once the stream ``has_to_end``, the pose that has been read comes at once, so that it is not lost.
     """
     first_ns: int | None = None
     begin_s = time.monotonic()
-    for pose in poses:
-        if first_ns is None:
-            first_ns, begin_s = pose.stamp_ns, time.monotonic()
-        due_s = begin_s + (pose.stamp_ns - first_ns) * 1e-9 / rate
-        while (wait_s := due_s - time.monotonic()) > 0 and not has_to_end():
-            time.sleep(min(wait_s, _LONGEST_SLEEP_S))  # a signal that raises nothing does not end it
-        yield pose
+    for arrival in arrivals:
+        if first_ns is None and arrival.poses:
+            first_ns, begin_s = arrival.poses[0].stamp_ns, time.monotonic()
+        if first_ns is not None and arrival.time_ns is not None:
+            due_s = begin_s + (arrival.time_ns - first_ns) * 1e-9 / rate
+            while (wait_s := due_s - time.monotonic()) > 0 and not has_to_end():
+                time.sleep(min(wait_s, _LONGEST_SLEEP_S))  # a signal that raises nothing does not end it
+        yield arrival

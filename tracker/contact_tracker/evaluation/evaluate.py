@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.evaluation.answers import Answers
 from contact_tracker.evaluation.further import FurtherScore, FurtherTicks
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.metrics import Ints, Tally
@@ -28,14 +29,16 @@ BeliefRows = NDArray[np.void]
 class Evaluation:
     """Of one recording, or (``a + b``) of several: offline and online against the same truth.
 
-    Offline: the Viterbi label and the smoothed posterior; each frame has the belief of the tick that contains
-    it. Online: each frame has the latest belief reported by then. The geometry is that of the offline
+    Offline: the Viterbi label and the smoothed posterior; each frame has the belief of the tick that
+    contains it. Online: each frame has the latest belief up to its stamp. By arrival, if the answers of a
+    stream are given: the latest belief that had been given out by then. The geometry is that of the offline
     segments. Further contacts have scores of their own, online only where beliefs have them
     (``Detail.FORMATION``).
     """
 
     offline: Tally
     online: Tally
+    arrival: Tally | None
     geometry: GeometryErrors
     further_offline: FurtherScore
     further_online: FurtherScore
@@ -44,14 +47,18 @@ class Evaluation:
         return Evaluation(
             self.offline + other.offline,
             self.online + other.online,
+            None if self.arrival is None or other.arrival is None else self.arrival + other.arrival,
             self.geometry + other.geometry,
             self.further_offline + other.further_offline,
             self.further_online + other.further_online,
         )
 
 
-def evaluate(poses: Poses, truth: Truth, segmentation: Segmentation) -> Evaluation:
-    """Evaluate ``segmentation`` of ``poses`` (at least one) against ``truth``.
+def evaluate(
+    poses: Poses, truth: Truth, segmentation: Segmentation, answers: Answers | None = None
+) -> Evaluation:
+    """Evaluate ``segmentation`` of ``poses`` (at least one) against ``truth``, and the ``answers`` to them as
+    they came.
 
     Raises
     ------
@@ -61,7 +68,7 @@ def evaluate(poses: Poses, truth: Truth, segmentation: Segmentation) -> Evaluati
     evaluator = Evaluator(truth)
     evaluator.add_poses(poses)
     evaluator.add_piece(segmentation)
-    return evaluator.finish()
+    return evaluator.finish(answers)
 
 
 class Evaluator:
@@ -107,7 +114,7 @@ class Evaluator:
             self._segments += found.segments
             self._compare(found.segments[-1].end_ns)
 
-    def finish(self) -> Evaluation:
+    def finish(self, answers: Answers | None = None) -> Evaluation:
         """The evaluation of the whole recording, which must have poses."""
         while self._true:
             self._compare_next()
@@ -119,6 +126,7 @@ class Evaluator:
         return Evaluation(
             _tally(scored, contains, offline),
             _tally(scored, in_force, online),
+            None if answers is None else _tally_by_arrival(scored, answers),
             self._geometry,
             self._further_offline.score(scored, self._truth, contains, offline["contact"]),
             self._further_online.score(scored, self._truth, in_force, online["contact"]),
@@ -162,6 +170,11 @@ def _joined(parts: list[BeliefRows]) -> BeliefRows:
     whole = np.concatenate([np.empty(0, _SCORED), *parts])
     parts.clear()
     return whole
+
+
+def _tally_by_arrival(scored: Scoring, answers: Answers) -> Tally:
+    rows = _belief_rows(answers.beliefs)
+    return _tally(scored, tick_in_force(scored.stamp_ns, answers.arrival_ns), rows)
 
 
 def _tally(scored: Scoring, tick: Ints, beliefs: BeliefRows) -> Tally:

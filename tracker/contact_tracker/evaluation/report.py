@@ -24,7 +24,8 @@ ACCURACY_NOTE: Final = """\
 Share of the time in which the label was right: over all scored frames; over those more than 0.25 s
 from a true change (clear); over those whose motion determines the contact (identifiable), and over
 the others, singular or at rest before the first motion (ambiguous); without the rest at the start
-(moved). F1: mean over the true states. Online: the latest belief reported by then."""
+(moved). F1: mean over the true states. Online: the latest belief up to the stamp of a pose; by
+arrival: the latest that `live` has given out when the pose comes."""
 BELIEF_NOTE: Final = """\
 Log-loss in nats; Brier score 0 to 2; ECE: expected calibration error, 15 bins; sure & wrong: share
 of the time with a probability above 0.9 on a wrong state."""
@@ -102,9 +103,14 @@ def _short(name: str) -> str:
 
 def _mode_rows(entries: list[tuple[str, Evaluation]], cells: Callable[[Tally], list[str]]) -> list[list[str]]:
     return [
-        [name if mode == "offline" else "", mode, *cells(getattr(value, mode))]
+        [name if mode == "offline" else "", mode, *cells(tally)]
         for name, value in entries
-        for mode in ("offline", "online")
+        for mode, tally in (
+            ("offline", value.offline),
+            ("online", value.online),
+            ("by arrival", value.arrival),
+        )
+        if tally is not None
     ]
 
 
@@ -173,6 +179,7 @@ def _evaluation_json(value: Evaluation) -> dict[str, Any]:
     return {
         "offline": _tally_json(value.offline),
         "online": _tally_json(value.online),
+        "arrival": None if value.arrival is None else _tally_json(value.arrival),
         "geometry": {
             "true_segments": value.geometry.true_segments,
             "found_segments": value.geometry.found_segments,

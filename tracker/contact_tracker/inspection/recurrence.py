@@ -11,18 +11,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.motion.excursions import ARM_M, FAR_M_PER_S2
 from contact_tracker.motion.poses import Poses
 
 Array = NDArray[np.float64]
 
 BACK: Final = 8
 """How many poses back a return is looked for."""
-ARM_M: Final = 0.1
-"""Lever arm with which rotations count as distances."""
 FAR_M: Final = 0.01
 FAR_STEPS: Final = 8.0
-FAR_M_PER_S2: Final = 50.0
-"""Acceleration that no hand gives an object: slower alternation is motion."""
 CLOSE: Final = 0.25
 """Largest distance from the pose returned to, as a share of the step."""
 # Page's test: with returns in 13 % of the poses the sum drifts down, with 40 % it rises; the chance of a
@@ -36,7 +33,7 @@ def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
     """(n,) which poses from the BACKth on are far from the last one and close to another of the last few."""
     position, quat = poses.position_m, poses.quat_xyzw
     step = _distance(position[BACK:], quat[BACK:], position[BACK - 1 : -1], quat[BACK - 1 : -1])
-    far = step > max(FAR_M, FAR_M_PER_S2 * interval_s**2)
+    far = step > max(FAR_M, FAR_M_PER_S2 * interval_s**2)  # slower alternation is motion
     if not far.any():
         return far
     rows = np.arange(len(poses) - BACK)[:, None] + np.arange(BACK)

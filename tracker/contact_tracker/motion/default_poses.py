@@ -72,6 +72,11 @@ class DefaultPoseFilter:
             return self.finish()
         return self.finish() if len(self._held) == HELD else ()
 
+    @property
+    def held_since_ns(self) -> int | None:
+        """Stamp of the first pose that is held; None if there is none."""
+        return self._held[0][0].stamp_ns if self._held else None
+
     def finish(self) -> Sequence[Pose]:
         """The poses still held: no motion has come that would show them to be default poses."""
         waiting = [pose for pose, _ in self._held]

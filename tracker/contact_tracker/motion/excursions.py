@@ -1,8 +1,11 @@
 """Filter of excursions: poses that jump away from the motion and back, for example by swapped markers.
 
-A jump is a step much longer than usual. The poses after it are held. If the jumps since add up to no more
-than a step, the held poses were wrong and are dropped. If that has not happened for half a second, or the
-steps stay long, the object has moved, and all are passed on.
+A jump is a step much longer than usual, for the time that has passed since the last new pose. The poses
+after it are held. If the next step continues it, its velocity has changed, as in an impact, and all are
+passed on. If the poses jump back, the held ones were wrong and are dropped: back is where the jumps since
+add up to no more than a step, as of markers that are swapped, or where usual motion leads from the last
+pose, as of another body in the place of this one. If that has not happened for half a second, the object
+has moved, and all are passed on; after two seconds, if no hand accelerates an object so.
 
 If they jump to one place and back all the time, two bodies take turns: all are passed on as well, for
 ``inspection`` to see.
@@ -15,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.geometry.rotation import between, product
+from contact_tracker.geometry.rotation import between, product, rotation_vectors
 from contact_tracker.motion.pose_steps import NEAR_M, STEPS_KEPT, Step, Steps, reach, step_between
 from contact_tracker.motion.poses import Array, Pose
 
@@ -24,7 +27,11 @@ JUMP: Final = 3.0
 USUAL_QUANTILE: Final = 0.9
 KNOWN_STEPS: Final = 10
 """Fewer steps do not show yet what is usual."""
-LONGEST_NS: Final = 500_000_000
+SHORT_NS: Final = 500_000_000
+LONGEST_NS: Final = 2_000_000_000
+"""Longest excursion if its first step is no motion. Markers are hidden for up to 1.6 s at a time."""
+FAR_M_PER_S2: Final = 50.0
+"""Acceleration that no hand gives an object."""
 MOST_JUMPS: Final = 3
 """This many jumps in a row are motion, unless they lead back."""
 VISITS: Final = 10
@@ -42,56 +49,70 @@ class ExcursionFilter:
 
     Parameters
     ----------
-    counts : dropped poses are counted here as ``excursion``.
+    counts : dropped poses are counted here as ``excursion``, and those excursions of more than half a second
+        as ``long_excursion``.
     """
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
         self._last: Pose | None = None
+        self._new_ns = 0
         self._steps: deque[Step] = deque(maxlen=STEPS_KEPT)
         self._held: list[Pose] = []
         self._shift_m: Array = np.zeros(3)
         self._turn: Array = _UNTURNED
         self._in_a_row = 0
+        self._until_ns = 0
         self._poses = 0
         self._visits: deque[int] = deque(maxlen=VISITS)
         self._last_excursion: Pose | None = None
 
-    def admit(self, pose: Pose, continues: bool) -> Sequence[Pose]:
+    def admit(self, pose: Pose, continues: bool, period_ns: int) -> Sequence[Pose]:
         """The poses to go on with now: this one, none, or several that were held.
 
         Parameters
         ----------
         continues : whether it follows closely on the pose before.
+        period_ns : the usual time between poses.
         """
         self._poses += 1
+        before = self._held[-1] if self._held else self._last
+        elapsed_ns = pose.stamp_ns - self._new_ns
+        if before is None or pose[1:] != before[1:]:
+            self._new_ns = pose.stamp_ns
         if not continues:
             released = self.finish()
             self._steps.clear()
             self._last = pose
             return (*released, pose)
-        before = self._held[-1] if self._held else self._last
         if before is None:
             self._last = pose
             return (pose,)
         step = step_between(before, pose)
         if step.is_near and not self._held:  # the usual case; no jump, whatever is usual
             return self._pass_on(pose, step)
-        furthest = self._furthest()
-        is_jump = step.distance_m > furthest.distance_m or step.turn > furthest.turn
+        furthest, periods = self._furthest(), max(elapsed_ns / max(period_ns, 1), 1.0)
+        is_jump = step.distance_m > periods * furthest.distance_m or step.turn > periods * furthest.turn
         if not self._held:
             if not is_jump:
                 return self._pass_on(pose, step)
             self._shift_m, self._turn, self._in_a_row = np.zeros(3), _UNTURNED, 0
+            is_motion = _apart_m(before, pose) <= max(NEAR_M, FAR_M_PER_S2 * (1e-9 * elapsed_ns) ** 2)
+            self._until_ns = before.stamp_ns + (SHORT_NS if is_motion else LONGEST_NS)
         if is_jump:
             self._add_jump(before, pose)
-            if self._has_returned(furthest):
+            if self._has_returned(pose, furthest):
                 return self._come_back(pose)
+        is_motion = self._continues_jump(pose, furthest)
         self._in_a_row = self._in_a_row + 1 if is_jump else 0
         self._held.append(pose)
-        assert self._last is not None
-        too_long = pose.stamp_ns - self._last.stamp_ns > LONGEST_NS
-        return self.finish() if too_long or self._in_a_row == MOST_JUMPS else ()
+        is_motion |= pose.stamp_ns > self._until_ns or self._in_a_row == MOST_JUMPS
+        return self.finish() if is_motion else ()
+
+    @property
+    def held_since_ns(self) -> int | None:
+        """Stamp of the first pose that is held; None if there is none."""
+        return self._held[0].stamp_ns if self._held else None
 
     def _come_back(self, pose: Pose) -> Sequence[Pose]:
         """The pose with which the motion goes on, and the held ones only where they are of another body."""
@@ -100,6 +121,9 @@ class ExcursionFilter:
             self._held.append(pose)
             return self.finish()
         self._counts["excursion"] += len(self._held)
+        assert self._last is not None
+        if pose.stamp_ns - self._last.stamp_ns > SHORT_NS:
+            self._counts["long_excursion"] += 1
         self._held = []
         self._last = pose
         return (pose,)
@@ -129,12 +153,13 @@ class ExcursionFilter:
         """Whether poses that continue from the last one by these steps pass without further checks."""
         return not self._held and self._last is not None and steps.are_near
 
-    def pass_all(self, last: Pose, steps: Steps) -> None:
-        """Pass on poses that need no further checks, up to ``last``."""
+    def pass_all(self, last: Pose, steps: Steps, new_ns: int) -> None:
+        """Pass on poses that need no further checks, up to ``last``; the last of them that does not repeat
+        the one before came at ``new_ns``."""
         newest = slice(-STEPS_KEPT, None)
         self._poses += len(steps.distance_m)
         self._steps.extend(map(Step, steps.distance_m[newest].tolist(), steps.turn[newest].tolist()))
-        self._last = last
+        self._last, self._new_ns = last, max(new_ns, self._new_ns)
 
     def _pass_on(self, pose: Pose, step: Step) -> Sequence[Pose]:
         self._steps.append(step)
@@ -145,19 +170,40 @@ class ExcursionFilter:
         """The longest step that is no jump."""
         if len(self._steps) < KNOWN_STEPS:
             return Step(np.inf, np.inf)
-        return reach(self._steps, JUMP, USUAL_QUANTILE)
+        usual, last = reach(self._steps, JUMP, USUAL_QUANTILE), self._steps[-1]
+        return Step(max(usual.distance_m, JUMP * last.distance_m), max(usual.turn, JUMP * last.turn))
 
     def _add_jump(self, before: Pose, pose: Pose) -> None:
         self._shift_m = self._shift_m + np.subtract(pose.position_m, before.position_m)
         turn = between(np.array([before.quat_xyzw]), np.array([pose.quat_xyzw]))[0]
         self._turn = product(self._turn, turn)
 
-    def _has_returned(self, furthest: Step) -> bool:
-        """Whether the jumps so far add up to no more than a step."""
-        if not self._held:
+    def _has_returned(self, pose: Pose, furthest: Step) -> bool:
+        """Whether the jumps so far add up to no more than a step, or usual motion leads to this pose from the
+        last one, to which it is nearer than to the pose before it."""
+        if not self._held or self._last is None:
             return False
         turn = 2.0 * float(np.linalg.norm(self._turn[:3]))
-        return float(np.linalg.norm(self._shift_m)) <= furthest.distance_m and turn <= furthest.turn
+        if float(np.linalg.norm(self._shift_m)) <= furthest.distance_m and turn <= furthest.turn:
+            return True
+        steps, step = (1 + len(self._held)) / JUMP, step_between(self._last, pose)
+        is_usual = step.distance_m <= steps * furthest.distance_m and step.turn <= steps * furthest.turn
+        return is_usual and _apart_m(self._last, pose) < _apart_m(self._held[-1], pose)
+
+    def _continues_jump(self, pose: Pose, furthest: Step) -> bool:
+        """Whether the step to this pose continues the jump to the only held one, which then is none."""
+        if len(self._held) != 1 or self._last is None:
+            return False
+        first, second = _way(self._last, self._held[0]), _way(self._held[0], pose)
+        length, following = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
+        is_forward = (first * second).sum(axis=1) > 0.0
+        return bool((is_forward & (JUMP * following >= length))[length > furthest].all())
+
+
+def _way(a: Pose, b: Pose) -> Array:
+    """(2, 3) the path from ``a`` to ``b``, and the turn as a rotation vector."""
+    turn = rotation_vectors(between(np.array(a.quat_xyzw), np.array(b.quat_xyzw)))
+    return np.array([np.subtract(b.position_m, a.position_m), turn])
 
 
 def _apart_m(a: Pose, b: Pose) -> float:

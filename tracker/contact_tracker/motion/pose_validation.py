@@ -16,15 +16,16 @@ kind                fate    meaning
 ``backward_stamp``  dropped a stamp before that of the last pose
 ``leading_stamp``   dropped a stamp more than 5 median periods after that of the last pose, which those that
                             follow contradict. Such a pose is held until enough follow it: one, and one
-                            more for each 0.1 s it leads, at most 20; or two, and 0.5 s
+                            more for each 0.1 s it leads, at most 20; or two, and 0.1 s
 ``clock_reset``     kept    20 backward stamps in a row that run forward among themselves: the
                             clock was set back. From here on stamps are shifted so that time
                             goes on where it stood when the first of those 20 came
 ``gap``             kept    longer than 0.5 s and than 10 median periods since the last pose
 ``default_pose``    dropped what trackers report of an object that they do not see, away from the motion: the
                             origin, or any other pose that comes back, bit for bit
-``excursion``       dropped poses that jump away from the motion, and back within half a second, unless they
+``excursion``       dropped poses that jump away from the motion, and back within two seconds, unless they
                             do so again and again: those are of another body
+``long_excursion``  -       an excursion of more than half a second
 ``held``            kept    the last pose once more, bit for bit, with a new stamp
 =================== ======= ===================================================================
 
@@ -37,7 +38,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite, sqrt
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Steps
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import RESET_RUN, Ordered, StampOrder
+from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS, RESET_RUN, Ordered, StampOrder
 
 ROUNDING: Final = 1e-3
 NORM_TOLERANCE: Final = 0.05
@@ -79,7 +80,7 @@ def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
     ``remark_on_loss``; they are warnings."""
     if remark_on_loss(counts, total) is not None:
         return ()
-    return tuple(filter(None, (_remark_on_times(counts, total),)))
+    return tuple(filter(None, (_remark_on_times(counts, total), remark_on_excursions(counts))))
 
 
 def _remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
@@ -149,6 +150,19 @@ def first_refused(quat_xyzw: NDArray[np.float64]) -> Sequence[float] | None:
     return quat_xyzw[is_wrong.argmax()].tolist() if is_wrong.any() else None
 
 
+def remark_on_excursions(counts: Mapping[str, int]) -> str | None:
+    """One line if there are long excursions."""
+    many = counts.get("long_excursion", 0)
+    if not many:
+        return None
+    times = "once" if many == 1 else f"{many} times"
+    return (
+        f"{times} the poses jump to another place, for half a second or more, and back as no motion does "
+        f"({counts['excursion']} poses, left out): another body or marker in the place of this one? give "
+        "each a topic, frame or name of its own"
+    )
+
+
 def is_valid(pose: Pose, after_ns: int | None) -> bool:
     """Whether a pose is valid after the stamp of the one before, by the rules of ``require_valid``."""
     stamp_ns, (px, py, pz), (x, y, z, w) = pose
@@ -199,6 +213,20 @@ def require_valid(poses: Poses, after_ns: int | None) -> None:
         if wrong.any():
             first = int(wrong.argmax())
             raise InvalidPose(f"pose {first} of {count} has {text} (stamp {stamp_ns[first]} ns): {_ADVICE}")
+
+
+class Arrival(NamedTuple):
+    """What a measured pose brings: the ``poses`` to go on with now, none or those that were held until it
+    came.
+
+    ``time_ns`` is the stamp up to which the stream has come, None before the first pose in order. No pose of
+    before ``next_ns`` is waited for any more, as held poses are for ``LONGEST_WAIT_NS`` only: ticks that end
+    by then are complete. It is later than ``time_ns`` by the usual period where none is held.
+    """
+
+    poses: Sequence[Pose]
+    time_ns: int | None
+    next_ns: int | None
 
 
 class PoseGate:
@@ -254,10 +282,26 @@ class PoseGate:
             return ()
         return self._pass_on(self._order.admit(Pose(pose.stamp_ns, pose.position_m, quat_xyzw)))
 
+    def arrive(self, pose: Pose) -> Arrival:
+        """``admit`` online, where time goes on while poses are held or dropped."""
+        poses, time_ns = self.admit(pose), self._order.last_ns
+        if time_ns is None:
+            return Arrival(poses, None, None)
+        if poses and poses[-1].stamp_ns == time_ns:
+            return Arrival(poses, time_ns, time_ns + self._order.period_ns)
+        held = [one.held_since_ns for one in (self._defaults, self._excursions)]
+        since_ns = min((stamp_ns for stamp_ns in held if stamp_ns is not None), default=time_ns)
+        return Arrival(poses, time_ns, max(since_ns, time_ns - LONGEST_WAIT_NS))
+
+    def end(self) -> Arrival:
+        """``finish`` online."""
+        time_ns = self._order.last_ns
+        return Arrival(self.finish(), time_ns, time_ns)
+
     def finish(self) -> Sequence[Pose]:
         """The poses still held, at the end of the stream."""
         passed = self._pass_on(self._order.finish())
-        waiting = [kept for pose in self._defaults.finish() for kept in self._excursions.admit(pose, True)]
+        waiting = [kept for pose in self._defaults.finish() for kept in self._without_excursions(pose, True)]
         return (*passed, *map(self._continuous, (*waiting, *self._excursions.finish())))
 
     def admit_all(self, poses: Poses) -> Poses | None:
@@ -282,7 +326,8 @@ class PoseGate:
         self._order.pass_all(joined[1:], steps_ns)
         self._defaults.pass_all(joined, steps, repeats)
         (newest,) = joined[-1:]
-        self._excursions.pass_all(newest, steps)
+        new = np.flatnonzero(~repeats)
+        self._excursions.pass_all(newest, steps, int(poses.stamp_ns[new[-1]]) if len(new) else 0)
         first = 1.0 if last.quat_xyzw == before.quat_xyzw else -1.0
         sign = first * np.where(steps.cosine < 0.0, -1.0, 1.0).cumprod()
         admitted = Poses(poses.stamp_ns, poses.position_m, unit * sign[:, None])
@@ -314,8 +359,11 @@ class PoseGate:
             self._continuous(kept)
             for arrived, continues in ordered
             for pose in self._defaults.admit(arrived, continues)
-            for kept in self._excursions.admit(pose, continues)
+            for kept in self._without_excursions(pose, continues)
         ]
+
+    def _without_excursions(self, pose: Pose, continues: bool) -> Sequence[Pose]:
+        return self._excursions.admit(pose, continues, self._order.period_ns)
 
     def _continuous(self, pose: Pose) -> Pose:
         """The pose with the sign of its quaternion that is nearer to the last."""

@@ -23,12 +23,14 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.motion.pose_steps import Step, step_between
 from contact_tracker.motion.poses import Pose, Poses
 
+LONGEST_WAIT_NS: Final = 100_000_000
+"""Held poses delay what is said of their time by this much at most."""
 GAP_NS: Final = 500_000_000
 GAP_PERIODS: Final = 10
 LEAD_PERIODS: Final = 5
 LEAD_PER_FOLLOWER_NS: Final = 100_000_000
 FOLLOWERS: Final = 20
-SLOW_RUN_NS: Final = 500_000_000
+SLOW_RUN_NS: Final = LONGEST_WAIT_NS
 SLOW_FOLLOWERS: Final = 2
 HELD: Final = 64
 """Most poses that are held; random stamps never form a long run."""
@@ -71,6 +73,16 @@ class StampOrder:
         self._latest: deque[Pose] = deque(maxlen=LATEST)
         self._follows_other = False
         self._periods = Periods()
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last pose in order; None before the first."""
+        return self._last_ns
+
+    @property
+    def period_ns(self) -> int:
+        """The usual time between poses; zero while it is unknown."""
+        return self._periods.median_ns if self._periods.known else 0
 
     @property
     def shift_ns(self) -> int:

@@ -43,9 +43,14 @@ class TickState(NamedTuple):
 def begin(model: Model, poses: Poses) -> TickState:
     """Start the grid of ticks and the world's origin at the first of the poses, which are not used
     otherwise."""
+    return begin_at(int(poses.stamp_ns[0]), poses.position_m[0].copy(), model)
+
+
+def begin_at(origin_ns: int, origin_m: Array, model: Model) -> TickState:
+    """Start the grid at this time, and the world's origin at this place."""
     estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
     learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
-    return TickState(int(poses.stamp_ns[0]), poses.position_m[0].copy(), 0, (), None, learnt)
+    return TickState(origin_ns, origin_m, 0, (), None, learnt)
 
 
 def goes_on(state: TickState, stamp_ns: int, model: Model) -> bool:
@@ -59,7 +64,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     while True:
         first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns.max())
         if not goes_on(state, first_ns, model):
-            state, empty = _missed(state, first_ns, model)
+            state, empty = _missed(state, first_ns, model, bool(closed) or _has_closed_early(state, model))
             closed += empty
         if goes_on(state, last_ns, model):  # the usual case online
             return state._replace(frames=(left,)), closed
@@ -71,6 +76,24 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
         state, some = _run(state, left, ends[:many], model)
         closed += some
         left = left[int(ends[many - 1]) :]
+
+
+def pass_time(state: TickState, until_ns: int, model: Model) -> tuple[TickState, list[Tick]]:
+    """Close the current tick if it ends by this time, or, where no poses come, all ticks that do.
+
+    Later poses in the time of closed ticks will be in the next one.
+    """
+    if goes_on(state, until_ns, model) or (state.last is None and not state.frames):
+        return state, []
+    if state.frames:
+        state, tick = close(state, model)
+        return state._replace(number=state.number + 1), [tick]
+    return _missed(state, until_ns, model, _has_closed_early(state, model))
+
+
+def open_since_ns(state: TickState, model: Model) -> int:
+    """Where the current tick begins; its end if it was closed early."""
+    return state.origin_ns + (state.number + _has_closed_early(state, model)) * model.tick_ns
 
 
 def follow(
@@ -114,8 +137,11 @@ def _has_closed_early(state: TickState, model: Model) -> bool:
     return state.last is not None and state.last.stamp_ns >= state.origin_ns + state.number * model.tick_ns
 
 
-def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, list[Tick]]:
-    """Go to the tick of the next pose, with empty ticks for a gap of the stream."""
+def _missed(state: TickState, stamp_ns: int, model: Model, is_closed: bool) -> tuple[TickState, list[Tick]]:
+    """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether the
+    current one is."""
+    if not is_closed:
+        state = state._replace(number=state.number - 1)
     step_ns = model.tick_ns
     number = (stamp_ns - state.origin_ns) // step_ns
     missed = max(min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1, 0)
@@ -128,4 +154,5 @@ def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, l
     if number - state.number - 1 > missed:  # skip the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)
-    return state._replace(number=number, empty=state.empty + missed), empty
+    last = empty[-1] if empty else state.last
+    return state._replace(number=number, empty=state.empty + missed, last=last), empty

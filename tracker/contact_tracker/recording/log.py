@@ -9,7 +9,13 @@ from types import MappingProxyType
 from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
-from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
+from contact_tracker.motion.pose_validation import (
+    Arrival,
+    PoseGate,
+    remark_on_excursions,
+    remark_on_loss,
+    remarks_on,
+)
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer
@@ -93,7 +99,6 @@ class PoseLog:
         self._composer = composer
         self.late_sources: tuple[PoseSource, ...] = ()
         self._taken = 0
-        self.released: tuple[Pose, ...] = ()
         self.first = prefix[0]
         self._skipped = 0
         self._is_resumed = False
@@ -106,7 +111,7 @@ class PoseLog:
         self._frame = frame
         self._count_late = count_late
         self._items = items
-        self._poses = self._read(items)
+        self._arrivals = self._read(items)
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -130,9 +135,13 @@ class PoseLog:
         count = self.counts.get("known_definition", 0)
         why = self._why or (self._composer.why if self._composer is not None else None)
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
-        disorder = () if self._is_resumed else remarks_on(self.counts, self.taken)
+        many = (
+            tuple(filter(None, (remark_on_excursions(self.counts),)))
+            if self._is_resumed
+            else remarks_on(self.counts, self.taken)
+        )
         is_reset = self.counts.get("clock_reset") and self._reading.is_folder
-        return (*filter(None, (assumed,)), *disorder, *((_SEVERAL,) if is_reset else ()))
+        return (*filter(None, (assumed,)), *many, *((_SEVERAL,) if is_reset else ()))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -140,7 +149,11 @@ class PoseLog:
         return tuple(filter(None, (self.damage, self.note, *self.remarks)))
 
     def __iter__(self) -> Iterator[Pose]:
-        return self._poses
+        return (pose for arrival in self._arrivals for pose in arrival.poses)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """What each measured pose brings, instead of the poses."""
+        return self._arrivals
 
     @property
     def taken(self) -> int:
@@ -169,22 +182,20 @@ class PoseLog:
         gate: PoseGate,
         stamping: Stamping,
         taken: int,
-        released: Sequence[Pose],
         is_same_log: bool,
     ) -> None:
         """Continue, before the first pose, where another reading of the source has stopped.
 
-        ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped. Those that
-        the gate has ``released``, but that were not iterated over yet, come first.
+        ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped.
         """
-        self._gate, self._counts, self.released = gate, gate.own_counts, tuple(released)
+        self._gate, self._counts = gate, gate.own_counts
         self._is_resumed = True
         if is_same_log:
             self._stamping, self._skipped = stamping, taken
 
     def close(self) -> None:
         """Close the file before its end."""
-        self._poses.close()
+        self._arrivals.close()
         self._items = iter(())
 
     def messages(self) -> Iterator[RawMessage]:
@@ -203,7 +214,7 @@ class PoseLog:
             many = BATCH
             poses = self._columns(messages)
             if poses is None:
-                poses = Poses.collect(self._admit(messages))
+                poses = Poses.collect(pose for one in self._admit(messages) for pose in one.poses)
             if len(poses):
                 yield poses
         if rest := self._gate.finish():
@@ -236,20 +247,12 @@ class PoseLog:
         found = (channel.topic, channel.type, frame_id, child_frame_id)
         return found == (source.topic, source.type, source.frame_id, source.child_frame_id)
 
-    def _read(self, items: Iterator[Item]) -> Generator[Pose]:
-        yield from self._one_by_one(self.released)
+    def _read(self, items: Iterator[Item]) -> Generator[Arrival]:
         yield from self._admit(items)
-        yield from self._one_by_one(self._gate.finish())
+        yield self._gate.end()
 
-    def _one_by_one(self, poses: Iterable[Pose]) -> Generator[Pose]:
-        """Poses that the gate has released, of which it may hold back some until others come."""
-        rest = tuple(poses)
-        for number, pose in enumerate(rest, start=1):
-            self.released = rest[number:]
-            yield pose
-
-    def _admit(self, items: Iterable[Item]) -> Generator[Pose]:
-        counts, admit, stamping = self._counts, self._gate.admit, self._stamping
+    def _admit(self, items: Iterable[Item]) -> Generator[Arrival]:
+        counts, arrive, stamping = self._counts, self._gate.arrive, self._stamping
         for item in items:
             if not isinstance(item, RawMessage):
                 continue
@@ -271,7 +274,7 @@ class PoseLog:
                 if not is_row(item.channel) and stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
                     pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
-                yield from self._one_by_one(admit(pose))
+                yield arrive(pose)
 
     def _note_other(self, other: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""

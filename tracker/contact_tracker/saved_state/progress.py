@@ -10,13 +10,12 @@ from contact_tracker.tracking.belief import FurtherContact
 
 
 class Progress(NamedTuple):
-    """A stream between two poses.
+    """A stream between the arrivals of two poses.
 
     ``initial`` is the initial state, which model, lag and prior map determine.
     ``source`` are the topic, type and frames of the poses; ``first`` is the first pose of the log, with its
     log time (ns);
-    ``taken`` poses were read, with the ``gate`` and the ``stamping`` (see ``recording.stamping``); those that
-    the gate has ``released`` are still to be tracked.
+    ``taken`` poses were read, with the ``gate`` and the ``stamping`` (see ``recording.stamping``).
     ``origin_ns``, ``first_ns`` and ``last_ns`` are stamps, ``used`` the number of valid poses; ``label`` is
     the last that was shown, ``settled`` and ``open`` whether as that, and ``further`` the further contacts.
     """
@@ -27,7 +26,6 @@ class Progress(NamedTuple):
     first: tuple[Pose, int]
     taken: int
     gate: PoseGate
-    released: tuple[Pose, ...]
     stamping: tuple[bool, int | None, int]
     origin_ns: int
     first_ns: int

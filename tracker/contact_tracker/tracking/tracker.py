@@ -33,11 +33,13 @@ __all__ = [
     "accumulate_pose",
     "accumulate_poses",
     "answer",
+    "begin_like",
     "can_hold",
     "close_tick",
     "finish",
     "flush_lag",
     "hold",
+    "pass_time",
     "scales_of",
     "start",
     "step",
@@ -90,6 +92,22 @@ def accumulate_poses(state: TrackerState, poses: Poses) -> tuple[TrackerState, l
     averaging = tick_grid.begin(state.model, poses) if state.averaging is None else state.averaging
     averaging, closed = tick_grid.advance(averaging, poses, state.model)
     return state._replace(averaging=averaging), closed
+
+
+def pass_time(state: TrackerState, until_ns: int) -> tuple[TrackerState, list[Tick]]:
+    """Close the ticks that are over, see ``tick_grid.pass_time``."""
+    if state.averaging is None:
+        return state, []
+    averaging, closed = tick_grid.pass_time(state.averaging, until_ns, state.model)
+    return state._replace(averaging=averaging), closed
+
+
+def begin_like(state: TrackerState, leader: TrackerState) -> TrackerState:
+    """The state before the first pose, from which on it can follow the ticks of the ``leader``."""
+    assert leader.averaging is not None
+    return state._replace(
+        averaging=tick_grid.begin_at(leader.averaging.origin_ns, leader.averaging.origin_m, state.model)
+    )
 
 
 def follow_ticks(

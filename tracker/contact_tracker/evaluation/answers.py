@@ -1,0 +1,70 @@
+"""What ``live`` answers to a stream of poses, and when."""
+
+from array import array
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import adaptation
+from contact_tracker.config.parameters import Model
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.pose_validation import Arrival, PoseGate
+from contact_tracker.motion.poses import Pose
+from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.segmentation import Beliefs
+
+
+class Answers(NamedTuple):
+    """Online ``beliefs`` in the order in which they were given out, and the time of the stream (T,) at which
+    each was. That is later than its stamp by the time for which poses are held, and by what a tick waits for
+    its last pose."""
+
+    beliefs: Beliefs
+    arrival_ns: NDArray[np.int64]
+
+
+class Answering:
+    """Tracks a stream online while it passes through.
+
+    Parameters
+    ----------
+    frame_moves : whether poses are in the frame of a body that moves, as the user asked.
+    """
+
+    def __init__(self, model: Model, knowledge: PriorMap = EMPTY_MAP, frame_moves: bool = False) -> None:
+        self._state = adaptation.start(model, knowledge=knowledge, frame_moves=frame_moves)
+        self._parts: list[Beliefs] = []
+        self._arrival_ns = array("q")
+
+    def through(self, arrivals: Iterable[Arrival]) -> Iterator[Pose]:
+        """The poses of the stream, after they were tracked."""
+        for arrival in arrivals:
+            self._state, beliefs = adaptation.take(self._state, arrival, Detail.SHARED)
+            self._note(beliefs, arrival.time_ns)
+            yield from arrival.poses
+
+    def finish(self) -> Answers:
+        """All answers, at the end of the stream."""
+        self._state, beliefs = adaptation.finish(self._state)
+        self._note(beliefs, self._state.last_ns)
+        return Answers(Beliefs.join(self._parts), np.array(self._arrival_ns, np.int64))
+
+    def _note(self, beliefs: list[Belief], time_ns: int | None) -> None:
+        if beliefs:
+            self._parts.append(Beliefs.of(beliefs))
+            self._arrival_ns.extend([time_ns or beliefs[-1].stamp_ns] * len(beliefs))
+
+
+def answers_to(poses: Iterable[Pose], model: Model, knowledge: PriorMap = EMPTY_MAP) -> Answers:
+    """The answers to ``poses`` as measured, which pass the gate one by one."""
+    gate, answering = PoseGate(), Answering(model, knowledge)
+
+    def arrivals() -> Iterator[Arrival]:
+        yield from map(gate.arrive, poses)
+        yield gate.end()
+
+    for _ in answering.through(arrivals()):
+        pass
+    return answering.finish()
