@@ -105,7 +105,10 @@ def require_load(
         fits = estimate_load(average(poses, other, stamp_ns), is_free, p_free)
         if fits is not None and not fits.doubt:
             raise NoLoad(f"{load.doubt}. They fit {what}")
-    raise NoLoad(f"{load.doubt}. Check their sign, their frame, and the sensor's bias")
+    raise NoLoad(
+        f"{load.doubt}. Check their sign, their frame, the sensor's bias, and "
+        "whether there are some seconds of free motion"
+    )
 
 
 def _other_readings(poses: Poses, wrenches: Wrenches) -> Iterator[tuple[str, Wrenches]]:
