@@ -52,13 +52,19 @@ class Contradiction(NamedTuple):
 
 
 def advance(
-    known: Contradiction, model: Model, knowledge: PriorMap, poses: Poses, is_chosen: bool = True
+    known: Contradiction,
+    model: Model,
+    knowledge: PriorMap,
+    poses: Poses,
+    is_chosen: bool = True,
+    rests: bool = False,
 ) -> Contradiction:
     """Advance by poses; ``model`` has the ticks and the noise of the stream. Without ``knowledge`` nothing is
     compared.
 
-    Noise that is taken for motion has more evidence without prior map, so the comparison begins again where
-    ``model`` changes, and is not settled before it ``is_chosen``.
+    Noise that is taken for motion has more evidence without prior map. So the comparison begins again where
+    ``model`` changes, and until it ``is_chosen`` it is not settled, and nothing counts while the object
+    ``rests``.
     """
     if known.is_settled or not knowledge:
         return known._replace(is_settled=True)
@@ -74,7 +80,7 @@ def advance(
     lead, lost, is_found = known.lead, known.lost, known.is_found
     for one, other in zip(with_it, without, strict=True):
         before, difference = difference, other.log_evidence - one.log_evidence
-        if not _is_undecided(one.belief, other.belief):
+        if (is_chosen or not rests) and not _is_undecided(one.belief, other.belief):
             lead += difference - before
             lost = max(lost + difference - before, 0.0)
         is_found = is_found or lead > WRONG_NATS or lost > LOST_NATS

@@ -184,7 +184,12 @@ def check_prior_map(state: AdaptiveState, poses: Poses) -> AdaptiveState:
     if best is None:
         return state
     known = contradiction.advance(
-        state.contradiction, best.model, trackers.knowledge, poses, trackers.is_decided
+        state.contradiction,
+        best.model,
+        trackers.knowledge,
+        poses,
+        trackers.is_decided,
+        trackers.rest.ticks_at_rest > 0,
     )
     return state._replace(contradiction=known)
 
