@@ -68,9 +68,8 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
     These are the corrected functions (5), (10), (15), (19) and their swapped forms, as Kronecker forms
     (docs/theory.md, T7), minimised by batched Levenberg-Marquardt instead of SLSQP: from the relaxed problems
     of ``contacts``, then from the minima of neighbouring windows, and at random where there are none. The
-    world's origin is the mean position;
-    only the minima of f-e depend on it. Those of f-f and e-f depend on the body frame of the recording
-    (docs/theory.md, T9, T10).
+    world's origin is the mean position; only the minima of f-e depend on it. Those of f-f and e-f depend on
+    the body frame of the recording (docs/theory.md, T9, T10).
 
     A recording shorter than a window has no windows. The result is deterministic.
     """
