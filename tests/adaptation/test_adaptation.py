@@ -326,6 +326,19 @@ def test_a_mixture_is_a_distribution_and_its_label_the_most_probable(trackers) -
     assert mixed_with_uniform(both.probability).max() < 0.6
 
 
+def test_a_label_that_no_tracker_reports_is_not_told_from_their_labels() -> None:
+    """As when one has spread its probability over f-f, e-f and v-f, and the other over v-f and e-f."""
+    one = np.array([0.4, 0.35, 0.0, 0.25, 0.0, 0.0, 0.0])
+    other = np.array([0.05, 0.4, 0.0, 0.45, 0.0, 0.1, 0.0])
+    beliefs = (
+        Belief(5, Contact.FF, one, 3, None, np.full(6, np.nan), inseparable=(Contact.EF, Contact.VF)),
+        Belief(5, Contact.VF, other, 3, None, np.full(6, np.nan), inseparable=(Contact.EE,)),
+    )
+    both = mixture(beliefs, np.zeros(2))
+    assert both.contact is Contact.EF
+    assert both.inseparable == (Contact.FF, Contact.VF, Contact.EE)
+
+
 def test_an_open_formation_limits_the_probability_of_the_mixture() -> None:
     certain = np.full(7, 1e-3)
     certain[Contact.EF.column] = 1.0 - certain[:6].sum()

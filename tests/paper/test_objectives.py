@@ -101,16 +101,28 @@ def printed_13(rotation):
 
 
 def printed_21(rotation, p):
-    """a_ee as printed: rows of R."""
-    blocks = [np.concatenate([np.cross(p, r), r]) for r in rotation]
-    blocks += [np.concatenate([r, np.zeros(3)]) for r in rotation]
-    return np.concatenate(blocks)
+    """a_ee as printed, of rows of R: the third block has no ``r3``."""
+    r1, r2, r3 = rotation
+    first = [np.cross(p, r1), r1, np.cross(p, r2), r2, np.cross(p, r3)]
+    return np.concatenate([*first, *(part for r in rotation for part in (r, np.zeros(3)))])
 
 
 def one_touching_pose(contact, seed=4):
     t = touching(contact, np.random.default_rng(seed))
     rotation, p = motion(t.rotation[:1], t.position_m[:1])
     return rotation[0], p[0], t.object, t.environment
+
+
+def test_erratum_4_order_of_moment_and_direction():
+    """Two planes meet in the line through their common points."""
+    rng = np.random.default_rng(4)
+    one, other = rng.normal(size=(2, 3))
+    points = rng.normal(size=3) + np.array([[0.0], [1.0]]) * np.cross(one, other)
+    h_one, h_other = points[0] @ one, points[0] @ other
+    printed = np.concatenate([h_other * one - h_one * other, np.cross(one, other)])
+    for q in points:
+        np.testing.assert_allclose(np.cross(q, printed[3:]), printed[:3], atol=1e-12)
+        assert np.abs(np.cross(q, printed[:3]) - printed[3:]).max() > 1e-2  # in the order of (2)
 
 
 def test_erratum_7_sign_of_p_sb():
@@ -124,6 +136,17 @@ def test_8_holds_as_printed():
     rotation, p, _, _ = one_touching_pose(Contact.FF)
     corrected = rows(Contact.FF, rotation[None], p[None])[0, 3:].reshape(3, 4, 4)[:, :3, :3]
     np.testing.assert_array_equal(corrected.reshape(3, 9), skew(rotation))
+
+
+def test_erratum_12_a_column_too_many():
+    rotation, p, _, _ = one_touching_pose(Contact.EF)
+    plane, zero, last = np.append(rotation.T @ p, 1.0), np.zeros(4), np.zeros((3, 1))
+    offsets = [np.concatenate(row) for row in ((plane, zero, zero), (zero, plane, zero), (zero, zero, plane))]
+    printed = np.hstack([offsets, printed_13(rotation), last])
+    assert printed.shape == (3, 25)
+    corrected = rows(Contact.EF, rotation[None], p[None])[0, :3]
+    np.testing.assert_allclose(printed[:, :12], corrected[:, :12])
+    np.testing.assert_allclose(printed[:, 12:24], -corrected[:, 12:])
 
 
 def test_erratum_13_sign_of_b_ef():
@@ -147,12 +170,22 @@ def test_erratum_15_sign_of_h():
     assert abs(o[:3] @ normal - (normal @ p + e[3])) < 1e-12
 
 
+def completed_21(rotation, p):
+    """(21) with ``r3`` after ``p x r3``."""
+    return np.insert(printed_21(rotation, p), 15, rotation[2])
+
+
 def test_erratum_21_columns_for_rows():
     rotation, p, o, e = one_touching_pose(Contact.EE)
     v = np.kron(e, o)
-    assert abs(printed_21(rotation, p) @ v) > 1e-2
-    assert abs(printed_21(rotation.T, p) @ v) < 1e-12
-    np.testing.assert_allclose(rows(Contact.EE, rotation[None], p[None])[0, 0], printed_21(rotation.T, p))
+    assert abs(completed_21(rotation, p) @ v) > 1e-2
+    assert abs(completed_21(rotation.T, p) @ v) < 1e-12
+    np.testing.assert_allclose(rows(Contact.EE, rotation[None], p[None])[0, 0], completed_21(rotation.T, p))
+
+
+def test_erratum_21_the_third_block_is_incomplete():
+    rotation, p, o, e = one_touching_pose(Contact.EE)
+    assert len(printed_21(rotation, p)) == len(np.kron(e, o)) - 3
 
 
 # --- minimisation --------------------------------------------------------------------------------------

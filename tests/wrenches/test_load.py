@@ -1,13 +1,17 @@
 """The load is estimated from free motion, also if contact is partly misclassified as free."""
 
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.pressed_objects import CENTRE_M, MASS_KG, WEIGHT_N, Pressed, pressed
 
-from contact_tracker.adaptation.with_wrenches import mass_doubt
+from contact_tracker.adaptation.with_wrenches import NoLoad, mass_doubt, require_load
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.load import Load, estimate_load
 from contact_tracker.wrenches.tick_wrench import average
+from contact_tracker.wrenches.wrenches import Wrenches, about_parent, reversed_wrenches
 
 
 def load_of(made: Pressed, free: np.ndarray | None = None, mass_kg: float | None = None) -> Load | None:
@@ -64,3 +68,29 @@ def test_a_mass_that_free_motion_overrules_is_said(share: float) -> None:
     assert not doubt or f"{mass_kg:g} kg, does not fit" in doubt
     assert not doubt or f"{load.mass_kg:.3f} kg is used" in doubt
     assert not mass_doubt(load, None)
+
+
+def turned(made: Pressed) -> Wrenches:
+    """As of a sensor whose frame is turned by an unknown rotation."""
+    rotation = Rotation.from_rotvec([1.0, -1.5, 0.5])
+    return Wrenches(
+        made.wrenches.stamp_ns, rotation.apply(made.wrenches.force_n), rotation.apply(made.wrenches.moment_nm)
+    )
+
+
+@pytest.mark.parametrize(
+    ("read", "expected"),
+    [
+        (lambda made: reversed_wrenches(made.wrenches), "They fit with the opposite sign"),
+        (lambda made: about_parent(made.wrenches, made.poses), "They fit in the frame of the poses"),
+        (turned, "Check their sign, their frame"),
+    ],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_wrenches_of_a_wrong_sign_or_frame_are_not_used(seed: int, read: Any, expected: str) -> None:
+    made = pressed(Contact.VF, seed, noise=True, bias=True)
+    p_free = made.is_free.astype(float)
+    require_load(made.poses, made.wrenches, made.tick_ns, made.is_free, p_free)
+    with pytest.raises(NoLoad, match=expected) as raised:
+        require_load(made.poses, read(made), made.tick_ns, made.is_free, p_free)
+    assert "in free motion" in str(raised.value)

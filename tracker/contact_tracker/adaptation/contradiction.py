@@ -51,27 +51,42 @@ class Contradiction(NamedTuple):
         return self.is_found or (not self.is_settled and self.lead > DOUBTED_NATS)
 
 
-def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Poses) -> Contradiction:
-    """Advance by poses; ``model`` has the ticks of the stream. Without ``knowledge`` nothing is compared."""
+def advance(
+    known: Contradiction,
+    model: Model,
+    knowledge: PriorMap,
+    poses: Poses,
+    is_chosen: bool = True,
+    rests: bool = False,
+) -> Contradiction:
+    """Advance by poses; ``model`` has the ticks and the noise of the stream. Without ``knowledge`` nothing is
+    compared.
+
+    Noise that is taken for motion has more evidence without prior map. So the comparison begins again where
+    ``model`` changes, and until it ``is_chosen`` it is not settled, and nothing counts while the object
+    ``rests``.
+    """
     if known.is_settled or not knowledge:
         return known._replace(is_settled=True)
     if not len(poses):
         return known
+    if known.given is not None and known.given.state.model != model:
+        known = Contradiction()
     given = known.given or Explained(tracker.start(model, knowledge=knowledge))
     nothing = known.nothing or Explained(tracker.start(model))
     difference = nothing.state.log_evidence - given.state.log_evidence
     given, with_it = follow(given, poses)
     nothing, without = follow(nothing, poses, Detail.SHARED)
-    lead, lost = known.lead, known.lost
+    lead, lost, is_found = known.lead, known.lost, known.is_found
     for one, other in zip(with_it, without, strict=True):
         before, difference = difference, other.log_evidence - one.log_evidence
-        if not _is_undecided(one.belief, other.belief):
+        if (is_chosen or not rests) and not _is_undecided(one.belief, other.belief):
             lead += difference - before
             lost = max(lost + difference - before, 0.0)
-        is_found = lead > WRONG_NATS or lost > LOST_NATS
-        if is_found or other.moved_s > LONGEST_S:
+        is_found = is_found or lead > WRONG_NATS or lost > LOST_NATS
+        if is_chosen and (is_found or other.moved_s > LONGEST_S):
             return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
-    return Contradiction(given, nothing, lead, lost)
+    return Contradiction(given, nothing, lead, lost, is_found=is_found)
 
 
 def _is_undecided(given: Belief, nothing: Belief) -> bool:

@@ -20,8 +20,9 @@ DOUBT: Final = 0.5
 def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
     """The belief of K trackers by their ``log_weight`` (K,): the mean posterior and its most probable state.
 
-    Onset, elements and alternatives are those of the most probable tracker with this label; without one they
-    are unknown.
+    Onset, elements and alternatives are those of the most probable tracker with this label. Without one,
+    onset and elements are unknown, and the label is indistinguishable from all states that the trackers
+    report.
     """
     if len(beliefs) == 1:
         return beliefs[0]
@@ -33,12 +34,13 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
     ranked = sorted(zip(beliefs, share, strict=True), key=lambda one: (one[0].contact is label, one[1]))
     source, _ = ranked[-1]
     if source.contact is not label:
+        reported = {one for belief in beliefs for one in (belief.contact, *belief.inseparable)} - {label}
         source = replace(
             source,
             contact=label,
             onset_ns=source.stamp_ns,
             geometry=None,
-            inseparable=(),
+            inseparable=tuple(one for one in STATES if one in reported),
             p_restricted=0.0,
             further=(),
             is_open=False,

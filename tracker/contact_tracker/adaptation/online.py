@@ -220,10 +220,17 @@ def check_conventions(state: AdaptiveState, poses: Poses) -> AdaptiveState:
 
 def check_prior_map(state: AdaptiveState, poses: Poses) -> AdaptiveState:
     """Update the test of a contradiction to the prior map by poses, which are tracked elsewhere."""
-    trackers = state.trackers
-    if not trackers.trackers:
+    trackers, best = state.trackers, state.best
+    if best is None:
         return state
-    known = contradiction.advance(state.contradiction, trackers.trackers[0].model, trackers.knowledge, poses)
+    known = contradiction.advance(
+        state.contradiction,
+        best.model,
+        trackers.knowledge,
+        poses,
+        trackers.is_decided,
+        trackers.rest.ticks_at_rest > 0,
+    )
     return state._replace(contradiction=known)
 
 

@@ -1,7 +1,10 @@
 """Evidence of wrenches: a first pass labels by motion, and its ticks of free motion determine the load."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker.adaptation.offline import OfflineTracker
 from contact_tracker.config.parameters import Model
@@ -12,8 +15,11 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 from contact_tracker.wrenches.load import AGREES, Load, contact_wrenches, estimate_load
-from contact_tracker.wrenches.tick_wrench import average
-from contact_tracker.wrenches.wrenches import Wrenches
+from contact_tracker.wrenches.tick_wrench import TickWrenches, average
+from contact_tracker.wrenches.wrenches import Wrenches, about_body, reversed_wrenches
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 LEAST_SHARE: Final = 0.1
 """Share of the ticks that must have wrenches: with fewer the two streams may have different clocks."""
@@ -54,19 +60,62 @@ def wrench_evidence(
     Raises
     ------
     NoLoad
-        Wrenches and poses do not overlap, or there is too little free motion to determine the load.
+        Wrenches and poses do not overlap, there is too little free motion to determine the load, or the
+        wrenches are none of a hand that carries one.
     """
     found = Segmentation.join(list(OfflineTracker(model, knowledge).pieces(poses, progress, Detail.WEIGHTS)))
-    ticks = average(poses, wrenches.valid, found.stamp_ns)
+    column = Contact.FREE.column
+    is_free, p_free = found.beliefs.rows["contact"] == column, found.beliefs.probability[:, column]
+    ticks, load = require_load(poses, wrenches.valid, found.stamp_ns, is_free, p_free, mass_kg)
+    return WrenchEvidence(contact_wrenches(ticks, load)), load
+
+
+def require_load(
+    poses: Poses,
+    wrenches: Wrenches,
+    stamp_ns: NDArray[np.int64],
+    is_free: Bools,
+    p_free: Array,
+    mass_kg: float | None = None,
+) -> tuple[TickWrenches, Load]:
+    """Wrenches in the ticks that end at ``stamp_ns`` (T,), and the load of the hand that they show.
+
+    Parameters
+    ----------
+    is_free, p_free, mass_kg : as of ``estimate_load``.
+
+    Raises
+    ------
+    NoLoad
+        As ``wrench_evidence``.
+    """
+    ticks = average(poses, wrenches, stamp_ns)
     if ticks.is_measured.mean() < LEAST_SHARE:
         raise NoLoad("wrenches and poses hardly overlap in time: are their stamps of one clock?")
-    column = Contact.FREE.column
-    is_free = found.beliefs.rows["contact"] == column
-    load = estimate_load(ticks, is_free, found.beliefs.probability[:, column], mass_kg)
+    load = estimate_load(ticks, is_free, p_free, mass_kg)
     if load is None and mass_kg is not None:  # one that is far off fits no tick
-        load = estimate_load(ticks, is_free, found.beliefs.probability[:, column])
+        load = estimate_load(ticks, is_free, p_free)
     if load is None:
         raise NoLoad(
             "too little free motion shows what the hand carries: weight and sensor bias are not known"
         )
-    return WrenchEvidence(contact_wrenches(ticks, load)), load
+    if not load.doubt:
+        return ticks, load
+    for what, other in _other_readings(poses, wrenches):
+        fits = estimate_load(average(poses, other, stamp_ns), is_free, p_free)
+        if fits is not None and not fits.doubt:
+            raise NoLoad(f"{load.doubt}. They fit {what}")
+    raise NoLoad(
+        f"{load.doubt}. Check their sign, their frame, the sensor's bias, and "
+        "whether there are some seconds of free motion"
+    )
+
+
+def _other_readings(poses: Poses, wrenches: Wrenches) -> Iterator[tuple[str, Wrenches]]:
+    """The same numbers as reactions, and about the origin of the world and in its axes."""
+    world = about_body(wrenches, poses)
+    in_frame = "in the frame of the poses instead of the object's: set header.frame_id"
+    reverse = "with the opposite sign: they are those of the object on the hand"
+    yield reverse, reversed_wrenches(wrenches)
+    yield in_frame, world
+    yield f"{reverse}, {in_frame}", reversed_wrenches(world)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
-from contact_tracker.paper.batched import Batch, minimise_batched
+from contact_tracker.paper.batched import Batch, minimise_batched, random_starts
 from contact_tracker.paper.kronecker import form, rows
 from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
+"""Neighbours from whose minima a window starts again, one after the other."""
+RANDOM_M: Final = 0.3
+"""Standard deviation of the offsets of random starts."""
 COARSE: Final = (1e-4, 30)
 FINE: Final = (1e-9, 300)
 """Relative gain at which a minimisation stops, and most iterations: of all starts, and of the final one."""
@@ -64,9 +67,9 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
 
     These are the corrected functions (5), (10), (15), (19) and their swapped forms, as Kronecker forms
     (docs/theory.md, T7), minimised by batched Levenberg-Marquardt instead of SLSQP: from the relaxed problems
-    of ``contacts``, then from the minima of neighbouring windows. The world's origin is the mean position;
-    only the minima of f-e depend on it. Those of f-f and e-f depend on the body frame of the recording
-    (docs/theory.md, T9, T10).
+    of ``contacts``, then from the minima of neighbouring windows, and at random where there are none. The
+    world's origin is the mean position; only the minima of f-e depend on it. Those of f-f and e-f depend on
+    the body frame of the recording (docs/theory.md, T9, T10).
 
     A recording shorter than a window has no windows. The result is deterministic.
     """
@@ -127,12 +130,19 @@ class Curves:
 def minimise_windows(
     model: ContactModel, rotation: Array, position_m: Array, frames: int, step: int
 ) -> Batch:
-    """Minima of the paper's objective of one contact on windows of ``T_world_body`` (N, 3, 3) and (N, 3)."""
+    """Minima of the paper's objective of one contact on windows of ``T_world_body`` (N, 3, 3) and (N, 3).
+
+    A window starts from the relaxed problems, then from the minima of its neighbours; where it has none, at
+    random instead. The random numbers are always the same.
+    """
     k, moments = window_sums(model, rotation, position_m, frames, step)
-    best = from_relaxed(model, k, moments)
+    best, rng = from_relaxed(model, k, moments), np.random.default_rng(0)
     for shift in SHIFTS:
-        source = np.clip(np.arange(len(k)) + shift, 0, len(k) - 1)
-        best = best.better(minimise_batched(model.contact, k, best.x[source], best.y[source], *COARSE))
+        x, y = random_starts(model.contact, len(k), rng, RANDOM_M)
+        source = np.arange(len(k)) + shift
+        exists = (source >= 0) & (source < len(k))
+        x[exists], y[exists] = best.x[source[exists]], best.y[source[exists]]
+        best = best.better(minimise_batched(model.contact, k, x, y, *COARSE))
     return minimise_batched(model.contact, k, best.x, best.y, *FINE)
 
 

@@ -38,6 +38,16 @@ AGREES: Final = 0.07
 """Relative deviation of weights in single ticks from a given mass, and of the load from one that fits."""
 MASS_SHARE: Final = 0.02
 """Relative error of a given mass."""
+EXPLAINED: Final = 0.25
+"""Least share of the ticks without contact that a load explains: motion alone takes others for such, too."""
+UNEXPLAINED: Final = 0.05
+MISFIT: Final = 9.0
+"""Force that is left in this share of the ticks, over the usual force, and its square over its noise, above
+which they are not explained. On the shared physics recordings they are at most 0.085 and 2.3."""
+MOST_BIAS: Final = 0.5
+"""Largest bias over the weight, where it is far beyond its prior."""
+SURE: Final = 3.0
+"""Standard deviations of a bias beyond its prior, and of an accelerated mass that is negative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +63,10 @@ class Load:
     force_covariance, moment_covariance : (6, 6) of weight and bias, (12, 12) of centre, inertia and bias.
     scale : mean squared residual of the free ticks over their noise.
     ticks : sum of the weights of the free ticks that fit.
+    unexplained : residual force that a share ``EXPLAINED`` of the free ticks has at most, over their median
+        force, and its square over its noise.
+    accelerated : mass that is accelerated over the mass that is carried, which are one, and its standard
+        deviation.
     """
 
     weight_n: Array
@@ -64,10 +78,27 @@ class Load:
     moment_covariance: Array
     scale: float
     ticks: float
+    unexplained: tuple[float, float]
+    accelerated: tuple[float, float]
 
     @property
     def mass_kg(self) -> float:
         return float(np.linalg.norm(self.weight_n)) / GRAVITY
+
+    @property
+    def doubt(self) -> str:
+        """Why this is no load of a hand, so that the wrenches have a wrong sign or frame; empty if it may be
+        one."""
+        share, sd = self.accelerated
+        bias_n = float(np.linalg.norm(self.force_bias_n))
+        if share < 0.0 and share + SURE * sd < 1.0:
+            return "in free motion the forces are as if the mass were negative"
+        if bias_n > max(SURE * BIAS_SD[0], MOST_BIAS * GRAVITY * self.mass_kg):
+            return f"in free motion a force of {bias_n:.1f} N turns with the object, as gravity does not"
+        off, misfit = self.unexplained
+        if self.ticks < FEWEST_TICKS or (off > UNEXPLAINED and misfit > MISFIT):
+            return "in free motion the forces are not those of weight and inertia"
+        return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +226,8 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         usual = max(_weighted_median(squares, weight), 6.0)
         weight = _redescending(squares / usual)
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
+    squares = (off_force**2).sum(axis=1)
+    usual_n = max(float(np.median(np.linalg.norm(ticks.force_n[rows], axis=1))), NEAR_N)
     return Load(
         weight_n,
         centre,
@@ -205,7 +238,23 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         by_moment * scale,
         scale,
         float(weight.sum()),
+        (
+            float(np.quantile(squares, EXPLAINED)) ** 0.5 / usual_n,
+            float(np.quantile(squares / force_noise, EXPLAINED)) / 3.0,
+        ),
+        _accelerated(ticks, rows, weight / (force_noise * scale), inertial / max(mass, 1e-9)),
     )
+
+
+def _accelerated(
+    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, acceleration: Array
+) -> tuple[float, float]:
+    """The mass that is accelerated, with its sign, over that of the weight, and its standard deviation."""
+    design = np.concatenate([_force_design(ticks, rows), acceleration[..., None]], axis=2)
+    prior = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3 + [0.0])
+    found, covariance = _solve(design, ticks.force_n[rows], weight, prior, np.zeros(7))
+    mass = max(float(np.linalg.norm(found[:3])) / GRAVITY, 1e-9)
+    return float(found[6]) / mass, float(covariance[6, 6]) ** 0.5 / mass
 
 
 def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:

@@ -72,6 +72,11 @@ class Wrenches:
 NO_WRENCHES: Final = Wrenches(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
+def reversed_wrenches(wrenches: Wrenches) -> Wrenches:
+    """The reactions: forces and moments with the opposite sign."""
+    return Wrenches(wrenches.stamp_ns, -wrenches.force_n, -wrenches.moment_nm)
+
+
 def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
     """Wrenches that are given about the world's origin and in its axes, about the body's and in its own.
 
