@@ -43,6 +43,7 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
     """
     bare = ambiguity.Freedom(False, False)
     monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: bare)  # the bare posterior
+    monkeypatch.setattr(ambiguity, "with_rivals", lambda probability, *_: probability)
     poses = recorded(FACE_TO_EDGE).poses[300:540]
     tracked = tracking.track(poses, MODEL, (0.5, 0.2))
     seen = RecordedPass.over(forward(poses, MODEL))

@@ -38,7 +38,7 @@ def seen(
     if rng is not None:
         x = x + tangent @ rng.normal(0.0, sd, tangent.shape[1])
     rotation = np.eye(3) if turned > 0 else Rotation.from_rotvec([np.pi, 0, 0]).as_matrix()
-    return Sighting(first, first + 20, ElementEstimate(model, x, tangent, information, anchors, rotation))
+    return Sighting(first, first + 20, ElementEstimate(contact, x, tangent, information, anchors, rotation))
 
 
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)

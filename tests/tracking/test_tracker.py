@@ -145,6 +145,8 @@ def test_online_steps_equal_the_filtered_beliefs_of_the_segmenter():
 def without_ambiguity(monkeypatch):
     """The raw posterior, without sharing among indistinguishable states."""
     monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: ambiguity.Freedom(False, False))
+    monkeypatch.setattr(ambiguity, "with_rivals", lambda probability, *_: probability)
+    monkeypatch.setattr(ambiguity, "others_at_rest", lambda *_: ())
 
 
 def test_the_filter_equals_the_smoother_on_the_poses_so_far(without_ambiguity):

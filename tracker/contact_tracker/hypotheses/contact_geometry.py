@@ -72,4 +72,4 @@ def element_estimate(
     shown = (along * (values / (1.0 + values))) @ along.T
     rotation = window.zeta[len(window) // 2, R].reshape(3, 3)
     anchors = anchors_of(bank, model)[0]
-    return ElementEstimate(model, bank.x[0], spectrum.tangent, shown, anchors, rotation)
+    return ElementEstimate(model.contact, bank.x[0], spectrum.tangent, shown, anchors, rotation)

@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from contact_tracker.contacts import ContactModel, face_face
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel, face_face
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.elements import MapElement, kinds_of, split, stacked, with_offset
+from contact_tracker.states import Contact
 
 Pair = tuple[MapElement, MapElement]
 
@@ -18,6 +19,7 @@ class ElementEstimate:
 
     Parameters
     ----------
+    contact : whose elements these are.
     x : (S,), the world's origin as in the bank.
     tangent : (S, P) its free directions.
     information : (P, P) of the motion along them; zero along those that it does not show.
@@ -25,12 +27,16 @@ class ElementEstimate:
     rotation : (3, 3) of the body in the middle of the segment.
     """
 
-    model: ContactModel
+    contact: Contact
     x: Array
     tangent: Array
     information: Array
     anchors: Array
     rotation: Array
+
+    @property
+    def model(self) -> ContactModel:
+        return CONTACT_MODELS[self.contact.column]
 
 
 @dataclass(frozen=True, eq=False)
