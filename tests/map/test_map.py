@@ -1,5 +1,7 @@
 """The map of elements: what sightings say about pairs, associations, and what other contacts may use."""
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
-from contact_tracker.map.leave_one_out import MARGIN_TICKS, LeaveOneOut
+from contact_tracker.map.leave_one_out import MARGIN_S, LeaveOneOut
 from contact_tracker.map.pairs import map_pairs
 from contact_tracker.map.sighting import ElementEstimate, Sighting
 from contact_tracker.map.world_map import CONCENTRATION, Map, log_prior_of_new
@@ -145,7 +147,7 @@ def test_unseen_directions_do_not_separate() -> None:
 
 def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
     world = Map([seen(Contact.VF, (CORNER, TABLE), 0), seen(Contact.VF, (OTHER_CORNER, TABLE), 100)], REACH_M)
-    learned = LeaveOneOut(world)
+    learned = LeaveOneOut(world, 0.1)
     corners = {
         tick: [key for key, one in learned.at(tick).elements.items() if one.kind == "v"]
         for tick in (10, 60, 110)
@@ -153,7 +155,7 @@ def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
     assert corners[10] == [world.pairs[100][0]]
     assert corners[110] == [world.pairs[0][0]]
     assert len(corners[60]) == 2
-    assert len(learned.at(20 + MARGIN_TICKS - 1).counts) == 2  # the same contact may end later
+    assert len(learned.at(20 + round(MARGIN_S / 0.1) - 1).counts) == 2  # the same contact may end later
     table = world.pairs[0][1]
     assert learned.at(10).counts[table] == 1
     assert learned.at(60).counts[table] == 2
@@ -186,3 +188,24 @@ def test_price_of_new_elements() -> None:
     second = np.log(CONCENTRATION / (1.0 + CONCENTRATION))
     assert log_prior_of_new(["v-f", "e-f"]) == pytest.approx(second)  # two faces, one vertex, one edge
     assert log_prior_of_new(["v-f", "v-f"]) == pytest.approx(2.0 * second)
+
+
+def test_many_contacts_that_share_nothing_take_seconds_not_minutes() -> None:
+    rng = np.random.default_rng(6)
+    sightings = [
+        seen(
+            Contact.VF,
+            (
+                MapElement("v", np.zeros(3), rng.uniform(-0.2, 0.2, 3)),
+                MapElement(
+                    "f", Rotation.random(random_state=i).apply([0.0, 0.0, 1.0]), rng.uniform(-1.0, 1.0, 1)
+                ),
+            ),
+            100 * i,
+        )
+        for i in range(60)
+    ]
+    begin_s = time.process_time()
+    world = Map(sightings, REACH_M)
+    assert time.process_time() - begin_s < 10.0
+    assert world.complexity == 0.0

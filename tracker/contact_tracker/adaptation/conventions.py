@@ -148,9 +148,10 @@ def _after_window(
         return known._replace(units=known.units + units, found="")
     count = len(known.kept)
     has_doubled = count & (count - 1) == 0 or not known.found  # it takes some time
-    return (
-        known._replace(found=_found(known, model, sigma)) if has_doubled or count == MOST_WINDOWS else known
-    )
+    is_refuted = bool(known.nats.max() < BETTER_NATS)
+    if has_doubled or is_refuted or count == MOST_WINDOWS:
+        return known._replace(found=_found(known, model, sigma))
+    return known
 
 
 def _found(known: Conventions, model: Model, sigma: tuple[float, float]) -> str:
@@ -159,7 +160,7 @@ def _found(known: Conventions, model: Model, sigma: tuple[float, float]) -> str:
     if nats.max() < BETTER_NATS or len(known.kept) < FEWEST_WINDOWS:
         return ""
     needed = FITTING_SHARE * len(known.kept)
-    near = (nats > nats.max() - TIED_NATS).nonzero()[0]
+    near = np.argsort(-nats, kind="stable")[: np.count_nonzero(nats > nats.max() - TIED_NATS)]
     readings, fit = [READINGS[i] for i in near], fitting[near] >= needed
     if READINGS[nats.argmax()].delay_ms:
         readings, fit = _refined(known, model, sigma, READINGS[nats.argmax()].delay_ms, needed)

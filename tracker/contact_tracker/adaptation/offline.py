@@ -38,7 +38,8 @@ labels; it is not needed where a wrench shows a contact force at the start."""
 class OfflineTracker:
     """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise.
 
-    ``frame_moves``: poses are in the frame of a body that moves, as the user asked.
+    ``frame_moves``: poses are in the frame of a body that moves, as the user asked. ``uses_map``: whether
+    passes with a map of the recording follow the first one, where neither knowledge nor wrenches are given.
     """
 
     def __init__(
@@ -48,7 +49,9 @@ class OfflineTracker:
         executor: Executor | None = None,
         wrenches: WrenchEvidence | None = None,
         frame_moves: bool = False,
+        uses_map: bool = True,
     ) -> None:
+        self._uses_map = uses_map and not knowledge and wrenches is None
         self._knowledge = knowledge
         self._wrenches = wrenches
         self._executor = executor
@@ -75,7 +78,8 @@ class OfflineTracker:
         progress: Callable[[int], None] | None = None,
         detail: Detail = Detail.SHARED,
     ) -> Iterator[Segmentation]:
-        """As ``offline_smoother.pieces``; ``detail`` is that of the ``filtered`` beliefs.
+        """As ``offline_smoother.pieces``, but in one piece at the end where passes with a map may follow;
+        ``detail`` is that of the ``filtered`` beliefs.
 
         Raises
         ------
@@ -93,7 +97,7 @@ class OfflineTracker:
             yield Segmentation()
             return
         stream = _Stream(chain(inspected, self._inspected(rest)))
-        record = None if self._knowledge or self._wrenches is not None else PassRecord()
+        record = PassRecord() if self._uses_map else None
         segmenter = Segmenter(self._executor, self._wrenches, record)
         others = self._knowledge, self._executor, None, detail, segmenter
         may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()

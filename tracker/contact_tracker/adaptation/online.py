@@ -104,7 +104,7 @@ class AdaptiveState(NamedTuple):
     def outliers(self) -> int:
         """Poses left out of their ticks so far."""
         trackers = self.trackers.trackers
-        return trackers[0].outliers if trackers else 0  # others may wait
+        return self.trackers.outliers + (trackers[0].outliers if trackers else 0)  # others may wait
 
 
 def start(

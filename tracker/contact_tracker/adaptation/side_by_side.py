@@ -42,6 +42,8 @@ RATE_POSES: Final = 12
 CHANGED: Final = 2.0
 """The rate has changed if ticks for it are longer or shorter by more than this factor. Trackers then start
 again, which costs more than ticks with one pose or with some more than needed."""
+LASTING_NS: Final = 1_000_000_000
+"""Time for which a rate has to last before ticks follow it: shorter than that, poses are missing."""
 RATIO_POSES: Final = 60
 """Number of poses from which the ratio of the noise of position and orientation is estimated."""
 REST_NATS: Final = 10.0
@@ -83,6 +85,8 @@ class SideBySide(NamedTuple):
     latest_ns : stamps of the latest poses, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
     memory : landmarks from before the rate has changed.
+    outliers : number of outliers from before.
+    changed_since_ns : time since which the rate is another one; None if it is not.
     moved_s : time for which the object has moved.
     rest : whether the object rests, and the ticks by which the others are not updated yet.
     """
@@ -100,6 +104,8 @@ class SideBySide(NamedTuple):
     latest_ns: NDArray[np.int64]
     period_s: float | None
     memory: LandmarkMemory
+    outliers: int
+    changed_since_ns: int | None
 
     @property
     def is_decided(self) -> bool:
@@ -129,6 +135,8 @@ def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
         latest_ns=NO_POSES.stamp_ns,
         period_s=None,
         memory=EMPTY_MEMORY,
+        outliers=0,
+        changed_since_ns=None,
     )
 
 
@@ -156,7 +164,10 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
     state = state._replace(latest_ns=np.append(state.latest_ns, poses.stamp_ns)[-RATE_POSES:])
     model = _changed(state)
     if model is None:
-        return state, beliefs
+        return state._replace(changed_since_ns=None), beliefs
+    since_ns = int(state.latest_ns[0]) if state.changed_since_ns is None else state.changed_since_ns
+    if state.latest_ns[-1] - since_ns < LASTING_NS:
+        return state._replace(changed_since_ns=since_ns), beliefs
     state, more = _restart(state, model, detail)
     return state, [*beliefs, *more]
 
@@ -219,7 +230,12 @@ def _changed(state: SideBySide) -> Model | None:
 
 
 def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """Start again with other ticks, at the first pose of the current tick; landmarks are kept."""
+    """Start again with other ticks, at the first pose of the current tick; landmarks are kept.
+
+    The beliefs within the lag are reported first.
+    """
+    lagging = zip(*(tracker.flush_lag(one) for one in state.trackers), strict=True)
+    before = [mixture(some, state.log_weight) for some in lagging]
     leader, best = state.trackers[0], state.best
     assert leader.averaging is not None
     assert best is not None
@@ -228,9 +244,14 @@ def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySid
     first = tracker.start(model, state.lag_s, state.knowledge)._replace(averaging=averaging, memory=memory)
     again = begin(state.model, state.lag_s, state.knowledge)
     again = again._replace(
-        trackers=(first,), pending=frames[-RATIO_POSES + 1 :], latest_ns=state.latest_ns, memory=memory
+        trackers=(first,),
+        pending=frames[-RATIO_POSES + 1 :],
+        latest_ns=state.latest_ns,
+        memory=memory,
+        outliers=state.outliers + leader.outliers,
     )
-    return _side_by_side(again, frames, detail)
+    again, beliefs = _side_by_side(again, frames, detail)
+    return again, [*before, *beliefs]
 
 
 def _with_first(state: SideBySide, detail: Detail) -> tuple[SideBySide, list[Belief]]:

@@ -63,7 +63,8 @@ def wrench_evidence(
         Wrenches and poses do not overlap, there is too little free motion to determine the load, or the
         wrenches are none of a hand that carries one.
     """
-    found = Segmentation.join(list(OfflineTracker(model, knowledge).pieces(poses, progress, Detail.WEIGHTS)))
+    by_motion = OfflineTracker(model, knowledge, uses_map=False)
+    found = Segmentation.join(list(by_motion.pieces(poses, progress, Detail.WEIGHTS)))
     column = Contact.FREE.column
     is_free, p_free = found.beliefs.rows["contact"] == column, found.beliefs.probability[:, column]
     ticks, load = require_load(poses, wrenches.valid, found.stamp_ns, is_free, p_free, mass_kg)

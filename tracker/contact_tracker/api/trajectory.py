@@ -116,7 +116,7 @@ class Trajectory:
             if _has_own_unit(stamps)
             else doubt_of_unit(stamp_ns[usable] / TIMES_NS[unit], TIMES_NS[unit])
         )
-        notes = (*filter(None, (doubt,)), *remarks_on(counts, len(columns)))
+        notes = (*filter(None, (doubt,)), *remarks_on(counts, len(place)))
         warn_of((*filter(None, (loss,)), *notes))
         log_counts("poses", counts)
         return cls(passed, counts, damage=loss, notes=notes)

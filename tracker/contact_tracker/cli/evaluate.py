@@ -89,6 +89,6 @@ def _evaluate(
     if not evaluator.frames:
         raise NoPoses(f"{name}: no pose that can be used{'' if log.loss is None else f': {log.loss}'}")
     found = () if tracker.report is None else warnings(tracker.report)
-    for line in (*filter(None, (log.damage,)), *log.remarks, *found):
+    for line in (*log.warnings, *found):
         warn(f"{name}: {line}")
     return evaluator.finish(answering.finish()), log.damage is not None

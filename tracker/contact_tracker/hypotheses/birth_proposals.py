@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Pair, Plane, canonical
 from contact_tracker.hypotheses.birth import (
     BirthProposals,
@@ -86,7 +86,7 @@ def propose_measured(
     )
 
 
-@lru_cache(maxsize=64)  # the map as other contacts know it rarely changes
+@lru_cache(maxsize=2 * len(CONTACT_MODELS))  # the map as other contacts know it rarely changes
 def propose_from_map(model: ContactModel, view: MapView, near_m: tuple[float, ...]) -> BirthProposals:
     """Proposals of a contact between elements of the map, or new ones at their price.
 

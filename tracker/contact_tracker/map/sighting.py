@@ -63,6 +63,12 @@ class Sighting:
         values, axes = np.linalg.eigh(self.information)
         return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))
 
+    @property
+    def has_one_height(self) -> bool:
+        """Whether both elements are faces, of whose offsets only the difference shows; it is the last of the
+        free directions."""
+        return self.estimate.model.family is face_face
+
     @cached_property
     def own_pair(self) -> Pair:
         """The elements as seen here alone."""
@@ -76,13 +82,13 @@ class Sighting:
     def _turned(self) -> float:
         """See ``elements.stacked``."""
         x = self.estimate.x
-        if self.estimate.model.family is not face_face:
+        if not self.has_one_height:
             return 1.0
         return float(np.sign((self.estimate.rotation @ x[face_face.M]) @ x[face_face.N])) or 1.0
 
     def completed(self, pair: Pair, is_new: tuple[bool, bool]) -> Pair:
         """The pair with the offset of a new face of f-f as seen here: f-f shows the difference of both."""
-        if self.estimate.model.family is not face_face or is_new[0] == is_new[1]:
+        if not self.has_one_height or is_new[0] == is_new[1]:
             return pair
         height_m = float(self.estimate.x[face_face.H][0])
         return with_offset(pair, height_m, self._senses(pair), self._turned, is_new)

@@ -155,11 +155,10 @@ def remark_on_excursions(counts: Mapping[str, int]) -> str | None:
     many = counts.get("long_excursion", 0)
     if not many:
         return None
-    times = "once" if many == 1 else f"{many} times"
     return (
-        f"{times} the poses jump to another place, for half a second or more, and back as no motion does "
-        f"({counts['excursion']} poses, left out): another body or marker in the place of this one? give "
-        "each a topic, frame or name of its own"
+        "the poses jump to another place, for half a second or more, and back as no motion does "
+        f"(stretches: {many}, poses left out: {counts.get('excursion', 0)}): another body or marker in the "
+        "place of this one? give each a topic, frame or name of its own"
     )
 
 

@@ -74,7 +74,9 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
 def _pass(first: PassRecord, world: Map, record: PassRecord, executor: Executor | None) -> Segmentation:
     """A pass over the ticks of the first one with a map."""
     assert first.state is not None
-    start = tracker.start(first.state.model)._replace(averaging=first.state.averaging, map=LeaveOneOut(world))
+    start = tracker.start(first.state.model)._replace(
+        averaging=first.state.averaging, map=LeaveOneOut(world, first.state.model.tick_s)
+    )
     segmenter, pieces = Segmenter(executor, record=record), list[Segmentation]()
     for state, some in update_in_batches(start, first.ticks):
         for result in some:

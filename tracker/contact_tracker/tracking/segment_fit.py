@@ -180,7 +180,9 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, window, model.tick_s)
-    estimate = element_estimate(fitted, contact, scales, window, information)
+    estimate = None
+    if not knowledge and segment.wrenches is None:  # else no map is made
+        estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = named(where, pair), np.zeros(1)
     return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)
 

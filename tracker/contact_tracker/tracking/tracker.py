@@ -13,8 +13,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import SlidingWindow, advance_windows, hold_window
 from contact_tracker.states import Contact
-from contact_tracker.tracking import measurement_update
-from contact_tracker.tracking.ambiguity import with_rivals
+from contact_tracker.tracking import ambiguity, measurement_update
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.formation_tracking import follow_formation, pause_formation
 from contact_tracker.tracking.posterior import (
@@ -240,7 +239,7 @@ def _record_belief(state: TrackerState, tick: Tick, belief: Belief) -> tuple[Tra
     if tick.count:
         belief = open_at_rest(state, belief)
     if belief.inseparable:
-        probability = with_rivals(belief.probability, belief.contact, belief.inseparable)
+        probability = ambiguity.with_rivals(belief.probability, belief.contact, belief.inseparable)
         belief = replace(belief, probability=probability)
     length = state.lag_history.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
