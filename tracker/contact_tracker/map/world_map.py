@@ -19,7 +19,9 @@ from contact_tracker.map.elements import MapElement, prior_variance
 from contact_tracker.map.sighting import Sighting
 
 CONCENTRATION: Final = 0.06
-"""a: how readily contacts touch elements that no other contact has touched (docs/theory.md, section 22)."""
+"""a: how readily contacts touch elements that no other contact has touched (docs/theory.md, section 22).
+With 0.03, recordings of everyday handling are right 0.69 of the time instead of 0.65 (0.52 without a map),
+but one of 32 others loses 0.08, which with 0.06 none does."""
 MOST_SIGHTINGS: Final = 60
 """Most contacts in a map, those with the most information: if nothing is shared, 60 take some seconds."""
 MOST_SWEEPS: Final = 3
