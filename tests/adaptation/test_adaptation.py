@@ -13,11 +13,11 @@ from scipy.signal import lfilter
 
 from contact_tracker import adaptation, hmm
 from contact_tracker.adaptation import offline
-from contact_tracker.adaptation.candidates import candidates, period_for_all_s, with_ticks_for
+from contact_tracker.adaptation.candidates import RATE_POSES, candidates, period_for_all_s, with_ticks_for
 from contact_tracker.adaptation.comparison import TickEvidence, are_compared, relative_evidence
 from contact_tracker.adaptation.mixture import mixed_with_uniform, mixture
 from contact_tracker.adaptation.rest import LASTING_TICKS, SPAN_TICKS, is_moving
-from contact_tracker.adaptation.side_by_side import RATE_POSES, RATIO_POSES
+from contact_tracker.adaptation.side_by_side import RATIO_POSES
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.hypotheses import compiled

@@ -137,6 +137,7 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
     assert not state.contradiction.is_likely
 
 
+@pytest.mark.long
 @needs_kernels
 def test_a_box_of_another_size_is_reported() -> None:
     box = knowledge_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})

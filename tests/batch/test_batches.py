@@ -402,6 +402,7 @@ def test_batch_does_not_import_numpy_before_processes_start() -> None:
     assert done.stdout.strip() == "False", done.stderr
 
 
+@pytest.mark.long
 def test_wrenches_decide_as_they_do_for_one_recording(tmp_path: Path) -> None:
     poses, frame, force = recorded(FACE_TO_EDGE).poses, "world", [0.0, 0.0, -9.81]
     wrench = {"force": vector(force), "torque": vector([0.0, 0.0, 0.0])}

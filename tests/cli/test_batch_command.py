@@ -120,6 +120,7 @@ def test_a_cluster_makes_the_same_dataset(logs: Path, whole: dict[str, bytes], t
     assert contents(tmp_path / "dataset") == whole
 
 
+@pytest.mark.long
 def test_a_scheduler_that_is_not_there_is_one_line(logs: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     done = batch(logs, "--output", tmp_path / "dataset", "--scheduler", "tcp://127.0.0.1:9")
@@ -255,6 +256,7 @@ def served(folder: Path) -> Iterator[tuple[str, list[str]]]:
         server.server_close()
 
 
+@pytest.mark.long
 def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
     """A server without versions of files: each run reads them, and finds them unchanged."""
     pytest.importorskip("aiohttp")

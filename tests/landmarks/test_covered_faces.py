@@ -116,6 +116,7 @@ def on_the_table(seed: int) -> Trajectory:
     )
 
 
+@pytest.mark.long
 def test_a_block_beside_the_object_does_not_take_the_contacts_of_the_table() -> None:
     known = {
         "environment": {"plane": [TABLE], "box": [BLOCK]},

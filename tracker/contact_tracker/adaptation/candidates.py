@@ -7,12 +7,19 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.parameters import Model
+from contact_tracker.config.parameters import Model, Noise
 from contact_tracker.motion.free_motion import LONGEST_COAST_S
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import begin, estimate_noise
 from contact_tracker.motion.tick_averaging import tick_variances
 
+RATE_POSES: Final = 12
+"""Number of poses from which the rate of the stream is estimated: its first, later the latest."""
+CHANGED: Final = 2.0
+"""The rate has changed if ticks for it are longer or shorter by more than this factor. Trackers then start
+again, which costs more than ticks with one pose or with some more than needed."""
+LASTING_NS: Final = 1_000_000_000
+"""Time for which a rate has to last before ticks follow it: shorter than that, poses are missing."""
 TOLERANCE: Final = 1.05
 """Tolerance of the tick's length, for jitter of the periods."""
 TICKS_PER_WINDOW: Final = 10
@@ -97,6 +104,15 @@ def with_ticks_for(model: Model, period_s: float) -> Model:
     return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
 
 
+def with_other_ticks(model: Model, now: Model, latest_ns: NDArray[np.int64]) -> Model | None:
+    """``model`` with ticks for the rate of the latest poses; None if those of ``now`` suit it as well."""
+    if len(latest_ns) < RATE_POSES:
+        return None
+    other = with_ticks_for(model, usual_period_s(latest_ns))
+    is_same = 1.0 / CHANGED <= other.tick_s / now.tick_s <= CHANGED
+    return None if is_same or not can_be_compared(other) else other
+
+
 def can_be_compared(model: Model) -> bool:
     """Whether poses with ticks of this model follow each other closely enough for free motion to be
     predicted; otherwise no tick has evidence."""
@@ -144,6 +160,15 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
         unchanged,
         *(Candidate(one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)),
         *(Candidate(one, LOG_PRIOR_WANDER) for one in correlated),
+    )
+
+
+def has_less_noise(one: Noise, other: Noise) -> bool:
+    """Whether any part of the noise of a tick is less."""
+    return (
+        one.estimate_share < other.estimate_share
+        or one.floor_position_m < other.floor_position_m
+        or one.wander_position_m < other.wander_position_m
     )
 
 

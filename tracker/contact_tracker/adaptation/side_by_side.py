@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.adaptation import rest
-from contact_tracker.adaptation.candidates import can_be_compared, candidates, usual_period_s, with_ticks_for
+from contact_tracker.adaptation.candidates import (
+    LASTING_NS,
+    RATE_POSES,
+    candidates,
+    has_less_noise,
+    usual_period_s,
+    with_other_ticks,
+    with_ticks_for,
+)
 from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
@@ -22,7 +30,7 @@ from contact_tracker.adaptation.comparison import (
 )
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.adaptation.rest import NO_REST, Rest
-from contact_tracker.config.parameters import Model, Noise
+from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY, LandmarkMemory
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_grid
@@ -37,13 +45,6 @@ from contact_tracker.tracking.state import TrackerState
 
 Array = NDArray[np.float64]
 
-RATE_POSES: Final = 12
-"""Number of poses from which the rate of the stream is estimated: its first, later the latest."""
-CHANGED: Final = 2.0
-"""The rate has changed if ticks for it are longer or shorter by more than this factor. Trackers then start
-again, which costs more than ticks with one pose or with some more than needed."""
-LASTING_NS: Final = 1_000_000_000
-"""Time for which a rate has to last before ticks follow it: shorter than that, poses are missing."""
 RATIO_POSES: Final = 60
 """Number of poses from which the ratio of the noise of position and orientation is estimated."""
 REST_NATS: Final = 10.0
@@ -162,7 +163,10 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
     if state.period_s is not None:
         return state, beliefs
     state = state._replace(latest_ns=np.append(state.latest_ns, poses.stamp_ns)[-RATE_POSES:])
-    model = _changed(state)
+    averaging = state.trackers[0].averaging if state.trackers else None
+    if averaging is None or not averaging.frames:
+        return state, beliefs
+    model = with_other_ticks(state.model, state.trackers[0].model, state.latest_ns)
     if model is None:
         return state._replace(changed_since_ns=None), beliefs
     since_ns = int(state.latest_ns[0]) if state.changed_since_ns is None else state.changed_since_ns
@@ -218,22 +222,9 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
     return state._replace(trackers=tuple(one for one, _ in ended)), beliefs
 
 
-def _changed(state: SideBySide) -> Model | None:
-    """The model with ticks for the present rate of the stream, if that has changed; None otherwise."""
-    averaging = state.trackers[0].averaging if state.trackers else None
-    if averaging is None or not averaging.frames or len(state.latest_ns) < RATE_POSES:
-        return None
-    model = with_ticks_for(state.model, usual_period_s(state.latest_ns))
-    ratio = model.tick_s / state.trackers[0].model.tick_s
-    is_same = 1.0 / CHANGED <= ratio <= CHANGED
-    return None if is_same or not can_be_compared(model) else model
-
-
 def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """Start again with other ticks, at the first pose of the current tick; landmarks are kept.
-
-    The beliefs within the lag are reported first.
-    """
+    """Start again with other ticks, at the first pose of the current tick; landmarks are kept, and the
+    beliefs within the lag are reported first."""
     lagging = zip(*(tracker.flush_lag(one) for one in state.trackers), strict=True)
     before = [mixture(some, state.log_weight) for some in lagging]
     leader, best = state.trackers[0], state.best
@@ -333,7 +324,7 @@ def _rest_ahead(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
     gap, or those in which the others wait."""
     first, *others = state.trackers
     can_wait = bool(others) and not first.lag_history.size and not first.knowledge
-    is_quietest = not any(_has_less_noise(one.model.noise, first.model.noise) for one in others)
+    is_quietest = not any(has_less_noise(one.model.noise, first.model.noise) for one in others)
     ahead = list[Rest]()
     for tick in closed:
         now = rest.advance(
@@ -348,15 +339,6 @@ def _rest_ahead(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
         if not is_gap and not now.is_waiting:
             break
     return ahead
-
-
-def _has_less_noise(one: Noise, other: Noise) -> bool:
-    """Whether any part of the noise of a tick is less."""
-    return (
-        one.estimate_share < other.estimate_share
-        or one.floor_position_m < other.floor_position_m
-        or one.wander_position_m < other.wander_position_m
-    )
 
 
 def _is_gap(state: SideBySide, tick: Tick, now: Rest) -> bool:
