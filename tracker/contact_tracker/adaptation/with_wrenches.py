@@ -14,7 +14,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
-from contact_tracker.wrenches.load import AGREES, Load, contact_wrenches, estimate_load
+from contact_tracker.wrenches.load import AGREES, FEWEST_TICKS, Load, contact_wrenches, estimate_load
 from contact_tracker.wrenches.tick_wrench import TickWrenches, average
 from contact_tracker.wrenches.wrenches import Wrenches, about_body, reversed_wrenches
 
@@ -23,6 +23,8 @@ Bools = NDArray[np.bool_]
 
 LEAST_SHARE: Final = 0.1
 """Share of the ticks that must have wrenches: with fewer the two streams may have different clocks."""
+
+TOO_LITTLE: Final = "too little free motion shows what the hand carries: weight and sensor bias are not known"
 
 
 class NoLoad(Exception):
@@ -97,17 +99,16 @@ def require_load(
     if load is None and mass_kg is not None:  # one that is far off fits no tick
         load = estimate_load(ticks, is_free, p_free)
     if load is None:
-        raise NoLoad(
-            "too little free motion shows what the hand carries: weight and sensor bias are not known"
-        )
+        raise NoLoad(TOO_LITTLE)
     if not load.doubt:
         return ticks, load
     for what, other in _other_readings(poses, wrenches):
         fits = estimate_load(average(poses, other, stamp_ns), is_free, p_free)
         if fits is not None and not fits.doubt:
             raise NoLoad(f"{load.doubt}. They fit {what}")
+    reason = TOO_LITTLE if load.ticks < FEWEST_TICKS else load.doubt
     raise NoLoad(
-        f"{load.doubt}. Check their sign, their frame, the sensor's bias, and "
+        f"{reason}. Check their sign, their frame, the sensor's bias, and "
         "whether there are some seconds of free motion"
     )
 
