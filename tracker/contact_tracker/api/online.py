@@ -66,7 +66,7 @@ class Tracker:
         self._gate = PoseGate()
         self._given = 0
         self._restored: Path | None = None
-        self._told = set[str]()
+        self._warned = set[str]()
         self._warn_of_news(notes)
 
     def update(
@@ -145,7 +145,7 @@ class Tracker:
                 tracker = cls.__new__(cls)
                 tracker._state, tracker._gate, tracker._notes = state, gate, [*map(str, notes)]
                 tracker._given, tracker._restored = given, Path(name)
-                tracker._told = set(map(words_of, tracker.warnings))
+                tracker._warned = set(map(words_of, tracker.warnings))
                 return tracker
         raise StateError(f"{name}: it is no state of a tracker")
 
@@ -159,8 +159,8 @@ class Tracker:
 
     def _warn_of_news(self, texts: Sequence[str]) -> None:
         for text in texts:
-            if (words := words_of(text)) not in self._told:
-                self._told.add(words)
+            if (words := words_of(text)) not in self._warned:
+                self._warned.add(words)
                 warn_of([text])
 
     def _take(self, arrival: Arrival) -> list[Belief]:

@@ -21,7 +21,7 @@ class LeaveOneOut(NamedTuple):
 
     def at(self, tick: int) -> MapView:
         """The map for contacts that begin in the tick with this number."""
-        seen, margin = self.map.sightings, round(MARGIN_S / self.tick_s)
-        first = bisect_right(seen, tick - margin, key=lambda one: one.end)
-        end = bisect_left(seen, tick + margin, key=lambda one: one.first)
-        return self.map.without(one.first for one in seen[first:end])
+        sightings, margin = self.map.sightings, round(MARGIN_S / self.tick_s)
+        first = bisect_right(sightings, tick - margin, key=lambda one: one.end)
+        end = bisect_left(sightings, tick + margin, key=lambda one: one.first)
+        return self.map.without(one.first for one in sightings[first:end])

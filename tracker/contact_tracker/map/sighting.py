@@ -71,7 +71,7 @@ class Sighting:
 
     @cached_property
     def own_pair(self) -> Pair:
-        """The elements as seen here alone."""
+        """The elements as this sighting alone estimates them."""
         return split(self.estimate.model, self.estimate.x)
 
     @cached_property
@@ -87,7 +87,7 @@ class Sighting:
         return float(np.sign((self.estimate.rotation @ x[face_face.M]) @ x[face_face.N])) or 1.0
 
     def completed(self, pair: Pair, is_new: tuple[bool, bool]) -> Pair:
-        """The pair with the offset of a new face of f-f as seen here: f-f shows the difference of both."""
+        """The pair with the offset of a new face of f-f as estimated here: f-f shows their difference."""
         if not self.has_one_height or is_new[0] == is_new[1]:
             return pair
         height_m = float(self.estimate.x[face_face.H][0])

@@ -215,11 +215,11 @@ def _log_evidence(
     sighting: Sighting, view: MapView, choices: Sequence[Sequence[tuple[Key | None, float]]], reach_m: float
 ) -> Array:
     """Log evidence (I, J) of a sighting if it touched the i-th of the object's choices and the j-th of the
-    environment's; None stands for a new element, which is as seen."""
+    environment's; None stands for a new element, which is as estimated."""
     parts = [_Side.of(sighting, view, side, [key for key, _ in choices[side]], reach_m) for side in (0, 1)]
     ours, theirs = parts
     residual = ours.offset[:, None] + theirs.offset[None]
-    if sighting.has_one_height:  # that a new face has the offset which was seen
+    if sighting.has_one_height:  # a new face has the offset that was estimated
         residual[0, :, -1] = residual[:, 0, -1] = 0.0
     whitened = residual @ sighting.root
     known = view.covariance if view.slots else np.zeros((1, 1))

@@ -93,12 +93,12 @@ def _remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
 
 _CAUSES: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "nonfinite": "they are no numbers, as where the object was not seen",
+        "nonfinite": "they are no numbers, as where the object is hidden",
         "out_of_range": "they are beyond 1000 km or 146 years: is the unit of the stamps or positions right?",
         "repeated_stamp": "they have the time of the one before: write more digits, if times are rounded",
         "backward_stamp": f"they are earlier than one before them: {_BACKWARD}",
         "leading_stamp": "their times jump ahead, and back",
-        "default_pose": "one pose comes back bit for bit, as where the object was not seen",
+        "default_pose": "one pose comes back bit for bit, as where the object is hidden",
         "excursion": "they jump away and back, as those of another body",
         "undecodable": "the messages do not match their definition",
     }

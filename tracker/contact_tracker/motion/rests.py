@@ -28,24 +28,24 @@ def at_rest(ticks: SlidingWindow, tick_s: float) -> Bools:
     tick without frames belongs to a rest if it lies within one.
     """
     window, count = ticks.window, rest_ticks(tick_s)
-    resting, seen = np.zeros(len(window), bool), np.flatnonzero(ticks.frames)
-    if len(seen) < count:
+    resting, filled = np.zeros(len(window), bool), np.flatnonzero(ticks.frames)
+    if len(filled) < count:
         return resting
-    pose, variance = window.zeta[seen, _POSE], window.variance[seen]
-    spans = [slice(first, len(seen) - count + 1 + first) for first in range(count)]
+    pose, variance = window.zeta[filled, _POSE], window.variance[filled]
+    spans = [slice(first, len(filled) - count + 1 + first) for first in range(count)]
     mean, of_noise = (np.sum([values[span] for span in spans], axis=0) / count for values in (pose, variance))
     scatter = np.sum([np.square(pose[span] - mean) for span in spans], axis=0) / (count - 1.0)
     still = scatter[:, T].sum(axis=1) / 3.0 <= STILL * of_noise[:, 0]
     still &= scatter[:, R].sum(axis=1) / 6.0 <= STILL * of_noise[:, 1]
     for first in np.flatnonzero(still):
-        resting[seen[first] : seen[first + count - 1] + 1] = True
+        resting[filled[first] : filled[first + count - 1] + 1] = True
     return resting
 
 
 def rests_now(ticks: SlidingWindow, tick_s: float) -> bool:
     """Whether the newest tick, which has frames, belongs to a rest."""
-    seen = np.flatnonzero(ticks.frames)[-rest_ticks(tick_s) :]
-    if not len(seen):
+    filled = np.flatnonzero(ticks.frames)[-rest_ticks(tick_s) :]
+    if not len(filled):
         return False
-    latest = SlidingWindow(ticks.window.cut(int(seen[0]), None), ticks.frames[seen[0] :])
+    latest = SlidingWindow(ticks.window.cut(int(filled[0]), None), ticks.frames[filled[0] :])
     return bool(at_rest(latest, tick_s)[-1])
