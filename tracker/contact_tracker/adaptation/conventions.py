@@ -162,7 +162,8 @@ def _found(known: Conventions, model: Model, sigma: tuple[float, float]) -> str:
     if nats.max() < BETTER_NATS or len(known.kept) < FEWEST_WINDOWS:
         return ""
     needed = FITTING_SHARE * len(known.kept)
-    near = np.argsort(-nats, kind="stable")[: np.count_nonzero(nats > nats.max() - TIED_NATS)]
+    near = (nats > nats.max() - TIED_NATS).nonzero()[0]  # in order of how usual they are, the best one first
+    near = np.append(nats.argmax(), near[near != nats.argmax()])
     readings, fit = [READINGS[i] for i in near], fitting[near] >= needed
     if READINGS[nats.argmax()].delay_ms:
         readings, fit = _refined(known, model, sigma, READINGS[nats.argmax()].delay_ms)
