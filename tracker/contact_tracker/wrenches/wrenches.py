@@ -69,9 +69,6 @@ class Wrenches:
         return Wrenches(self.stamp_ns[rows], self.force_n[rows], self.moment_nm[rows])
 
 
-NO_WRENCHES: Final = Wrenches(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
-
-
 def reversed_wrenches(wrenches: Wrenches) -> Wrenches:
     """The reactions: forces and moments with the opposite sign."""
     return Wrenches(wrenches.stamp_ns, -wrenches.force_n, -wrenches.moment_nm)
