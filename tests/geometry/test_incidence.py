@@ -166,7 +166,7 @@ def test_an_edge_through_a_known_vertex_is_recognised_sooner():
         assert right[-1]
         return (since[last_wrong + 1].stamp_ns - change_ns) / 1e9
 
-    assert delay_s(MODEL.geometry.revisit_prior) < delay_s(1e-9) - 0.3
+    assert delay_s(MODEL.geometry.revisit_prior) < delay_s(1e-9) - 0.1
 
 
 @pytest.mark.parametrize("kind", ["e", "v"])

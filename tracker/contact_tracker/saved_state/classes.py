@@ -20,7 +20,9 @@ from contact_tracker.formations import online as online_formations
 from contact_tracker.geometry import elements
 from contact_tracker.hypotheses import bank, birth, birth_proposals, tick_update
 from contact_tracker.inspection import stream_checks, turning_point, whiteness
-from contact_tracker.landmarks import landmark_memory, prior_map
+from contact_tracker.landmarks import prior_map
+from contact_tracker.map import elements as map_elements
+from contact_tracker.map import sighting, world_map
 from contact_tracker.motion import (
     default_poses,
     excursions,
@@ -74,8 +76,11 @@ VALUES: Final[tuple[type, ...]] = (
     stream_checks.Inspection,
     turning_point.TurningPoints,
     whiteness.Whiteness,
-    landmark_memory.Landmark,
-    landmark_memory.LandmarkMemory,
+    map_elements.MapElement,
+    sighting.ElementEstimate,
+    sighting.Sighting,
+    world_map.Map,
+    world_map.MapPrior,
     prior_map.NamedElement,
     prior_map.PriorMap,
     prior_map.Up,
