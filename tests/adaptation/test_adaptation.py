@@ -27,7 +27,6 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS
 from contact_tracker.motion.window import Window
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.simulate import simulate
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.ambiguity import at_most
@@ -36,6 +35,7 @@ from contact_tracker.tracking.forward_pass import RecordedPass, forward
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
+from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from smooth_motion import moving

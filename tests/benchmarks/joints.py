@@ -37,10 +37,10 @@ from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.simulate import Phase, Scenario, named_scenario, simulate
-from contact_tracker.simulate.jointed import TrueJoint
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
+from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
+from contact_tracker_lab.simulate.jointed import TrueJoint
 from kept_tables import Table
 from table_rows import median_of_known, shares_row
 from worker_pool import folder_of_recordings, folders_option, submit_folders, worker_pool

@@ -22,11 +22,11 @@ from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Segment
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 from distortions import turned
 
 Array = NDArray[np.float64]

@@ -7,18 +7,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
-from contact_tracker.calibration.contact_errors import learn_contact_errors
-from contact_tracker.calibration.floors import LEAST, POSITION, ROTATION, learn_floors
-from contact_tracker.calibration.learned import LEARNED, How, rounded, select, value_of, with_value
-from contact_tracker.calibration.search import EVALUATIONS, coordinate_search
-from contact_tracker.calibration.segment_residuals import SHORTEST_TICKS, fit_contact_segments, refined
-from contact_tracker.calibration.tick_stream import Observed, observe
 from contact_tracker.config.loading import limits, load_model
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.errors import UsageError
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
+from contact_tracker_lab.calibration.contact_errors import learn_contact_errors
+from contact_tracker_lab.calibration.floors import LEAST, POSITION, ROTATION, learn_floors
+from contact_tracker_lab.calibration.learned import LEARNED, How, rounded, select, value_of, with_value
+from contact_tracker_lab.calibration.search import EVALUATIONS, coordinate_search
+from contact_tracker_lab.calibration.segment_residuals import SHORTEST_TICKS, fit_contact_segments, refined
+from contact_tracker_lab.calibration.tick_stream import Observed, observe
 from smooth_motion import moving
 
 MODEL = load_model()

@@ -7,9 +7,6 @@ import numpy as np
 import pytest
 
 from chain_oracle import NOTHING, N, noisy_trellis, prior, random_model, walk
-from contact_tracker.calibration.e_step import EstimatedStates, KnownStates
-from contact_tracker.calibration.tick_stream import UNKNOWN, labels, runs
-from contact_tracker.calibration.transition_em import count, learn_transitions, log_prior
 from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import Contact
@@ -22,6 +19,9 @@ from contact_tracker.tracking.transition_model import (
     log_initial,
     tick_transitions,
 )
+from contact_tracker_lab.calibration.e_step import EstimatedStates, KnownStates
+from contact_tracker_lab.calibration.tick_stream import UNKNOWN, labels, runs
+from contact_tracker_lab.calibration.transition_em import count, learn_transitions, log_prior
 
 
 def chains(rng, model, count_, ticks, silence=0.0):

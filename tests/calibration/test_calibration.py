@@ -16,10 +16,6 @@ from hypothesis import strategies as st
 
 from chain_oracle import NOTHING, random_model
 from contact_tracker import __version__
-from contact_tracker.calibration.calibrate import Plan, calibrate
-from contact_tracker.calibration.learned import How, select
-from contact_tracker.calibration.study import Source, score_model, study_recording
-from contact_tracker.calibration.writing import model_text
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError, InputError, NoTruth
@@ -28,9 +24,13 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import Runner
 from contact_tracker.recording import need_truth, open_log, read_truth, write_recording
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
+from contact_tracker_lab.calibration.calibrate import Plan, calibrate
+from contact_tracker_lab.calibration.learned import How, select
+from contact_tracker_lab.calibration.study import Source, score_model, study_recording
+from contact_tracker_lab.calibration.writing import model_text
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = load_model()
@@ -159,7 +159,7 @@ def test_without_truth_beliefs_are_learned_from(
 
 
 def test_a_search_lowers_the_loss_of_its_recordings(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("contact_tracker.calibration.search.EVALUATIONS", 2)
+    monkeypatch.setattr("contact_tracker_lab.calibration.search.EVALUATIONS", 2)
     names = sorted(map(str, logs.glob("*.mcap")))[:1]
     parameter = next(learned for learned in select(["motion", "geometry"]) if learned.how is How.SEARCH)
     found = calibrate(Plan((Source(names[0]),), MODEL, (parameter,), 0), Runner(1))

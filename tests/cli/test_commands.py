@@ -24,7 +24,7 @@ from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
-from contact_tracker.cli.main import COMMANDS
+from contact_tracker.cli.main import COMMANDS, LAB_COMMANDS
 from contact_tracker.cli.source import Source
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import ChoiceError, UsageError
@@ -127,7 +127,7 @@ def test_help_names_the_exit_codes_of_signals() -> None:
     assert "130 ended by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP" in " ".join(done.stdout.split())
 
 
-@pytest.mark.parametrize("command", [c.__name__.rpartition(".")[2] for c in COMMANDS])
+@pytest.mark.parametrize("command", [*(c.__name__.rpartition(".")[2] for c in COMMANDS), *LAB_COMMANDS])
 def test_the_help_of_each_command_has_an_example(command: str) -> None:
     done = run(command, "--help")
     assert (done.returncode, done.stderr) == (0, "")

@@ -23,11 +23,11 @@ from contact_tracker.outputs.tables import json_line
 from contact_tracker.outputs.text import describe, table
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save
-from contact_tracker.simulate import Phase, Scenario, Simulated, simulate
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity, offline_smoother
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.simulate import Phase, Scenario, Simulated, simulate
 
 SECOND = 10**9
 RECORDINGS = Path(__file__).parents[2] / "recordings"

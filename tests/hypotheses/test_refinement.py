@@ -20,10 +20,10 @@ from contact_tracker.hypotheses.refinement import FIRST_CORRELATION, refine
 from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 from smooth_motion import moving
 
 SEEDS = 6

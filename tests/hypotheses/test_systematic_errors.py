@@ -10,11 +10,11 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses.systematic_errors import MOST_TICKS, added_covariance, representatives
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Detail
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 
 SEEDS = 3
 BENT = NOISES["mocap"]._replace(seconds=5.0, systematic_m=0.5e-3, systematic_deg=0.1)

@@ -25,11 +25,11 @@ from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, Join
 from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
-from contact_tracker.simulate import Phase, named_scenario, simulate
-from contact_tracker.simulate.signals import band_limited
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.simulate import Phase, named_scenario, simulate
+from contact_tracker_lab.simulate.signals import band_limited
 
 Array = NDArray[np.float64]
 SIGMA = (3e-4, np.radians(0.15))

@@ -17,11 +17,11 @@ from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.geometry.elements import Line
 from contact_tracker.joints.models import JointKind
 from contact_tracker.recording import open_log, read_wrenches, write_recording
-from contact_tracker.simulate import Phase, Scenario, Simulated, named_scenario, simulate
-from contact_tracker.simulate import wrench as simulated_wrench
-from contact_tracker.simulate.wrench import MASS_KG, PRESS_N
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.simulate import Phase, Scenario, Simulated, named_scenario, simulate
+from contact_tracker_lab.simulate import wrench as simulated_wrench
+from contact_tracker_lab.simulate.wrench import MASS_KG, PRESS_N
 
 Array = NDArray[np.float64]
 QUIET = {"sigma_position_m": 0.0, "sigma_rotation_rad": 0.0}

@@ -18,9 +18,9 @@ from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.replication.noises import NOISES
 from contact_tracker.replication.single_contact import MOVED
-from contact_tracker.simulate import simulate
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.simulate import simulate
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

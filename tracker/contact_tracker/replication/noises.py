@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Final
 
 from contact_tracker.motion.poses import Poses
-from contact_tracker.simulate.filters import low_pass
+from contact_tracker_lab.simulate.filters import low_pass
 
 CUTOFF_HZ: Final = 20.0
 

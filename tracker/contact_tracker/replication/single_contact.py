@@ -20,9 +20,9 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import form, matrix, minimise_slsqp, motion
 from contact_tracker.paper.kronecker import Kind
 from contact_tracker.replication.noises import NOISES
-from contact_tracker.simulate import Phase, Scenario, Simulated, simulate
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
+from contact_tracker_lab.simulate import Phase, Scenario, Simulated, simulate
 
 Array = NDArray[np.float64]
 

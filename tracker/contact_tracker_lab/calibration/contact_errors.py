@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Final
 
-from contact_tracker.calibration.floors import POSITION, ROTATION, excess_significance, learn_floors
-from contact_tracker.calibration.learned import rounded, value_of, with_value
-from contact_tracker.calibration.segment_residuals import ContactSegment
 from contact_tracker.config.parameters import ZERO, Model
 from contact_tracker.states import CONTACTS
+from contact_tracker_lab.calibration.floors import POSITION, ROTATION, excess_significance, learn_floors
+from contact_tracker_lab.calibration.learned import rounded, value_of, with_value
+from contact_tracker_lab.calibration.segment_residuals import ContactSegment
 
 FLOOR_OF: Final = {"noise.contact_position_m": POSITION, "noise.contact_rotation_rad": ROTATION}
 SHOWN: Final = 5.0

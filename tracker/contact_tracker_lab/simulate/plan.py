@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from contact_tracker.geometry.polyhedron import Polyhedron
-from contact_tracker.simulate.anchors import Anchor, choose_chart, sample_anchor
-from contact_tracker.simulate.chart import Chart
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
+from contact_tracker_lab.simulate.anchors import Anchor, choose_chart, sample_anchor
+from contact_tracker_lab.simulate.chart import Chart
+from contact_tracker_lab.simulate.scenarios import Phase
 
 _TRAVEL_M_S = 0.25
 _TURN_RAD_S = 1.0

@@ -7,9 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import hmm
-from contact_tracker.calibration.e_step import EstimatedStates, KnownStates
-from contact_tracker.calibration.segment_residuals import ContactSegment, fit_contact_segments
-from contact_tracker.calibration.tick_stream import UNKNOWN, Observed, labels, observe
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoPoses
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
@@ -22,6 +19,9 @@ from contact_tracker.tracking.forward_pass import RecordedPass
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import hazard_exposure, log_initial, tick_transitions
+from contact_tracker_lab.calibration.e_step import EstimatedStates, KnownStates
+from contact_tracker_lab.calibration.segment_residuals import ContactSegment, fit_contact_segments
+from contact_tracker_lab.calibration.tick_stream import UNKNOWN, Observed, labels, observe
 
 Ints = NDArray[np.int64]
 

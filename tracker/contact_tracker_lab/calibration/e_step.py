@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import hmm
-from contact_tracker.calibration.tick_stream import UNKNOWN
 from contact_tracker.config.parameters import Model
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import FREE, log_initial, tick_transitions
+from contact_tracker_lab.calibration.tick_stream import UNKNOWN
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -9,8 +9,8 @@ import numpy as np
 
 from contact_tracker.errors import UsageError
 from contact_tracker.joints.models import JointKind
-from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
 from contact_tracker.states import STATES, Contact
+from contact_tracker_lab.simulate.shapes import OBJECTS, SURROUNDINGS
 
 CORNER: Final = "table and wall"
 """Surroundings of scenarios with a further contact: two planes at a right angle."""

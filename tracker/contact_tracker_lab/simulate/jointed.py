@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.elements import Element, Line, Point
 from contact_tracker.joints.models import JointKind
-from contact_tracker.simulate.chart import Rigid
-from contact_tracker.simulate.scenarios import Scenario
-from contact_tracker.simulate.signals import band_limited
+from contact_tracker_lab.simulate.chart import Rigid
+from contact_tracker_lab.simulate.scenarios import Scenario
+from contact_tracker_lab.simulate.signals import band_limited
 
 Array = NDArray[np.float64]
 

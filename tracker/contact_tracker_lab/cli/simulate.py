@@ -11,7 +11,7 @@ from contact_tracker.exit_codes import DONE
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
-    from contact_tracker.simulate.scenarios import Further
+    from contact_tracker_lab.simulate.scenarios import Further
 
 HELP: Final = "make a labelled recording"
 DESCRIPTION: Final = """\
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     check = check_output(args.output, args.overwrite)
 
     from contact_tracker.recording import write_recording
-    from contact_tracker.simulate import simulate
+    from contact_tracker_lab.simulate import simulate
 
     made = simulate(args.scenario, args.seed)
     write_recording(str(args.output), made.poses, made.truth, made.metadata, check, made.wrenches)
@@ -61,7 +61,7 @@ def _when(further: "Further") -> str:
 
 
 def _list(seed: int) -> int:
-    from contact_tracker.simulate import SCENARIOS
+    from contact_tracker_lab.simulate import SCENARIOS
 
     for name, scenario in SCENARIOS.items():
         made = scenario(seed)

@@ -13,17 +13,17 @@ from contact_tracker.geometry.polyhedron import Polyhedron
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.poses import Poses
-from contact_tracker.simulate.chart import Rigid
-from contact_tracker.simulate.corner import move_in_corner
-from contact_tracker.simulate.jointed import TrueJoint, move_in_joint
-from contact_tracker.simulate.motion import Hand, Path, move
-from contact_tracker.simulate.plan import Leg, plan
-from contact_tracker.simulate.scenarios import Further, Scenario, named_scenario
-from contact_tracker.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
-from contact_tracker.simulate.shapes import object_shape, surroundings_shape
-from contact_tracker.simulate.wrench import measure_wrenches
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
+from contact_tracker_lab.simulate.chart import Rigid
+from contact_tracker_lab.simulate.corner import move_in_corner
+from contact_tracker_lab.simulate.jointed import TrueJoint, move_in_joint
+from contact_tracker_lab.simulate.motion import Hand, Path, move
+from contact_tracker_lab.simulate.plan import Leg, plan
+from contact_tracker_lab.simulate.scenarios import Further, Scenario, named_scenario
+from contact_tracker_lab.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
+from contact_tracker_lab.simulate.shapes import object_shape, surroundings_shape
+from contact_tracker_lab.simulate.wrench import measure_wrenches
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.calibration.tick_stream import MOVING, Observed, runs
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.evidence import residual_noise
@@ -14,6 +13,7 @@ from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS
 from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.calibration.tick_stream import MOVING, Observed, runs
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.polyhedron import unit
 from contact_tracker.motion.poses import Poses
-from contact_tracker.simulate.chart import Rigid
-from contact_tracker.simulate.scenarios import Scenario
+from contact_tracker_lab.simulate.chart import Rigid
+from contact_tracker_lab.simulate.scenarios import Scenario
 
 Array = NDArray[np.float64]
 

@@ -18,10 +18,10 @@ from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import lift, perturbations
-from contact_tracker.simulate.chart import Rigid
-from contact_tracker.simulate.scenarios import Further, Scenario
-from contact_tracker.simulate.signals import band_limited, smooth_step, within
 from contact_tracker.states import Contact
+from contact_tracker_lab.simulate.chart import Rigid
+from contact_tracker_lab.simulate.scenarios import Further, Scenario
+from contact_tracker_lab.simulate.signals import band_limited, smooth_step, within
 
 Array = NDArray[np.float64]
 

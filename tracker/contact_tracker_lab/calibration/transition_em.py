@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.calibration.e_step import Chain, Expected
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import destinations, initial, leave_per_s
+from contact_tracker_lab.calibration.e_step import Chain, Expected
 
 Array = NDArray[np.float64]
 

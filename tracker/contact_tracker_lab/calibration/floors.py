@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from contact_tracker.calibration.learned import value_of, with_value
-from contact_tracker.calibration.segment_residuals import CLIP, ContactSegment, Residuals, refined
 from contact_tracker.config.parameters import Model
 from contact_tracker.states import CONTACTS
+from contact_tracker_lab.calibration.learned import value_of, with_value
+from contact_tracker_lab.calibration.segment_residuals import CLIP, ContactSegment, Residuals, refined
 
 Array = NDArray[np.float64]
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from contact_tracker.calibration.contact_errors import learn_contact_errors
-from contact_tracker.calibration.floors import Floor, learn_floors
-from contact_tracker.calibration.learned import How, Learned, rounded, value_of, with_value
-from contact_tracker.calibration.search import Searched, coordinate_search
-from contact_tracker.calibration.study import Study
-from contact_tracker.calibration.transition_em import learn_transitions
 from contact_tracker.config.parameters import Model
+from contact_tracker_lab.calibration.contact_errors import learn_contact_errors
+from contact_tracker_lab.calibration.floors import Floor, learn_floors
+from contact_tracker_lab.calibration.learned import How, Learned, rounded, value_of, with_value
+from contact_tracker_lab.calibration.search import Searched, coordinate_search
+from contact_tracker_lab.calibration.study import Study
+from contact_tracker_lab.calibration.transition_em import learn_transitions
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
-from contact_tracker.simulate.chart import Chart, Rigid
 from contact_tracker.states import Contact
+from contact_tracker_lab.simulate.chart import Chart, Rigid
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from contact_tracker.calibration.learned import rounded, value_of, with_value
 from contact_tracker.config.loading import limits
 from contact_tracker.config.parameters import Model
+from contact_tracker_lab.calibration.learned import rounded, value_of, with_value
 
 EVALUATIONS: Final = 7
 """Evaluations of the loss per parameter; each is a pass over all recordings."""
