@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from contact_tracker.evaluation.bound import errors_at_bound
 from contact_tracker.evaluation.geometry_errors import ElementError
 from contact_tracker.paper.reported import REPORTED_ERRORS
-from contact_tracker.replication import MOVED, NOISES, ContactSequence, SingleContact
 from contact_tracker.states import STATES, Contact
+from paper_replication import MOVED, NOISES, ContactSequence, SingleContact
 
 Array = NDArray[np.float64]
 
