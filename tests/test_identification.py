@@ -16,15 +16,15 @@ import kept_tables
 import segment_bic
 import tracking
 from contact_tracker import hmm
-from contact_tracker.evaluation.evaluate import evaluate
-from contact_tracker.evaluation.geometry_errors import GeometryErrors
-from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import tempered
 from contact_tracker.tracking.forward_pass import RecordedPass, forward
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
+from contact_tracker_lab.evaluation.evaluate import evaluate
+from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
+from contact_tracker_lab.evaluation.scoring import Scoring, Subset, scoring
 from fixed_windows import Emission, Recorded, Windows
 from scores import OFFLINE, Answer, Method, Score
 from short_recordings import FACE_TO_EDGE, MODEL, recorded

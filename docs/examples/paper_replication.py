@@ -21,9 +21,6 @@ from numpy.typing import NDArray
 from contact_tracker.adaptation import offline
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evaluation.bound import angles_and_distances, cramer_rao
-from contact_tracker.evaluation.geometry_errors import SIDES, ElementError, geometry_errors
-from contact_tracker.evaluation.scoring import scoring, tick_in_force
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import form, matrix, minimise_slsqp, motion
@@ -32,6 +29,9 @@ from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_rao
+from contact_tracker_lab.evaluation.geometry_errors import SIDES, ElementError, geometry_errors
+from contact_tracker_lab.evaluation.scoring import scoring, tick_in_force
 from contact_tracker_lab.simulate import Phase, Scenario, Simulated, simulate
 from contact_tracker_lab.simulate.sensor import low_pass
 

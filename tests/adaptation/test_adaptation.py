@@ -19,7 +19,6 @@ from contact_tracker.adaptation.mixture import mixed_with_uniform, mixture
 from contact_tracker.adaptation.rest import LASTING_TICKS, SPAN_TICKS, is_moving
 from contact_tracker.adaptation.side_by_side import RATIO_POSES
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.pose_validation import PoseGate
@@ -35,6 +34,7 @@ from contact_tracker.tracking.forward_pass import RecordedPass, forward
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
+from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import adaptation
 from contact_tracker.adaptation import contradiction, online
 from contact_tracker.adaptation.contradiction import Contradiction
-from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.pose_validation import gate
@@ -18,6 +17,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.evaluation.evaluate import evaluate
 from distortions import moving_average
 from short_recordings import MODEL
 from smooth_motion import moving, slid_and_tilted

@@ -19,7 +19,6 @@ from contact_tracker import __version__
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError, InputError, NoTruth
-from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import Runner
@@ -29,6 +28,7 @@ from contact_tracker_lab.calibration.calibrate import Plan, calibrate
 from contact_tracker_lab.calibration.learned import How, select
 from contact_tracker_lab.calibration.study import Source, score_model, study_recording
 from contact_tracker_lab.calibration.writing import model_text
+from contact_tracker_lab.evaluation.metrics import Tally
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 

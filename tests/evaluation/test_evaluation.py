@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import NoTruth
-from contact_tracker.evaluation.answers import Answers
-from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m, nearest
-from contact_tracker.evaluation.evaluate import Evaluation, Evaluator, evaluate
-from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
-from contact_tracker.evaluation.report import Report
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.evaluation.answers import Answers
+from contact_tracker_lab.evaluation.elements import angle_rad, deviation, distance_m, nearest
+from contact_tracker_lab.evaluation.evaluate import Evaluation, Evaluator, evaluate
+from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors, geometry_errors
+from contact_tracker_lab.evaluation.report import Report
 
 Array = NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)

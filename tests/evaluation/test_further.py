@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from contact_tracker.cli.main import run
-from contact_tracker.evaluation.evaluate import Evaluator
-from contact_tracker.evaluation.further import FurtherScore
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.evaluation.evaluate import Evaluator
+from contact_tracker_lab.evaluation.further import FurtherScore
 
 ROOT = Path(__file__).resolve().parents[2]
 STEP_NS = 10_000_000

@@ -9,8 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.metrics import Tally, quantile
-from contact_tracker.evaluation.scoring import (
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.states import STATES, Contact
+from contact_tracker_lab.evaluation.metrics import Tally, quantile
+from contact_tracker_lab.evaluation.scoring import (
     UNSCORED,
     Scoring,
     Subset,
@@ -18,9 +20,7 @@ from contact_tracker.evaluation.scoring import (
     tick_containing,
     tick_in_force,
 )
-from contact_tracker.evaluation.tallying import tally
-from contact_tracker.ground_truth import Truth, TruthInterval
-from contact_tracker.states import STATES, Contact
+from contact_tracker_lab.evaluation.tallying import tally
 
 MS = 1_000_000
 EPOCH_NS = 1_700_000_000_000_000_000

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import adaptation
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.formations.naming import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
@@ -27,6 +26,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity, offline_smoother
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.simulate import Phase, Scenario, Simulated, simulate
 
 SECOND = 10**9

@@ -12,8 +12,6 @@ from scipy.stats import chi2
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evaluation.bound import cramer_rao
-from contact_tracker.evaluation.elements import angle_rad, deviation
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.hypotheses.ar1_noise import Ar1Noise, estimate_ar1, whiten_ar1
 from contact_tracker.hypotheses.refinement import FIRST_CORRELATION, refine
@@ -22,6 +20,8 @@ from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.evaluation.bound import cramer_rao
+from contact_tracker_lab.evaluation.elements import angle_rad, deviation
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from smooth_motion import moving

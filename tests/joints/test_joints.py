@@ -15,7 +15,6 @@ import contact_tracker
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.evaluation.elements import deviation
 from contact_tracker.geometry.elements import Line, Point
 from contact_tracker.hypotheses import compiled
 from contact_tracker.joints import evidence
@@ -28,6 +27,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.evaluation.elements import deviation
 from contact_tracker_lab.simulate import Phase, named_scenario, simulate
 from contact_tracker_lab.simulate.signals import band_limited
 

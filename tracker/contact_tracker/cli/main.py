@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Any, Final, NoReturn
 
 from contact_tracker import __version__, viewer
-from contact_tracker.cli import batch, evaluate, info, live, segment, view
+from contact_tracker.cli import batch, info, live, segment, view
 from contact_tracker.cli.completion import SHELLS, PrintCompletion
 from contact_tracker.cli.option_suggestions import option_suggestion
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
@@ -25,8 +25,8 @@ from contact_tracker.suggestions import suggestion
 
 _ENDING: Final = ("SIGTERM", "SIGHUP")
 _SIGNALLED: Final = "".join(f", {code} by {name}" for name in _ENDING if (code := exit_code_of(name)))
-COMMANDS: Final = (live, segment, batch, view, info, evaluate)
-LAB_COMMANDS: Final = ("simulate", "calibrate")
+COMMANDS: Final = (live, segment, batch, view, info)
+LAB_COMMANDS: Final = ("simulate", "evaluate", "calibrate")
 """Modules of ``contact_tracker_lab.cli``, which imports this package and is found by name only."""
 
 DESCRIPTION: Final = """\

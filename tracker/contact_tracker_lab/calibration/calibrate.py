@@ -6,11 +6,11 @@ from typing import Final
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoTruth
-from contact_tracker.evaluation.evaluate import Evaluation
 from contact_tracker.processes import Runner
 from contact_tracker_lab.calibration.learn import LearnedModel, learn
 from contact_tracker_lab.calibration.learned import How, Learned
 from contact_tracker_lab.calibration.study import ModelScore, Source, Study, score_model, study_recording
+from contact_tracker_lab.evaluation.evaluate import Evaluation
 
 LEFT_OUT_FIRST: Final = (How.RESIDUALS, How.CONTACTS)
 """If learning makes held-out recordings worse, parameters from residuals of estimated contacts are left out

@@ -7,14 +7,14 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.config.parameters import Model, Noise, Transitions
-from contact_tracker.evaluation.evaluate import Evaluation
-from contact_tracker.evaluation.metrics import Tally
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.transition_model import destinations, initial, leave_per_s
 from contact_tracker_lab.calibration.calibrate import Calibration, HeldOut
 from contact_tracker_lab.calibration.floors import FEWEST, Floor
 from contact_tracker_lab.calibration.learned import How, Learned, value_of
+from contact_tracker_lab.evaluation.evaluate import Evaluation
+from contact_tracker_lab.evaluation.metrics import Tally
+from contact_tracker_lab.evaluation.tables import number, table
 
 FLOOR_NOTE: Final = """\
 Floor of each contact alone, beyond the sensor's noise; - with too few residuals."""

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoPoses
-from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.ground_truth import Truth
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Poses
@@ -22,6 +21,7 @@ from contact_tracker.tracking.transition_model import hazard_exposure, log_initi
 from contact_tracker_lab.calibration.e_step import EstimatedStates, KnownStates
 from contact_tracker_lab.calibration.segment_residuals import ContactSegment, fit_contact_segments
 from contact_tracker_lab.calibration.tick_stream import UNKNOWN, Observed, labels, observe
+from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 
 Ints = NDArray[np.int64]
 

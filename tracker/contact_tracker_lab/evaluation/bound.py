@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evaluation.elements import error_at
-from contact_tracker.evaluation.geometry_errors import places
 from contact_tracker.geometry.elements import ContactGeometry, Plane, numbers
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
+from contact_tracker_lab.evaluation.elements import error_at
+from contact_tracker_lab.evaluation.geometry_errors import places
 
 Array = NDArray[np.float64]
 

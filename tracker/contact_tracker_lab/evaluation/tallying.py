@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.metrics import CALIBRATION_BINS, Array, Ints, Tally
-from contact_tracker.evaluation.scoring import SHORTEST_PHASE_NS, Change, Columns, Scoring, Subset
 from contact_tracker.states import STATES
+from contact_tracker_lab.evaluation.metrics import CALIBRATION_BINS, Array, Ints, Tally
+from contact_tracker_lab.evaluation.scoring import SHORTEST_PHASE_NS, Change, Columns, Scoring, Subset
 
 SURE: Final = 0.9
 SMALLEST_PROBABILITY: Final = 1e-12

@@ -9,13 +9,13 @@ from operator import add
 from typing import Any, Final
 
 from contact_tracker.errors import printable
-from contact_tracker.evaluation.evaluate import Evaluation
-from contact_tracker.evaluation.further import FurtherScore
-from contact_tracker.evaluation.geometry_errors import GeometryErrors
-from contact_tracker.evaluation.metrics import Array, Tally, quantile
-from contact_tracker.evaluation.scoring import Subset
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.states import STATES
+from contact_tracker_lab.evaluation.evaluate import Evaluation
+from contact_tracker_lab.evaluation.further import FurtherScore
+from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
+from contact_tracker_lab.evaluation.metrics import Array, Tally, quantile
+from contact_tracker_lab.evaluation.scoring import Subset
+from contact_tracker_lab.evaluation.tables import number, table
 
 TOTAL: Final = "total"
 WIDEST_NAME: Final = 24

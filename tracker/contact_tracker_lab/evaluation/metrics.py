@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.scoring import Subset
 from contact_tracker.states import STATES
+from contact_tracker_lab.evaluation.scoring import Subset
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,7 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.errors import NoTruth
-from contact_tracker.evaluation.elements import (
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Segment
+from contact_tracker_lab.evaluation.elements import (
     Deviation,
     angle_rad,
     deviation,
@@ -21,11 +26,6 @@ from contact_tracker.evaluation.elements import (
     nearest,
     normal_deviation,
 )
-from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
-from contact_tracker.ground_truth import Truth, TruthInterval
-from contact_tracker.motion.poses import Poses
-from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Segment
 
 Array = NDArray[np.float64]
 

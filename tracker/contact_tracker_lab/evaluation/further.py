@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.scoring import Scoring, Subset
 from contact_tracker.ground_truth import Truth
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.segmentation import Beliefs
+from contact_tracker_lab.evaluation.scoring import Scoring, Subset
 
 Ints = NDArray[np.int64]
 

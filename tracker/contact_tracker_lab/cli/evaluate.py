@@ -13,8 +13,8 @@ from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, USAGE
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
-    from contact_tracker.evaluation.evaluate import Evaluation
     from contact_tracker.landmarks.prior_map import PriorMap
+    from contact_tracker_lab.evaluation.evaluate import Evaluation
 
 HELP: Final = "compare with the truth that recordings carry"
 DESCRIPTION: Final = """\
@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from contact_tracker.evaluation.report import Report
+    from contact_tracker_lab.evaluation.report import Report
 
     model, knowledge = model_of(args), knowledge_of(args)
     evaluations = {}
@@ -60,12 +60,12 @@ def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
 ) -> "tuple[Evaluation, bool]":
     from contact_tracker.adaptation import OfflineTracker
-    from contact_tracker.evaluation.answers import Answering
-    from contact_tracker.evaluation.evaluate import Evaluator
     from contact_tracker.outputs.adaptation import warnings
     from contact_tracker.recording import need_truth, open_log
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import with_pose_callback
+    from contact_tracker_lab.evaluation.answers import Answering
+    from contact_tracker_lab.evaluation.evaluate import Evaluator
 
     truth = need_truth(name, args.topic, args.frame)
     if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):

@@ -9,17 +9,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.answers import Answers
-from contact_tracker.evaluation.further import FurtherScore, FurtherTicks
-from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
-from contact_tracker.evaluation.metrics import Ints, Tally
-from contact_tracker.evaluation.scoring import Scoring, scoring, tick_containing, tick_in_force
-from contact_tracker.evaluation.tallying import tally
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.pose_buffer import PoseBuffer
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.evaluation.answers import Answers
+from contact_tracker_lab.evaluation.further import FurtherScore, FurtherTicks
+from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors, geometry_errors
+from contact_tracker_lab.evaluation.metrics import Ints, Tally
+from contact_tracker_lab.evaluation.scoring import Scoring, scoring, tick_containing, tick_in_force
+from contact_tracker_lab.evaluation.tallying import tally
 
 _SCORED: Final = np.dtype([("stamp_ns", np.int64), ("contact", np.int8), ("probability", np.float64, 7)])
 BeliefRows = NDArray[np.void]
