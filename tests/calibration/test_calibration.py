@@ -24,10 +24,8 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import Runner
 from contact_tracker.recording import need_truth, open_log, read_truth, write_recording
 from contact_tracker.states import Contact
-from contact_tracker_lab.calibration.calibrate import Plan, calibrate
-from contact_tracker_lab.calibration.learned import How, select
-from contact_tracker_lab.calibration.study import Source, score_model, study_recording
-from contact_tracker_lab.calibration.writing import model_text
+from contact_tracker_lab.calibration.calibrate import Plan, Source, calibrate, score_model, study_recording
+from contact_tracker_lab.calibration.parameters import How, model_text, select
 from contact_tracker_lab.evaluation.metrics import Tally
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
@@ -159,7 +157,7 @@ def test_without_truth_beliefs_are_learned_from(
 
 
 def test_a_search_lowers_the_loss_of_its_recordings(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("contact_tracker_lab.calibration.search.EVALUATIONS", 2)
+    monkeypatch.setattr("contact_tracker_lab.calibration.parameters.EVALUATIONS", 2)
     names = sorted(map(str, logs.glob("*.mcap")))[:1]
     parameter = next(learned for learned in select(["motion", "geometry"]) if learned.how is How.SEARCH)
     found = calibrate(Plan((Source(names[0]),), MODEL, (parameter,), 0), Runner(1))

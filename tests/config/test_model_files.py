@@ -18,7 +18,7 @@ from contact_tracker.errors import ModelError, UsageError
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.posterior import label_geometry
-from contact_tracker_lab.calibration.writing import model_text
+from contact_tracker_lab.calibration.parameters import model_text
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 

@@ -2,8 +2,8 @@
 
 ::
 
-    recording -> Study   (ticks, true or estimated states, fitted segments; one process each)
-    studies -> Model     (learn: the stream's noise, floors from residuals, transitions by EM, direct search)
-    folds -> Report      (cross-validation: each recording scored by a model learned from others)
-    Model -> TOML        (writing)
+    recording -> Study   (calibrate: true or estimated states, fitted segments; one process each)
+    studies -> Model     (parameters from the stream's noise, residuals, transitions and a direct search)
+    folds -> report      (cross-validation: each recording scored by a model learned from others)
+    Model -> TOML        (parameters)
 """

@@ -20,8 +20,7 @@ from contact_tracker.exit_codes import DAMAGED, DONE
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
-    from contact_tracker_lab.calibration.calibrate import Calibration
-    from contact_tracker_lab.calibration.study import Source
+    from contact_tracker_lab.calibration.calibrate import Calibration, Source
 
 HELP: Final = "learn a model from recordings"
 DESCRIPTION: Final = """\
@@ -93,9 +92,8 @@ def _processes(text: str) -> int:
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.config.loading import load_model
     from contact_tracker.processes import Runner
-    from contact_tracker_lab.calibration.calibrate import Plan, calibrate
-    from contact_tracker_lab.calibration.learned import select
-    from contact_tracker_lab.calibration.report import to_text
+    from contact_tracker_lab.calibration.calibrate import Plan, calibrate, to_text
+    from contact_tracker_lab.calibration.parameters import select
 
     check = check_output(
         args.output,
@@ -135,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
-    from contact_tracker_lab.calibration.study import Source
+    from contact_tracker_lab.calibration.calibrate import Source
 
     names = recordings(args.logs, "calibrate")
     for name in names:
@@ -162,7 +160,7 @@ def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], N
     from dataclasses import replace
 
     from contact_tracker.atomic_file import whole_file
-    from contact_tracker_lab.calibration.writing import model_text
+    from contact_tracker_lab.calibration.parameters import model_text
 
     model = replace(found.learned.model, name=args.output.stem)
     with whole_file(args.output, check) as temporary:
