@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.polyhedron import Feature, unit
 from contact_tracker.states import Contact
-from contact_tracker_lab.simulate.anchors import SETTLE_S, Anchor, sample_normal, sample_point
 from contact_tracker_lab.simulate.chart import Chart, Rigid
-from contact_tracker_lab.simulate.plan import Leg
+from contact_tracker_lab.simulate.plan import SETTLE_S, Anchor, Leg, sample_normal, sample_point
 from contact_tracker_lab.simulate.signals import band_limited, blend, drift, smooth_step, within
 
 Array = NDArray[np.float64]

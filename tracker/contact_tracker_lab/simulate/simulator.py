@@ -20,9 +20,14 @@ from contact_tracker_lab.simulate.corner import move_in_corner
 from contact_tracker_lab.simulate.jointed import TrueJoint, move_in_joint
 from contact_tracker_lab.simulate.motion import Hand, Path, move
 from contact_tracker_lab.simulate.plan import Leg, plan
-from contact_tracker_lab.simulate.scenarios import Further, Scenario, named_scenario
+from contact_tracker_lab.simulate.scenarios import (
+    Further,
+    Scenario,
+    named_scenario,
+    object_shape,
+    surroundings_shape,
+)
 from contact_tracker_lab.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
-from contact_tracker_lab.simulate.shapes import object_shape, surroundings_shape
 from contact_tracker_lab.simulate.wrench import measure_wrenches
 
 Array = NDArray[np.float64]
