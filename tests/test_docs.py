@@ -43,16 +43,6 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path: Path) -> None:
     assert ran >= 6
 
 
-@pytest.mark.long
-def test_the_calibration_on_the_models_page_runs_as_it_is_written(tmp_path: Path) -> None:
-    (tmp_path / "recordings").symlink_to(ROOT / "recordings")
-    (step,) = steps(MODELS.partition("## Calibration")[2])
-    done = carried_out(step, tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert_shown(step, done.stdout)
-    assert load_model(str(tmp_path / "mine.toml")).transitions.counts.begins[0] == 2.0
-
-
 def with_short_recording(folder: Path, name: str) -> Path:
     """The first two seconds of one of the repository's recordings, under the same name."""
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
