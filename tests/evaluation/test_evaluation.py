@@ -332,6 +332,7 @@ def test_the_json_report_has_the_same_values_without_nan() -> None:
     assert data["total"]["offline"]["accuracy"]["all"] == pytest.approx((a + b).offline.accuracy())
     assert data["total"]["offline"]["scored_s"] == pytest.approx(14.0)
     assert np.sum(data["total"]["online"]["confusion_s"]) == pytest.approx(14.0 - 2 * 0.09)
+    assert data["total"]["further"]["offline"]["several_s"] == 0.0
     assert data["total"]["geometry"]["true_segments"] == 12
     assert data["total"]["geometry"]["point"]["distance_mm"]["count"] == 2 * 2 * 2 - 4
 
