@@ -30,7 +30,7 @@ from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import ChoiceError, UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, write_recording
+from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
@@ -519,10 +519,11 @@ def test_simulate_makes_the_same_recording_twice(tmp_path: Path) -> None:
     assert "vision_30hz" in run("simulate", "--list").stdout
 
 
-def test_evaluate_warns_of_knowledge_that_does_not_fit() -> None:
-    log = str(ROOT / "recordings" / "robot_1khz.mcap")
+def test_evaluate_warns_of_knowledge_that_does_not_fit(tmp_path: Path) -> None:
+    robot, log = str(ROOT / "recordings" / "robot_1khz.mcap"), str(tmp_path / "robot.mcap")
+    write_recording(log, Poses.collect(open_log(robot))[:4000], read_truth(robot), {})
     wrong = run("evaluate", log, "--json", "--up", "1,0,0")
-    assert "robot_1khz.mcap: --up does not fit the motion" in wrong.stderr
+    assert "robot.mcap: --up does not fit the motion" in wrong.stderr
 
 
 def test_evaluate_names_ambiguous_recordings_and_goes_on(log: Path, tmp_path: Path) -> None:

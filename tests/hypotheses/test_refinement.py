@@ -63,7 +63,7 @@ def test_covariances_follow_the_residuals_where_the_model_expects_worse():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EE], ids=str)
+@pytest.mark.parametrize("contact", [Contact.FV, Contact.EE], ids=str)
 def test_covariances_include_correlated_errors(contact, monkeypatch):
     """The compliance of a contact, some hundredths of a millimetre, is correlated over many ticks. Errors
     that resemble geometry cannot be separated; but with independent errors in each tick the covariance would
@@ -81,7 +81,7 @@ def test_covariances_include_correlated_errors(contact, monkeypatch):
 
 
 @pytest.mark.long
-@each_contact
+@pytest.mark.parametrize("contact", [Contact.FF, Contact.EF, Contact.VF, Contact.EE], ids=str)
 def test_covariances_are_consistent_where_the_model_knows_that_errors_wander(contact):
     """Errors of 0.5 mm and 0.15 deg that last for 2 s. A covariance that is far too large fails as well."""
     wanders = NOISES["mocap"]._replace(wander_m=0.5e-3, wander_deg=0.15)
