@@ -18,7 +18,7 @@ from chain_oracle import NOTHING, random_model
 from contact_tracker import __version__
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
-from contact_tracker.errors import ContactTrackerError, InputError, NoTruth
+from contact_tracker.errors import ContactTrackerError, InputError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import Runner
@@ -278,11 +278,6 @@ def test_a_process_killed_before_its_job_is_reported() -> None:
         Runner(2)(len, [(bytes(10_000_000),)] * 2)
     killer.join()
     assert not active_children()
-
-
-def test_no_truth_is_an_error_where_it_is_needed(unlabelled: Path) -> None:
-    with pytest.raises(NoTruth, match="search"):
-        calibrate(Plan((Source(str(unlabelled)),), MODEL, select(["geometry"]), 0), Runner(1))
 
 
 names = st.text(st.characters(exclude_categories=("C", "Zl", "Zp", "Zs")), max_size=30)

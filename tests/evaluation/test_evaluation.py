@@ -20,7 +20,7 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.answers import Answers
 from contact_tracker_lab.evaluation.elements import angle_rad, deviation, distance_m, nearest
 from contact_tracker_lab.evaluation.evaluate import Evaluation, Evaluator, evaluate
-from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors, geometry_errors
+from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.evaluation.report import Report
 
 Array = NDArray[np.float64]
@@ -224,13 +224,6 @@ def test_a_true_segment_is_compared_with_the_one_that_overlaps_it_most() -> None
     assert np.all(errors.distance_mm < 1e-9)
 
 
-def test_truth_with_the_wrong_elements_is_refused() -> None:
-    rng = np.random.default_rng(0)
-    truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, rng)),))
-    with pytest.raises(NoTruth, match="not those of e-e"):
-        geometry_errors(random_poses(rng, 10), truth, [])
-
-
 # --- whole recordings ------------------------------------------------------------------------------------
 
 
@@ -340,10 +333,3 @@ def test_the_json_report_has_the_same_values_without_nan() -> None:
 def test_no_recording_is_lost_when_shortened_names_coincide() -> None:
     names = {side + "/the_same_long_recording_name.mcap": evaluation() for side in ("left", "right")}
     assert Report(names).to_text().count("ording_name.mcap") == 8
-
-
-def test_geometry_errors_add() -> None:
-    a, b = evaluation(1).geometry, evaluation(2).geometry
-    assert (a + b).rows == a.rows + b.rows
-    assert isinstance(a + b, GeometryErrors)
-    assert sum(len((a + b).of_kind(kind).rows) for kind in ("plane", "line", "point")) == len((a + b).rows)
