@@ -62,7 +62,7 @@ def poses_in(kind: JointKind, frames: JointFrames, rng: np.random.Generator, tim
 
 @cache
 def moved(
-    kind: JointKind, seed: int, seconds: float = 10.0, pitch_m: float = PITCH_M
+    kind: JointKind, seed: int, seconds: float = 7.0, pitch_m: float = PITCH_M
 ) -> tuple[JointFrames, Poses]:
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, seconds, 1.0 / 200.0)
