@@ -138,7 +138,7 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
 @needs_kernels
 def test_a_box_of_another_size_is_reported() -> None:
     box = knowledge_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})
-    texts, found = tracked("paper_experiment", box)
+    texts, found = tracked("robot_1khz", box)
     assert texts[0].startswith("what is given does not fit the motion")
     assert found.beliefs.probability.max() < 0.6
 
