@@ -48,8 +48,11 @@ def assert_same_as_undisturbed(arguments: list[str], folder: Path, output: str) 
     assert (folder / arguments[-1]).read_bytes() == (other / arguments[-1]).read_bytes()
 
 
-@pytest.mark.parametrize("delay_s", [0.02, 0.4])
-@pytest.mark.parametrize("arguments", [SEGMENT, CALIBRATE], ids=["segment", "calibrate"])
+@pytest.mark.parametrize(
+    ("arguments", "delay_s"),
+    [(SEGMENT, 0.02), (SEGMENT, 0.4), (CALIBRATE, 0.4)],
+    ids=["segment at once", "segment", "calibrate"],
+)
 def test_a_helper_that_is_killed_is_one_line_and_1(
     arguments: list[str], delay_s: float, tmp_path: Path
 ) -> None:

@@ -15,7 +15,6 @@ import contact_tracker
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.evaluation.elements import deviation
 from contact_tracker.geometry.elements import Line, Point
 from contact_tracker.hypotheses import compiled
 from contact_tracker.joints import evidence
@@ -25,11 +24,12 @@ from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, Join
 from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
-from contact_tracker.simulate import Phase, named_scenario, simulate
-from contact_tracker.simulate.signals import band_limited
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.evaluation.elements import deviation
+from contact_tracker_lab.simulate import Phase, named_scenario, simulate
+from contact_tracker_lab.simulate.signals import band_limited
 
 Array = NDArray[np.float64]
 SIGMA = (3e-4, np.radians(0.15))
@@ -62,7 +62,7 @@ def poses_in(kind: JointKind, frames: JointFrames, rng: np.random.Generator, tim
 
 @cache
 def moved(
-    kind: JointKind, seed: int, seconds: float = 10.0, pitch_m: float = PITCH_M
+    kind: JointKind, seed: int, seconds: float = 7.0, pitch_m: float = PITCH_M
 ) -> tuple[JointFrames, Poses]:
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, seconds, 1.0 / 200.0)

@@ -63,11 +63,7 @@ def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: b
 @needs_kernels
 @pytest.mark.parametrize(
     ("name", "count", "lag_s"),
-    [
-        ("vision_30hz", 300, 1.0),
-        ("all_states", 600, 0.0),
-        pytest.param("all_states", 2500, 1.0, marks=pytest.mark.long),
-    ],
+    [("vision_30hz", 300, 1.0), ("all_states", 600, 0.0)],
 )
 def test_a_restored_stream_continues_bit_for_bit(tmp_path: Path, name: str, count: int, lag_s: float) -> None:
     poses = recorded(name, count)

@@ -25,12 +25,12 @@ from contact_tracker.motion.used_directions import used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.tables import json_line, write_csv
 from contact_tracker.outputs.text import describe, table
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity, tracker
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, segmented
 
 SCALES = tracker.scales_of(MODEL)

@@ -12,13 +12,13 @@ from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.motion.free_motion import SETTLING_TICKS
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.rests import rest_ticks
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity, tracker
 from contact_tracker.tracking.forward_pass import forward
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import REST_EXPOSURE, log_initial, tick_transitions
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, age_s, recorded, segmented, true_contacts
 from smooth_motion import moving
 

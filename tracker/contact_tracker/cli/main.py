@@ -10,10 +10,11 @@ import re
 import sys
 import threading
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any, Final, NoReturn
 
 from contact_tracker import __version__, viewer
-from contact_tracker.cli import batch, calibrate, evaluate, info, live, segment, simulate, view
+from contact_tracker.cli import batch, info, live, segment, view
 from contact_tracker.cli.completion import SHELLS, PrintCompletion
 from contact_tracker.cli.option_suggestions import option_suggestion
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
@@ -24,7 +25,9 @@ from contact_tracker.suggestions import suggestion
 
 _ENDING: Final = ("SIGTERM", "SIGHUP")
 _SIGNALLED: Final = "".join(f", {code} by {name}" for name in _ENDING if (code := exit_code_of(name)))
-COMMANDS: Final = (live, segment, batch, view, info, simulate, evaluate, calibrate)
+COMMANDS: Final = (live, segment, batch, view, info)
+LAB_COMMANDS: Final = ("simulate", "evaluate", "calibrate")
+"""Modules of ``contact_tracker_lab.cli``, which imports this package and is found by name only."""
 
 DESCRIPTION: Final = """\
 Tell from the poses of one rigid object how it touches its world: which principal contact holds
@@ -75,7 +78,8 @@ def build_parser() -> argparse.ArgumentParser:
         "--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL", help=about_completion
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
-    for command in COMMANDS:
+    lab = (import_module(f"contact_tracker_lab.cli.{name}") for name in LAB_COMMANDS)
+    for command in (*COMMANDS, *lab):
         sub = commands.add_parser(
             command.__name__.rpartition(".")[2],
             help=command.HELP,

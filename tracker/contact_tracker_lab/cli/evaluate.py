@@ -1,0 +1,94 @@
+"""``contact-tracker evaluate``: the tracker's accuracy on recordings with ground truth."""
+
+import argparse
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker.cli.arguments import LOGS_HELP, add_model, add_source, model_of
+from contact_tracker.cli.known import add_known, knowledge_of
+from contact_tracker.cli.recordings import recordings
+from contact_tracker.cli.terminal import fail, progress, show, warn
+from contact_tracker.cli.wrench import add_wrench, evidence_of
+from contact_tracker.errors import ChoiceError, InputError, NoPoses
+from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, USAGE
+
+if TYPE_CHECKING:
+    from contact_tracker.config.parameters import Model
+    from contact_tracker.landmarks.prior_map import PriorMap
+    from contact_tracker_lab.evaluation.evaluate import Evaluation
+
+HELP: Final = "compare with the truth that recordings carry"
+DESCRIPTION: Final = """\
+Segment recordings and compare with the truth in them, offline and online side by side: accuracy,
+F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total. These
+score the contact at each time, the first one if there are several. Further contacts are scored in a
+separate table, without their elements. With --relative-to the truth of elements, which is in the frame of the
+recording, is not used."""
+EXAMPLE: Final = "contact-tracker evaluate recordings/"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS_HELP)
+    add_source(parser)
+    add_model(parser)
+    add_known(parser)
+    add_wrench(parser)
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    from contact_tracker_lab.evaluation.report import Report
+
+    model, knowledge = model_of(args), knowledge_of(args)
+    evaluations = {}
+    code = DONE
+    for name in recordings(args.logs, "evaluate"):
+        try:
+            evaluations[name], is_damaged = _evaluate(name, args, model, knowledge)
+        except (InputError, ChoiceError) as error:  # continue with the others
+            fail(str(error))
+            code = INPUT if isinstance(error, InputError) else USAGE
+            continue
+        if is_damaged:
+            code = code or DAMAGED
+    if evaluations:
+        report = Report(evaluations)
+        show(report.to_json() if args.json else report.to_text())
+    return code
+
+
+def _evaluate(
+    name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
+) -> "tuple[Evaluation, bool]":
+    from contact_tracker.adaptation import OfflineTracker
+    from contact_tracker.outputs.adaptation import warnings
+    from contact_tracker.recording import need_truth, open_log
+    from contact_tracker.tracking.belief import Detail
+    from contact_tracker.tracking.pose_buffer import with_pose_callback
+    from contact_tracker_lab.evaluation.answers import Answering
+    from contact_tracker_lab.evaluation.evaluate import Evaluator
+
+    truth = need_truth(name, args.topic, args.frame)
+    if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
+        warn(
+            f"{name}: elements are not compared: the truth has them in the recording's frame, not in that of "
+            f"--relative-to {args.relative_to}"
+        )
+        truth = truth.without_geometry()
+    evaluator = Evaluator(truth)
+    wrenches = evidence_of(name, args, model, knowledge)
+    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
+    answering = Answering(model, knowledge, log.source.frame_moves)
+    with progress(name, "poses", log.source.messages) as set_done:
+        tracker = OfflineTracker(model, knowledge, wrenches=wrenches, frame_moves=log.source.frame_moves)
+        for piece in with_pose_callback(
+            answering.through(log.arrivals()),
+            lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION),
+            evaluator.add_poses,
+        ):
+            evaluator.add_piece(piece)
+    if not evaluator.frames:
+        raise NoPoses(f"{name}: no pose that can be used{'' if log.loss is None else f': {log.loss}'}")
+    found = () if tracker.report is None else warnings(tracker.report)
+    for line in (*log.warnings, *found):
+        warn(f"{name}: {line}")
+    return evaluator.finish(answering.finish()), log.damage is not None
