@@ -64,7 +64,7 @@ SINGLE_IMPORTER = {
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}
 PRINTS = "cli/terminal.py"
-MAX_LINES = 500
+MAX_LINES = 700
 
 
 def sources() -> list[Path]:

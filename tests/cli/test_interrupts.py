@@ -94,7 +94,7 @@ def test_an_interrupt_at_any_time_ends_in_order(start: str, arguments: list[str]
 
 
 def test_background_jobs_that_ignore_interrupts_go_on_ignoring_them() -> None:
-    program = "import signal; from contact_tracker.interrupts import wait_for_imports; wait_for_imports(); "
+    program = "import signal; from contact_tracker.interrupts import end_in_order; end_in_order('SIGINT'); "
     program += "signal.raise_signal(signal.SIGINT)"
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -118,8 +118,8 @@ def run_interruptible(program: str) -> "subprocess.CompletedProcess[str]":
 def test_an_interrupt_that_python_cannot_raise_is_repeated() -> None:
     program = """
 import signal, time
-from contact_tracker.interrupts import wait_for_imports
-wait_for_imports()
+from contact_tracker.interrupts import end_in_order
+end_in_order("SIGINT")
 class Held:
     def __del__(self):
         signal.raise_signal(signal.SIGINT)
@@ -174,8 +174,8 @@ finally:
 def test_incomplete_objects_after_an_interrupt_end_silently() -> None:
     program = """
 import signal
-from contact_tracker.interrupts import wait_for_imports
-wait_for_imports()
+from contact_tracker.interrupts import end_in_order
+end_in_order("SIGINT")
 class Half:
     def __init__(self):
         signal.raise_signal(signal.SIGINT)
@@ -191,22 +191,22 @@ except KeyboardInterrupt:
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
-def test_an_interrupt_waits_until_children_have_started() -> None:
-    """Also one that is delivered to another thread, in which interrupts are not blocked."""
+def test_an_interrupt_waits_until_children_have_ended() -> None:
+    """Also one that is delivered to another thread."""
     program = """
 import os, signal, threading, time
-from contact_tracker.interrupts import kept_from_children, wait_for_imports
-wait_for_imports()
+from contact_tracker.interrupts import deferred, end_in_order
+end_in_order("SIGINT")
 def interrupt():
     time.sleep(0.1)
     signal.pthread_kill(threading.get_ident(), signal.SIGINT)
 threading.Thread(target=interrupt).start()
 try:
-    with kept_from_children():
+    with deferred("SIGINT"):
         time.sleep(0.3)
-        started = True
+        ended = True
 except KeyboardInterrupt:
-    print(started)
+    print(ended)
 """
     done = run_interruptible(program)
     assert (done.stdout, done.stderr) == ("True\n", "")

@@ -12,7 +12,7 @@ from contact_tracker.batch.dataset import Dataset
 from contact_tracker.batch.finding import Found
 from contact_tracker.batch.segmenting import Answer, segment_recording
 from contact_tracker.batch.settings import Settings
-from contact_tracker.processes import Jobs, Killed
+from contact_tracker.processes import Jobs
 
 _GIVEN_UP: Final = "the process that segmented it was ended twice, as happens where memory runs out"
 
@@ -75,7 +75,7 @@ class Batch:
             return self.outcome
         with workers() as call:
             for (name, *_), answer in call(segment_recording, chain([first], jobs)):
-                if isinstance(answer, Killed):
+                if answer is None:
                     error = f"{name}: {_GIVEN_UP}"
                     answer = Answer(
                         name, "", rows.failure(name, self._settings, exit_codes.KILLED, error, None)

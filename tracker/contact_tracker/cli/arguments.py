@@ -77,6 +77,17 @@ def add_time_unit(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_processes(parser: argparse._ActionsContainer, most: int, default: int | None, text: str) -> None:
+    """``--processes``."""
+
+    def count(text: str) -> int:
+        if not text.isdecimal() or not 1 <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to {most}")
+        return int(text)
+
+    parser.add_argument("--processes", type=count, default=default, metavar="N", help=text)
+
+
 def add_model(parser: argparse.ArgumentParser) -> None:
     """``--model``."""
     parser.add_argument(

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_source, model_of
+from contact_tracker.cli.arguments import add_model, add_processes, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import files_read
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
@@ -53,24 +53,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_known(parser)
     add_wrench(parser)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--processes",
-        type=_processes,
-        metavar="N",
-        help="recordings at once (default: as many as there are cores)",
-    )
+    add_processes(where, 1024, None, "recordings at once (default: as many as there are cores)")
     where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
     parser.add_argument(
         "--rehash",
         action="store_true",
         help="read all recordings to see whether they have changed, also where size, time and inode have not",
     )
-
-
-def _processes(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 1024")
-    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:

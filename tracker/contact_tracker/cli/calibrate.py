@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker import __version__
-from contact_tracker.cli.arguments import LOGS_HELP, add_source, output_file
+from contact_tracker.cli.arguments import LOGS_HELP, add_processes, add_source, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.replacement import add_overwrite, files_read
@@ -69,24 +69,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     truth = parser.add_mutually_exclusive_group()
     truth.add_argument("--labelled", action="store_true", help="refuse recordings without truth")
     truth.add_argument("--unlabelled", action="store_true", help="do not learn from truth, only score by it")
-    parser.add_argument(
-        "--processes",
-        type=_processes,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="recordings at once (default: as many as there are cores)",
+    add_processes(
+        parser, 1024, os.cpu_count() or 1, "recordings at once (default: as many as there are cores)"
     )
 
 
 def _folds(text: str) -> int:
     if not text.isdecimal() or int(text) == 1:
         raise argparse.ArgumentTypeError(f"{text!r} is neither 0 nor a whole number above 1")
-    return int(text)
-
-
-def _processes(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 1024")
     return int(text)
 
 

@@ -4,15 +4,15 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recordings, model_of, output_file
+from contact_tracker.cli.arguments import add_model, add_processes, add_recordings, model_of, output_file
 from contact_tracker.cli.jobs import PLACE, jobs_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.terminal import detail, fail, progress, show
-from contact_tracker.cli.workers import add_processes, workers
+from contact_tracker.cli.terminal import detail, fail, progress, show, take_over_warnings
 from contact_tracker.cli.wrench import add_wrench, evidence_of
 from contact_tracker.errors import ChoiceError, InputError
 from contact_tracker.exit_codes import DONE, INPUT, USAGE
@@ -57,7 +57,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"(the default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
     )
     add_overwrite(parser)
-    add_processes(parser)
+    add_processes(
+        parser,
+        64,
+        1,
+        "processes that fit segments in parallel; helps with recordings of many minutes (default: 1)",
+    )
 
 
 def _output(text: str) -> Path | None:
@@ -69,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         require_library(args.output)
     model, knowledge = model_of(args), knowledge_of(args)
-    with workers(args.processes) as executor:
+    with _workers(args.processes) as executor:
         if len(jobs) == 1:
             return _segment(jobs[0].arguments(args), model, knowledge, executor)
         code = DONE
@@ -83,6 +88,15 @@ def run(args: argparse.Namespace) -> int:
                 done = INPUT if isinstance(error, InputError) else USAGE
             code = code or done
     return code
+
+
+def _workers(processes: int) -> "AbstractContextManager[Executor | None]":
+    """One process less than ``processes``, as this one works, too."""
+    if processes == 1:
+        return nullcontext()
+    from contact_tracker.processes import Workers
+
+    return Workers(processes - 1, take_over_warnings)
 
 
 def _segment(
