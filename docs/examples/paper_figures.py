@@ -16,7 +16,7 @@ from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.replication import MOVED, ContactSequence, SingleContact
 from contact_tracker.replication.contact_sequence import STEP
 from contact_tracker.states import STATES, Contact
-from contact_tracker.viewer.palette import COLOUR
+from contact_tracker.viewer.scene import COLOUR
 from drawing import OBJECT, SURROUNDINGS, draw_body, draw_element, show_scene
 
 Array = NDArray[np.float64]

@@ -44,7 +44,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_metadata
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.hull import vertices_from_metadata
+from contact_tracker.viewer.scene import vertices_from_metadata
 from field import FIGURES, figures
 from identification import command_of, find_sets
 from shared_recordings import add_folder

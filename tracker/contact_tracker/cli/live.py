@@ -27,7 +27,7 @@ from contact_tracker.interrupts import SIGNALS, deferred
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.tracking.belief import Belief
-    from contact_tracker.viewer.null_viewer import LiveView
+    from contact_tracker.viewer import LiveView
     from contact_tracker.viewer.sinks import Sink
 
 HELP: Final = "what holds now: a line per change while poses stream in"
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     if not args.web:
         return _follow(args, None)
-    from contact_tracker.viewer.web import WebViewer
+    from contact_tracker.viewer.sinks import WebViewer
 
     with WebViewer() as web:
         say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
@@ -170,13 +170,13 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
 
 
 def _viewer(args: argparse.Namespace, source: "Source", sink: "Sink | None") -> "LiveView":
-    from contact_tracker.viewer.null_viewer import NoViewer
+    from contact_tracker.viewer import LiveView
 
     if sink is None and not args.rerun:
-        return NoViewer()
+        return LiveView()
     from contact_tracker.recording import read_metadata
-    from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.live import LiveViewer
+    from contact_tracker.viewer.scene import vertices_from_metadata
 
     vertices_m = vertices_from_metadata(read_metadata(args.log))
     return LiveViewer(vertices_m, sink, lambda: source.origin_ns)

@@ -81,7 +81,7 @@ def _shower(
     if args.save is not None:
         yield lambda shown: write_rrd(args.save, shown, check)
     elif args.web:
-        from contact_tracker.viewer.web import WebViewer
+        from contact_tracker.viewer.sinks import WebViewer
 
         with WebViewer() as web:
             say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
@@ -98,8 +98,8 @@ def _view(
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.recording import open_log, read_metadata, read_truth
-    from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.offline import Shown
+    from contact_tracker.viewer.scene import vertices_from_metadata
 
     poses = open_log(log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     tracker = OfflineTracker(model, knowledge, frame_moves=poses.source.frame_moves)

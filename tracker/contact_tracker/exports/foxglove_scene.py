@@ -25,10 +25,17 @@ from contact_tracker.recording import (
 )
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
-from contact_tracker.viewer.hull import Hull, hull
-from contact_tracker.viewer.palette import COLOUR, GREY, OBJECT, Colour
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw_all
-from contact_tracker.viewer.shapes import Mesh
+from contact_tracker.viewer.scene import (
+    COLOUR,
+    GREY,
+    OBJECT,
+    UNKNOWN_EXTENT,
+    Colour,
+    Hull,
+    Mesh,
+    draw_all,
+    hull,
+)
 
 WORLD: Final = "world"
 BODY: Final = "object"

@@ -21,9 +21,7 @@ from contact_tracker.outputs.text import describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.camera import EYE, Camera
-from contact_tracker.viewer.hull import Hull, hull
-from contact_tracker.viewer.palette import COLOUR, GREY, Colour
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, draw_all
+from contact_tracker.viewer.scene import COLOUR, GREY, UNKNOWN_EXTENT, Colour, Drawing, Hull, draw_all, hull
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "

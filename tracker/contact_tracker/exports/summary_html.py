@@ -8,7 +8,7 @@ from contact_tracker.errors import printable
 from contact_tracker.outputs.text import JOINT, describe, describe_joint, is_open
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
-from contact_tracker.viewer.palette import COLOUR
+from contact_tracker.viewer.scene import COLOUR
 
 MOST_ROWS: Final = 200
 _BANNER: Final = "border-left:4px solid #e08000;margin:3px 0;padding:2px 8px"

@@ -8,15 +8,12 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.text import OPEN_OFFSET, alternatives
+from contact_tracker.outputs.text import OPEN_OFFSET, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
-from contact_tracker.viewer.hull import Hull
-from contact_tracker.viewer.palette import COLOUR, COLOURS, GREY, OBJECT
-from contact_tracker.viewer.scene import Drawing
-from contact_tracker.viewer.shapes import EMPTY, Mesh
+from contact_tracker.viewer.scene import COLOUR, COLOURS, EMPTY, GREY, OBJECT, Drawing, Hull, Mesh
 
 Stamps = NDArray[np.int64]
 
@@ -287,3 +284,20 @@ def further_caption(one: FurtherContact) -> str:
 def _texts(names: Sequence[str | None]) -> list[str]:
     """State texts; for rerun an empty text ends a state."""
     return [name or "" for name in names]
+
+
+def event(
+    since_ns: int, probability: float, geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()
+) -> str:
+    """Time (``since_ns`` after the first pose), probability, geometry and alternatives of a contact.
+
+    The contact itself is the row's level.
+    """
+    return f"{since_ns * 1e-9:7.2f} s  p {probability:.2f}  {describe(geometry, inseparable)}".rstrip()
+
+
+def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
+    """The begin (``joins``) or end of a further contact."""
+    how = "joins " if joins else "leaves"
+    where = describe(further.geometry, further.inseparable) if joins else ""
+    return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {where}".rstrip()

@@ -14,13 +14,10 @@ from contact_tracker.outputs.changes import Changes, FormationChanges
 from contact_tracker.outputs.text import is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.viewer import canvas, layout
+from contact_tracker.viewer import LiveView, canvas, layout
 from contact_tracker.viewer.camera import Camera
-from contact_tracker.viewer.canvas import Canvas, caption, further_caption
-from contact_tracker.viewer.events import event, further_event
-from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.null_viewer import SelfClosing
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
+from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw, hull
 from contact_tracker.viewer.sinks import Sink, close, to_viewer
 
 _CLOSE_S: Final = 5.0
@@ -28,7 +25,7 @@ _FRAME_NS: Final = 10_000_000
 _REDRAW_NS: Final = 500_000_000
 
 
-class LiveViewer(SelfClosing):
+class LiveViewer(LiveView):
     """A ``LiveView`` in the rerun viewer: the body at up to 100 Hz, everything else per belief.
 
     Parameters
