@@ -55,7 +55,7 @@ SINGLE_IMPORTER = {
     "plotly": "exports/report_html.py",
     "polars": ("exports/polars_table.py", "recording/tables.py"),  # output and input
     "pyarrow": "exports/parquet.py",
-    "shtab": "cli/completion.py",
+    "shtab": "cli/main.py",
     "tqdm": "cli",
     "argparse": "cli",
     "distributed": "batch/cluster.py",

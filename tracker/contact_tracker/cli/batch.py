@@ -7,11 +7,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_processes, add_source, model_of
-from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.replacement import files_read
+from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
-from contact_tracker.cli.wrench import add_wrench, asked_for_wrenches
 from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT
 from contact_tracker.exports.replacement import check_output
@@ -48,12 +45,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ticks", action="store_true", help="write the beliefs of all ticks, too: some ten times as much"
     )
-    add_source(parser)
-    add_model(parser)
-    add_known(parser)
-    add_wrench(parser)
+    arguments.add_source(parser)
+    arguments.add_model(parser)
+    arguments.add_known(parser)
+    arguments.add_wrench(parser)
     where = parser.add_mutually_exclusive_group()
-    add_processes(where, 1024, None, "recordings at once (default: as many as there are cores)")
+    arguments.add_processes(where, 1024, None, "recordings at once (default: as many as there are cores)")
     where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
     parser.add_argument(
         "--rehash",
@@ -74,18 +71,19 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.batch.run import Batch
     from contact_tracker.batch.settings import WrenchSettings, settings_of
 
+    arguments.require_wrench_for_mass(args)
     settings = settings_of(
-        model_of(args),
-        knowledge_of(args),
+        arguments.load_model(args),
+        arguments.load_map(args),
         args.topic,
         args.frame,
         args.relative_to,
         args.ticks,
         args.time_unit,
-        WrenchSettings(args.wrench, args.mass) if asked_for_wrenches(args) else None,
+        None if args.wrench is None else WrenchSettings(args.wrench, args.mass),
     )
     recordings = list(find(_names(args.logs)))
-    read = [*(one.name for one in recordings), *files_read([], args.model, args.known)]
+    read = [*(one.name for one in recordings), *arguments.files_read([], args.model, args.known)]
     for name in OWN_FILES:
         check_output(args.output / name, True, read)
     shown = 0

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.exports.columns import BELIEF_COLUMNS, belief_columns
@@ -12,6 +13,9 @@ from contact_tracker.exports.suffixes import TICKS, require_library
 from contact_tracker.outputs.tables import write_csv, write_jsonl
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.segmentation import Segmentation
+
+_TOGETHER: Final = 256
+"""Rows of Parquet that are written at a time, at least."""
 
 
 @contextmanager
@@ -28,7 +32,16 @@ def open_ticks(
             from contact_tracker.exports.parquet import open_parquet
 
             with open_parquet(BELIEF_COLUMNS, temporary) as append:
-                yield lambda beliefs: append(belief_columns(beliefs))
+                waiting = list[Belief]()
+
+                def write(beliefs: Iterable[Belief]) -> None:
+                    waiting.extend(beliefs)
+                    if len(waiting) >= _TOGETHER:
+                        append(belief_columns(waiting))
+                        waiting.clear()
+
+                yield write
+                append(belief_columns(waiting))
         else:
             with open(temporary, "w", encoding="utf-8", newline="") as file:
                 yield lambda beliefs: write_jsonl(beliefs, file)
