@@ -51,9 +51,9 @@ SINGLE_IMPORTER = {
     "filterpy": "motion/free_motion.py",
     "foxglove": "exports/foxglove_scene.py",
     "matplotlib": "exports/figure.py",
-    "pandas": "exports/pandas_table.py",
+    "pandas": ("exports/columns.py", "api/offline.py"),
     "plotly": "exports/report_html.py",
-    "polars": ("exports/polars_table.py", "recording/tables.py"),  # output and input
+    "polars": ("exports/columns.py", "api/offline.py", "recording/tables.py"),  # output and input
     "pyarrow": "exports/parquet.py",
     "shtab": "cli/main.py",
     "tqdm": "cli",

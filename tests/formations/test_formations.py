@@ -12,6 +12,7 @@ from contact_tracker import adaptation
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.geometry_errors import geometry_errors
+from contact_tracker.exports.formats import json_line
 from contact_tracker.formations.naming import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
@@ -19,7 +20,6 @@ from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import Accuracy, NamedElement, PriorMap, known_to
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.changes import FormationChanges
-from contact_tracker.outputs.tables import json_line
 from contact_tracker.outputs.text import describe, table
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save

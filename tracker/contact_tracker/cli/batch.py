@@ -11,8 +11,8 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
 from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT
+from contact_tracker.exports.formats import require_library
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.exports.suffixes import require_library
 from contact_tracker.extras import extra
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import UsageError
 from contact_tracker.exit_codes import DONE, INTERRUPTED
+from contact_tracker.exports.formats import TICKS, require_library
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.exports.suffixes import TICKS, require_library
 from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def _ticks(
     """The function that writes beliefs to the output file of all ticks, if there is one."""
     if path is None:
         return nullcontext(lambda _: None)
-    from contact_tracker.exports.writing import open_ticks
+    from contact_tracker.exports.formats import open_ticks
 
     return open_ticks(path, check)
 
@@ -192,7 +192,7 @@ class _Printer:
         self._status = status
 
     def show(self, belief: "Belief") -> None:
-        from contact_tracker.outputs.tables import json_line
+        from contact_tracker.exports.formats import json_line
         from contact_tracker.outputs.text import (
             CHANGES_HEADER,
             change_line,

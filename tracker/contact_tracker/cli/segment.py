@@ -15,8 +15,8 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import detail, progress, show, take_over_warnings
 from contact_tracker.errors import ChoiceError, NoPoses, UsageError
 from contact_tracker.exit_codes import DONE
+from contact_tracker.exports.formats import SUFFIXES, format_of, require_library
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -204,7 +204,7 @@ def _write(
     check: Callable[[], None],
 ) -> None:
     """Write incrementally where the format allows it, to save memory."""
-    from contact_tracker.exports.writing import write_outcome, write_pieces
+    from contact_tracker.exports.formats import write_outcome, write_pieces
     from contact_tracker.motion.poses import Poses
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import with_pose_callback
@@ -213,7 +213,7 @@ def _write(
     def pieces(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
         return source.counted(tracker.pieces(poses, set_done, Detail.WEIGHTS))
 
-    if args.output.suffix.lower() not in WHOLE:
+    if format_of(args.output).rows != "whole":
         write_pieces(pieces(source), args.output, lambda: source.origin_ns, check)
         return
     kept: list[Poses] = []

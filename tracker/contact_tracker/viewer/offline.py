@@ -21,7 +21,7 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.camera import Camera
 from contact_tracker.viewer.canvas import Canvas, Stamps, caption, event, further_caption, further_event
-from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw, hull
+from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw, hull, poses_within
 from contact_tracker.viewer.sinks import Sink, close, to_file
 
 
@@ -163,7 +163,7 @@ class Painter:
         """Draw the geometry of each segment from its start, and its event."""
         poses, segments = self._pose_buffer.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
-        drawings = [self._drawn(one, _within(poses, one.start_ns, one.end_ns)) for one in segments]
+        drawings = [self._drawn(one, poses_within(poses, one.start_ns, one.end_ns)) for one in segments]
         self._sheet.drawings(starts, drawings)
         self._further(poses, segments)
         self._joins_and_leaves(segments)
@@ -179,11 +179,12 @@ class Painter:
         self._sheet.have_further(max((len(segment.further) for segment in segments), default=0))
         parts = [(segment, part) for segment in segments for part in segment.parts]
         starts = np.array([part.start_ns for _, part in parts], np.int64)
+        spans = [poses_within(poses, part.start_ns, part.end_ns) for _, part in parts]
         for number in range(1, self._sheet.most_further + 1):
             held = [_further_of(segment, part, number) for segment, part in parts]
             drawings = [
-                None if one is None else self._drawing_of(one, _within(poses, part.start_ns, part.end_ns))
-                for one, (_, part) in zip(held, parts, strict=True)
+                None if one is None else draw(one.geometry, within, self._extent, self._camera.up)
+                for one, within in zip(held, spans, strict=True)
             ]
             self._sheet.drawings(starts, drawings, number)
             named = [one for one in held if one is not None]
@@ -196,9 +197,6 @@ class Painter:
             )
             lane = canvas.further_lane(number)
             self._changes(lane, starts, [None if one is None else one.contact for one in held])
-
-    def _drawing_of(self, one: FurtherContact, within: Poses) -> Drawing:
-        return draw(one.geometry, within, self._extent, self._camera.up)
 
     def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
         """Add the events of further contacts."""
@@ -262,14 +260,6 @@ class Painter:
         self._sheet.states(entity, stamp_ns[kept], [contacts[i] for i in kept])
         if len(contacts):
             self._last[entity] = contacts[-1]
-
-
-def _within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
-    """The poses between two stamps, at least one."""
-    first = int(np.searchsorted(poses.stamp_ns, start_ns))
-    last = int(np.searchsorted(poses.stamp_ns, end_ns, side="right"))
-    first = min(first, len(poses) - 1)
-    return poses[first : max(last, first + 1)]
 
 
 def _further_of(segment: Segment, part: SegmentPart, number: int) -> FurtherContact | None:

@@ -273,6 +273,13 @@ class Drawing(NamedTuple):
     is_open: bool
 
 
+def poses_within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
+    """The poses between two stamps, at least one."""
+    first, last = np.searchsorted(poses.stamp_ns, [start_ns, end_ns + 1])
+    first = min(int(first), len(poses) - 1)
+    return poses[first : max(int(last), first + 1)]
+
+
 def draw_all(
     geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent, up: Array = UP
 ) -> Drawing | None:
