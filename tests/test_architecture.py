@@ -44,8 +44,8 @@ READS_FILES |= {"hypotheses/compiled/sources.py", "atomic_file.py", "regular_fil
 ALONE = {"hmm"}  # it sees arrays only, and imports nothing of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",
-    "mcap_ros2": "recording/ros.py",
-    "mcap_protobuf": "recording/foxglove.py",
+    "mcap_ros2": "recording/decoding.py",
+    "mcap_protobuf": "recording/decoding.py",
     "sqlite3": "recording/sqlite_bag.py",
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",

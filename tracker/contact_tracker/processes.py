@@ -150,11 +150,11 @@ class Runner:
         self,
         processes: int,
         done: Callable[[], None] = lambda: None,
-        prepare: Callable[[], None] = int,
+        prepare: Callable[[], None] | None = None,
     ) -> None:
         self._processes = processes
         self._done = done
-        self._prepare = prepare
+        self._prepare = prepare or _nothing
 
     def __call__(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
         """Results in the order of ``jobs``; the first exception ends the others.
@@ -173,6 +173,10 @@ class Runner:
     def _counted(self, result: T) -> T:
         self._done()
         return result
+
+
+def _nothing() -> None:
+    """No preparation."""
 
 
 def _leave_interrupts_to_the_main_thread() -> None:

@@ -69,10 +69,10 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.batch.dataset import OWN_FILES, open_dataset
     from contact_tracker.batch.finding import find
     from contact_tracker.batch.run import Batch
-    from contact_tracker.batch.settings import WrenchSettings, settings_of
+    from contact_tracker.batch.settings import Settings, WrenchSettings
 
     arguments.require_wrench_for_mass(args)
-    settings = settings_of(
+    settings = Settings(
         arguments.load_model(args),
         arguments.load_map(args),
         args.topic,

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.inspection import turning_point
-from contact_tracker.inspection.alternation import is_of_two_bodies
-from contact_tracker.inspection.recurrence import ALARM, BACK, page_sum, returned
 from contact_tracker.inspection.turning_point import NO_TURNING_POINTS, TurningPoints
+from contact_tracker.inspection.two_bodies import ALARM, BACK, is_of_two_bodies, page_sum, returned
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE

@@ -1,18 +1,27 @@
 """Decoding of messages to observed poses, by the library of each channel's encoding."""
 
+import json
 import struct
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from contextlib import redirect_stderr, suppress
+from io import StringIO
+from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
 
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
-from contact_tracker.recording.definition_work import DecodingWork, work_of
-from contact_tracker.recording.definitions import Definition, known_definition, parse_definition
-from contact_tracker.recording.extras import MissingExtra
-from contact_tracker.recording.foxglove import decode_json, protobuf_reading
+from contact_tracker.recording.definitions import (
+    DecodingWork,
+    Definition,
+    known_definition,
+    parse_definition,
+    work_of,
+)
+from contact_tracker.recording.extras import MissingExtra, need
 from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 from contact_tracker.recording.limits import BYTES_PER_RECORD, TooMuchWork, WorkBudget
@@ -23,7 +32,6 @@ from contact_tracker.recording.message_types import (
     observations,
     typed,
 )
-from contact_tracker.recording.ros import cdr_decoder
 from contact_tracker.recording.ros1 import ros1_decoder
 
 MESSAGE_LIMIT: Final = 2**22
@@ -287,3 +295,29 @@ def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
 def _cdr(definition: Definition) -> _Decoder | None:
     decode = cdr_decoder(definition)
     return None if decode is None else (decode, work_of(definition))
+
+
+Decoder = Callable[[bytes], Any]
+
+
+def cdr_decoder(definition: Definition) -> Decoder | None:
+    """The decoder of messages; an invalid definition can raise any error of the library."""
+    text = definition.ros2msg.encode()
+    schema = Schema(id=1, name=definition.type, encoding="ros2msg", data=text)
+    with redirect_stderr(StringIO()):  # the parser also prints its errors
+        decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
+    return decoder
+
+
+def protobuf_reading(channel: Channel) -> Callable[[bytes], Any] | None:
+    """The decoder of a protobuf channel; an invalid schema can raise any error of the library."""
+    factory = need("mcap_protobuf.decoder", "protobuf").DecoderFactory()
+    decoder: Callable[[bytes], Any] | None = factory.decoder_for(
+        channel.encoding, Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
+    )
+    return decoder
+
+
+def decode_json(data: bytes) -> Any:
+    """A JSON object; raises ValueError."""
+    return json.loads(data, object_hook=lambda values: SimpleNamespace(**values))
