@@ -99,17 +99,17 @@ def run(args: argparse.Namespace) -> int:
         progress("batch", "recordings", len(recordings)) as set_done,
     ):
         batch = Batch(settings, dataset, report, set_done, args.rehash)
-        outcome = batch.run(recordings, lambda: _workers(args))
+        batch.run(recordings, lambda: _workers(args))
     if shown > _MOST_SHOWN:
         warn(f"{shown - _MOST_SHOWN} more cannot be used or are damaged: the summary names them")
     say(
-        f"recordings: {outcome.total}, of which {outcome.done} new or changed, "
-        f"{outcome.unchanged} unchanged; {outcome.bad} unusable, {outcome.damaged} damaged; "
+        f"recordings: {batch.total}, of which {batch.done} new or changed, "
+        f"{batch.unchanged} unchanged; {batch.bad} unusable, {batch.damaged} damaged; "
         f"{args.output / 'summary.parquet'}"
     )
-    if outcome.warned:
-        say(f"warnings: {outcome.warned} of the new ones have some: see the column warnings of the summary")
-    return DAMAGED if outcome.bad or outcome.damaged else DONE
+    if batch.warned:
+        say(f"warnings: {batch.warned} of the new ones have some: see the column warnings of the summary")
+    return DAMAGED if batch.bad or batch.damaged else DONE
 
 
 def _names(logs: list[str]) -> list[str]:
