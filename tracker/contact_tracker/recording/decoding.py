@@ -3,7 +3,7 @@
 import json
 import struct
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import redirect_stderr, suppress
+from contextlib import redirect_stderr
 from io import StringIO
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
@@ -48,7 +48,14 @@ class Undecodable(Exception):
     """A message does not match its schema."""
 
 
-_Decoder = tuple[Callable[[bytes], Any], DecodingWork]
+class _Decoder(NamedTuple):
+    """A library's decoder, the work of its messages, and whether its definition is the known one of CDR."""
+
+    decode: Callable[[bytes], Any]
+    work: DecodingWork = DecodingWork()
+    is_known: bool = False
+
+
 _Definition = tuple[str, str, str, bytes]
 """Encoding, type, encoding of the schema, and schema."""
 
@@ -99,7 +106,7 @@ class MessageDecoder:
             decoder = self._reading(channel).defined.decoder
             if decoder is None:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
-            decode, work = decoder
+            decode, work, _ = decoder
             if data.startswith(ZSTD_MAGIC):
                 self._count_work(message, 1)  # before and after: its size is not known
                 data = inflate_zstd(data, MESSAGE_LIMIT)
@@ -135,8 +142,7 @@ class MessageDecoder:
             self._count_work(message, (len(found) - 1) // POSES_PER_RECORD)
             return found
         found = self._observe(message)
-        with suppress(Undecodable):
-            layouts.learn(message.data, lambda data: self._observe(message._replace(data=data)))
+        layouts.learn(message.data, found)
         return found
 
     def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
@@ -169,12 +175,12 @@ class MessageDecoder:
         return reading
 
     def _new_reading(self, channel: Channel) -> _Reading:
-        layouts = Layouts(canonical(channel.type) if channel.encoding == "cdr" else "")
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
         defined = self._defined.get(key)
         if defined is None:
             defined = self._defined[key] = self._new_definition(channel)
-        return _Reading(defined, layouts)
+        has_layouts = defined.decoder is not None and defined.decoder.is_known
+        return _Reading(defined, Layouts(canonical(channel.type) if has_layouts else ""))
 
     def _new_definition(self, channel: Channel) -> _Defined:
         decoder: _Decoder | None = None
@@ -279,12 +285,12 @@ def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
                     return decoder, lacks
             case "ros1":
                 definition = parse_definition(channel.schema.decode(), channel.type)
-                return (ros1_decoder(definition), work_of(definition)), None
+                return _Decoder(ros1_decoder(definition), work_of(definition)), None
             case "protobuf":
                 decode = protobuf_reading(channel)
-                return None if decode is None else (decode, DecodingWork()), None
+                return None if decode is None else _Decoder(decode), None
             case "json":
-                return (decode_json, DecodingWork()), None
+                return _Decoder(decode_json), None
     except MissingExtra:
         raise
     except Exception:  # an invalid schema can raise anything
@@ -294,7 +300,9 @@ def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
 
 def _cdr(definition: Definition) -> _Decoder | None:
     decode = cdr_decoder(definition)
-    return None if decode is None else (decode, work_of(definition))
+    known = known_definition(definition.type)
+    is_known = known is not None and known.fields == definition.fields
+    return None if decode is None else _Decoder(decode, work_of(definition), is_known)
 
 
 Decoder = Callable[[bytes], Any]
