@@ -105,6 +105,7 @@ class Canvas:
         self.most_further = 0
         self._labelled: set[str] = set()
         self._named: list[str] = []
+        self._shown: dict[str, Contact | str | None] = {}
         if hull is not None:
             self._hull(hull)
 
@@ -135,9 +136,13 @@ class Canvas:
         self._send(TRAIL, stamp_ns, columns)
 
     def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
-        """The contact from each stamp on; None if unknown."""
-        names = [None if contact is None else contact.value for contact in contacts]
-        self._send(entity, stamp_ns, lambda rows: rr.StateChange.columns(state=_texts(names[rows])))
+        """The contact from each stamp on, written where it changes; None if unknown."""
+        before = [self._shown.get(entity, "none yet"), *contacts]
+        changes = [i for i, contact in enumerate(contacts) if contact is not before[i]]
+        self._shown[entity] = before[-1]
+        # for rerun an empty text ends a state
+        names = ["" if (contact := contacts[i]) is None else contact.value for i in changes]
+        self._send(entity, stamp_ns[changes], lambda rows: rr.StateChange.columns(state=names[rows]))
 
     def have_further(self, most: int) -> None:
         """Add lanes for up to ``most`` further contacts."""
@@ -279,11 +284,6 @@ def caption(
 def further_caption(one: FurtherContact) -> str:
     """``+ v-f  0.97 or e-f``."""
     return f"+ {caption(one.contact, one.probability, one.inseparable)}"
-
-
-def _texts(names: Sequence[str | None]) -> list[str]:
-    """State texts; for rerun an empty text ends a state."""
-    return [name or "" for name in names]
 
 
 def event(

@@ -59,7 +59,6 @@ class LiveViewer(LiveView):
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
         self._formation = FormationChanges()
-        self._further: dict[int, Contact | None] = {}
         (sink or to_viewer())(self._recording, layout.live())
 
     def pose(self, pose: Pose) -> None:
@@ -85,9 +84,8 @@ class LiveViewer(LiveView):
         sheet.trail(stamp, [tick.position_m], [contact])
         sheet.scalars(canvas.P_FILTERED, stamp, belief.probability[None])
         sheet.scalars(canvas.RESIDUAL, stamp, belief.residual[None])
-        if changed:
-            self._contact = contact
-            sheet.states(canvas.FILTERED, stamp, [contact])
+        self._contact = contact
+        sheet.states(canvas.FILTERED, stamp, [contact])
         if self._changes.takes(belief):
             text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
             sheet.events(stamp, [contact], [text])
@@ -105,17 +103,10 @@ class LiveViewer(LiveView):
         sheet.fade(stamp, [contact], np.array([p]), [text])
         for number, one in enumerate(belief.further, 1):
             sheet.fade(stamp, [one.contact], np.array([one.probability]), [further_caption(one)], number)
-        self._lanes(sheet, belief)
-
-    def _lanes(self, sheet: Canvas, belief: Belief) -> None:
-        """Draw changes of the further contacts."""
-        now = [one.contact for one in belief.further]
-        sheet.have_further(len(now))
+        sheet.have_further(len(belief.further))
+        now = dict(enumerate((one.contact for one in belief.further), 1))
         for number in range(1, sheet.most_further + 1):
-            contact = now[number - 1] if number <= len(now) else None
-            if self._further.get(number) is not contact:
-                self._further[number] = contact
-                sheet.states(canvas.further_lane(number), np.array([belief.stamp_ns], np.int64), [contact])
+            sheet.states(canvas.further_lane(number), stamp, [now.get(number)])
 
     def _draw(self, sheet: Canvas, belief: Belief, tick: Poses) -> None:
         geometry, up = belief.geometry, self._camera.up

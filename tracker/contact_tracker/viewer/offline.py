@@ -14,13 +14,12 @@ from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.paper.window_curves import Curves
-from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment, SegmentPart
 from contact_tracker.tracking.pose_buffer import Pieces, PoseBuffer, with_pose_callback
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.camera import Camera
-from contact_tracker.viewer.canvas import Canvas, Stamps, caption, event, further_caption, further_event
+from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
 from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw, hull, poses_within
 from contact_tracker.viewer.sinks import Sink, close, to_file
 
@@ -111,7 +110,6 @@ class Painter:
         self._camera = Camera(self._extent)
         self._open: list[OpenFaces] = []
         self._first_ns, self._last_ns = 2**63 - 1, -(2**63)
-        self._last: dict[str, Contact | None] = {}
 
     def poses(self, poses: Poses) -> None:
         """Draw the next poses, before the segmentation of them."""
@@ -129,7 +127,7 @@ class Painter:
         filtered, beliefs = found.filtered, found.beliefs
         self._sheet.scalars(canvas.P_FILTERED, filtered.stamp_ns, filtered.probability)
         self._sheet.scalars(canvas.RESIDUAL, filtered.stamp_ns, filtered.residual)
-        self._changes(canvas.FILTERED, filtered.stamp_ns, filtered.contacts)
+        self._sheet.states(canvas.FILTERED, filtered.stamp_ns, filtered.contacts)
         if not len(beliefs):
             return
         self._sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
@@ -143,7 +141,7 @@ class Painter:
         if truth is not None:
             changes = truth.between(self._first_ns, self._last_ns).changes()
             starts = np.array([start_ns for start_ns, _ in changes], np.int64)
-            self._changes(canvas.TRUTH, starts, [contact for _, contact in changes])
+            self._sheet.states(canvas.TRUTH, starts, [contact for _, contact in changes])
         if self._curves is not None:
             curves = self._curves.finish()
             self._sheet.scalars(canvas.PAPER, curves.stamp_ns, curves.normalised)
@@ -172,7 +170,7 @@ class Painter:
         texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
         self._sheet.events(starts, contacts, texts)
         self._sheet.inseparable(starts, [s.inseparable for s in segments])
-        self._changes(canvas.SMOOTHED, starts, contacts)
+        self._sheet.states(canvas.SMOOTHED, starts, contacts)
 
     def _further(self, poses: Poses, segments: Sequence[Segment]) -> None:
         """Draw, label and plot each further contact from its start to its end."""
@@ -196,7 +194,7 @@ class Painter:
                 number,
             )
             lane = canvas.further_lane(number)
-            self._changes(lane, starts, [None if one is None else one.contact for one in held])
+            self._sheet.states(lane, starts, [None if one is None else one.contact for one in held])
 
     def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
         """Add the events of further contacts."""
@@ -252,14 +250,6 @@ class Painter:
         self._sheet.fade(
             times[order], [contacts[i] for i in order], probability[order], [captions[i] for i in order]
         )
-
-    def _changes(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
-        """Draw states where they change."""
-        before = [self._last.get(entity, "none yet"), *contacts]
-        kept = [i for i, contact in enumerate(contacts) if contact is not before[i]]
-        self._sheet.states(entity, stamp_ns[kept], [contacts[i] for i in kept])
-        if len(contacts):
-            self._last[entity] = contacts[-1]
 
 
 def _further_of(segment: Segment, part: SegmentPart, number: int) -> FurtherContact | None:
