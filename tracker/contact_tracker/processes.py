@@ -81,8 +81,12 @@ class Workers(Executor):
                 return future.result()
             except BrokenProcessPool:
                 self._own.pid = None
+                if self._is_ended:
+                    break
                 if pid is not None:
-                    self._processes.pop(pid).shutdown()
+                    with self._lock:
+                        ended = self._processes.pop(pid)
+                    ended.shutdown()
         if was_started:
             raise Killed(f"{_ENDED}; it may have taken too much memory: try fewer --processes")
         reason = "as soon as it was started; there may be too little memory: try fewer --processes"
@@ -91,9 +95,10 @@ class Workers(Executor):
     def _start(self) -> int:
         """Start this thread's process; returns its id."""
         executor = ProcessPoolExecutor(1, get_context("spawn"), _begin, (self._prepare,))
-        self._own.pid = executor.submit(os.getpid).result()
-        self._processes[self._own.pid] = executor
-        return int(self._own.pid)
+        pid = self._own.pid = executor.submit(os.getpid).result()
+        with self._lock:
+            self._processes[pid] = executor
+        return pid
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End all processes after their calls; with ``cancel_futures`` at once."""

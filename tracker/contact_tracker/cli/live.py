@@ -114,8 +114,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         if args.state is not None:
             from contact_tracker.cli.saved_stream import SavedStream
 
-            shown = printer.changes, printer.formation
-            saved = SavedStream(args.state, state, log, source, shown, follow)
+            saved = SavedStream(args.state, state, log, source, printer.changes, follow)
             state = saved.state
 
         def report(beliefs: "list[Belief]") -> None:
@@ -183,11 +182,10 @@ class _Printer:
     """Prints each belief as JSON, or a line where the contact changes or becomes settled."""
 
     def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
-        from contact_tracker.outputs.changes import Changes, FormationChanges
+        from contact_tracker.outputs.changes import Changes
 
         self.changes = Changes()
         self._as_json = as_json
-        self.formation = FormationChanges()
         self._source = source
         self._status = status
 
@@ -202,14 +200,13 @@ class _Printer:
         )
 
         is_first = self.changes.label is None
-        is_news = self.changes.takes(belief)
+        is_news, joins, leaves = self.changes.update(belief)
         if self._as_json:
             self._status.print(json_line(belief))
         elif is_news:
             if is_first:
                 self._status.print(CHANGES_HEADER)
             self._status.print(change_line(belief, self._source.origin_ns))
-        joins, leaves = self.formation.update(belief)
         if not self._as_json:
             for one in leaves:
                 self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))

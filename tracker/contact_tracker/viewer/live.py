@@ -10,7 +10,7 @@ import numpy as np
 from contact_tracker.errors import ViewerError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.changes import Changes, FormationChanges
+from contact_tracker.outputs.changes import Changes
 from contact_tracker.outputs.text import is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
@@ -58,7 +58,6 @@ class LiveViewer(LiveView):
         self._is_open = False
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
-        self._formation = FormationChanges()
         (sink or to_viewer())(self._recording, layout.live())
 
     def pose(self, pose: Pose) -> None:
@@ -86,10 +85,10 @@ class LiveViewer(LiveView):
         sheet.scalars(canvas.RESIDUAL, stamp, belief.residual[None])
         self._contact = contact
         sheet.states(canvas.FILTERED, stamp, [contact])
-        if self._changes.takes(belief):
+        is_news, joins, leaves = self._changes.update(belief)
+        if is_news:
             text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
             sheet.events(stamp, [contact], [text])
-        joins, leaves = self._formation.update(belief)
         for one, is_new in [*((one, True) for one in joins), *((one, False) for one in leaves)]:
             text = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
             sheet.events(stamp, [one.contact], [text])
