@@ -47,18 +47,18 @@ READS_FILES |= {"hypotheses/compiled/sources.py", "atomic_file.py", "regular_fil
 ALONE = {"hmm"}  # it sees arrays only, and imports nothing of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",
-    "mcap_ros2": "recording/ros.py",
-    "mcap_protobuf": "recording/foxglove.py",
+    "mcap_ros2": "recording/decoding.py",
+    "mcap_protobuf": "recording/decoding.py",
     "sqlite3": "recording/sqlite_bag.py",
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",
     "foxglove": "exports/foxglove_scene.py",
     "matplotlib": "exports/figure.py",
-    "pandas": "exports/pandas_table.py",
+    "pandas": ("exports/columns.py", "api/offline.py"),
     "plotly": "exports/report_html.py",
-    "polars": ("exports/polars_table.py", "recording/tables.py"),  # output and input
+    "polars": ("exports/columns.py", "api/offline.py", "recording/tables.py"),  # output and input
     "pyarrow": "exports/parquet.py",
-    "shtab": "cli/completion.py",
+    "shtab": "cli/main.py",
     "tqdm": "cli",
     "argparse": "cli",
     "distributed": "batch/cluster.py",
@@ -67,7 +67,7 @@ SINGLE_IMPORTER = {
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}
 PRINTS = "cli/terminal.py"
-MAX_LINES = 500
+MAX_LINES = 700
 
 
 def sources() -> list[Path]:

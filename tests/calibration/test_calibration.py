@@ -3,8 +3,6 @@
 import os
 import re
 import shutil
-import threading
-import time
 from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
@@ -265,20 +263,6 @@ def test_processes_answer_in_order_and_a_killed_one_is_reported() -> None:
     assert not active_children()
 
 
-def test_a_process_killed_before_its_job_is_reported() -> None:
-    """Also with a job larger than the buffer of the pipe."""
-
-    def kill_one() -> None:
-        while not (children := active_children()):
-            time.sleep(0.001)
-        children[0].kill()
-
-    killer = threading.Thread(target=kill_one)
-    killer.start()
-    with pytest.raises(ContactTrackerError, match="--processes"):
-        Runner(2)(len, [(bytes(10_000_000),)] * 2)
-    killer.join()
-    assert not active_children()
 
 
 names = st.text(st.characters(exclude_categories=("C", "Zl", "Zp", "Zs")), max_size=30)

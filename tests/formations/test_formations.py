@@ -11,14 +11,14 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import adaptation
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.loading import load_model
+from contact_tracker.exports.formats import json_line
 from contact_tracker.formations.naming import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import Accuracy, NamedElement, PriorMap, known_to
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.changes import FormationChanges
-from contact_tracker.outputs.tables import json_line
+from contact_tracker.outputs.changes import Changes
 from contact_tracker.outputs.text import describe, table
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save
@@ -146,8 +146,10 @@ def test_a_further_contact_is_reported_online_while_it_holds() -> None:
     assert len(reporting) > 10
     assert all(true.start_ns <= one.stamp_ns <= true.end_ns + 0.3 * SECOND for one in reporting)
     assert abs(reporting[0].further[0].start_ns - true.start_ns) < 0.5 * SECOND
-    changes = FormationChanges()
-    events = [(len(joins), len(leaves)) for belief in beliefs for joins, leaves in [changes.update(belief)]]
+    changes = Changes()
+    events = [
+        (len(joins), len(leaves)) for belief in beliefs for _, joins, leaves in [changes.update(belief)]
+    ]
     assert [event for event in events if any(event)] == [(1, 0), (0, 1)]
 
 

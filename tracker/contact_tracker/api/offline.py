@@ -28,12 +28,19 @@ from contact_tracker.exports.columns import (
     Columns,
     belief_columns,
     segment_columns,
+    to_pandas,
+    to_polars,
+)
+from contact_tracker.exports.formats import (
+    SUFFIXES,
+    format_of,
+    require_library,
+    write_outcome,
+    write_pieces,
 )
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
-from contact_tracker.exports.writing import write_outcome, write_pieces
 from contact_tracker.extras import extra
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Pose
@@ -46,7 +53,9 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:
-    from contact_tracker.exports import pandas_table, polars_table
+    import pandas
+    import polars
+
     from contact_tracker.exports.figure import Figure
     from contact_tracker.viewer.notebook import Viewer
 
@@ -99,21 +108,15 @@ class Result:
         """One line per warning that the trajectory does not have."""
         return (*self.notes, *(() if self.report is None else warnings(self.report)))
 
-    def to_pandas(self, rows: Rows = "ticks") -> "pandas_table.DataFrame":
+    def to_pandas(self, rows: Rows = "ticks") -> "pandas.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.
 
         The columns are those of Parquet files (docs/conventions.md).
         """
-        with extra("pandas", "a DataFrame of pandas"):
-            from contact_tracker.exports.pandas_table import to_pandas
-
         return to_pandas(*self._columns(rows))
 
-    def to_polars(self, rows: Rows = "ticks") -> "polars_table.DataFrame":
+    def to_polars(self, rows: Rows = "ticks") -> "polars.DataFrame":
         """A DataFrame of polars, like ``to_pandas``."""
-        with extra("tables", "a DataFrame of polars"):
-            from contact_tracker.exports.polars_table import to_polars
-
         return to_polars(*self._columns(rows))
 
     def to_parquet(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -216,7 +219,7 @@ class Result:
         log = trajectory.path if trajectory.path is not None and os.path.exists(trajectory.path) else None
         check = check_output(path, overwrite, () if log is None else parts_of(log), "overwrite=True")
         require_library(path)
-        if path.suffix.lower() not in WHOLE:
+        if format_of(path).rows != "whole":
             write_pieces([self.segmentation], path, lambda: self._origin_ns, check)
             return
         source = trajectory.source

@@ -24,7 +24,7 @@ from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.named_columns import metres_of, time_ns_of
 from contact_tracker.recording.time_units import doubt_of_unit
 from contact_tracker.suggestions import closest
-from contact_tracker.viewer.hull import vertices_from_metadata
+from contact_tracker.viewer.scene import vertices_from_metadata
 
 Order = Literal["xyzw", "wxyz"]
 Unit = Literal["s", "ms", "us", "ns"]

@@ -157,7 +157,7 @@ class Source:
         """The outcome for outputs of a whole recording."""
         from contact_tracker.exports.outcome import Outcome
         from contact_tracker.recording import read_metadata
-        from contact_tracker.viewer.hull import vertices_from_metadata
+        from contact_tracker.viewer.scene import vertices_from_metadata
 
         return Outcome(
             "standard input" if self.is_stdin else Path(self._name).name or self._name,

@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker import __version__
-from contact_tracker.cli.arguments import LOGS_HELP, add_source, output_file
-from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.recordings import recordings
-from contact_tracker.cli.replacement import add_overwrite, files_read
+from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
@@ -34,18 +31,10 @@ WIDTH: Final = 108
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS_HELP)
-    add_source(parser)
-    add_known(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=output_file(".toml"),
-        required=True,
-        metavar="FILE",
-        help="write FILE.toml, whole or not at all",
-    )
-    add_overwrite(parser)
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOGS_HELP)
+    arguments.add_source(parser)
+    arguments.add_known(parser)
+    arguments.add_output(parser, (".toml",), "write FILE.toml, whole or not at all", required=True)
     parser.add_argument(
         "--start",
         default="default",
@@ -68,24 +57,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     truth = parser.add_mutually_exclusive_group()
     truth.add_argument("--labelled", action="store_true", help="refuse recordings without truth")
     truth.add_argument("--unlabelled", action="store_true", help="do not learn from truth, only score by it")
-    parser.add_argument(
-        "--processes",
-        type=_processes,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="recordings at once (default: as many as there are cores)",
+    arguments.add_processes(
+        parser, 1024, os.cpu_count() or 1, "recordings at once (default: as many as there are cores)"
     )
 
 
 def _folds(text: str) -> int:
     if not text.isdecimal() or int(text) == 1:
         raise argparse.ArgumentTypeError(f"{text!r} is neither 0 nor a whole number above 1")
-    return int(text)
-
-
-def _processes(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 1024")
     return int(text)
 
 
@@ -98,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     check = check_output(
         args.output,
         args.overwrite,
-        files_read(recordings(args.logs, "calibrate"), args.start, args.known),
+        arguments.files_read(arguments.recordings_in(args.logs, "calibrate"), args.start, args.known),
     )
     wanted = select(args.only)
     start = load_model(args.start)
@@ -135,11 +114,18 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
     from contact_tracker_lab.calibration.calibrate import Source
 
-    names = recordings(args.logs, "calibrate")
+    names = arguments.recordings_in(args.logs, "calibrate")
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
-    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args), args.relative_to, args.time_unit
+    chosen = (
+        args.topic,
+        args.frame,
+        not args.unlabelled,
+        arguments.load_map(args),
+        args.relative_to,
+        args.time_unit,
+    )
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)

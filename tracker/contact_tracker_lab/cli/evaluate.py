@@ -1,15 +1,13 @@
 """``contact-tracker evaluate``: the tracker's accuracy on recordings with ground truth."""
 
 import argparse
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import LOGS_HELP, add_model, add_source, model_of
-from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.recordings import recordings
-from contact_tracker.cli.terminal import fail, progress, show, warn
-from contact_tracker.cli.wrench import add_wrench, evidence_of
-from contact_tracker.errors import ChoiceError, InputError, NoPoses
-from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, USAGE
+from contact_tracker.cli import arguments
+from contact_tracker.cli.terminal import progress, show, warn
+from contact_tracker.errors import NoPoses
+from contact_tracker.exit_codes import DAMAGED, DONE
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
@@ -27,41 +25,40 @@ EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS_HELP)
-    add_source(parser)
-    add_model(parser)
-    add_known(parser)
-    add_wrench(parser)
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOGS_HELP)
+    arguments.add_source(parser)
+    arguments.add_model(parser)
+    arguments.add_known(parser)
+    arguments.add_wrench(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
 
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker_lab.evaluation.report import Report
 
-    model, knowledge = model_of(args), knowledge_of(args)
-    evaluations = {}
-    code = DONE
-    for name in recordings(args.logs, "evaluate"):
-        try:
-            evaluations[name], is_damaged = _evaluate(name, args, model, knowledge)
-        except (InputError, ChoiceError) as error:  # continue with the others
-            fail(str(error))
-            code = INPUT if isinstance(error, InputError) else USAGE
-            continue
-        if is_damaged:
-            code = code or DAMAGED
+    model, prior_map = arguments.load_model(args), arguments.load_map(args)
+    evaluations = dict[str, "Evaluation"]()
+
+    def evaluate(name: str) -> int:
+        evaluations[name], is_damaged = _evaluate(name, args, model, prior_map)
+        return DAMAGED if is_damaged else DONE
+
+    codes = list(
+        arguments.run_each(partial(evaluate, name) for name in arguments.recordings_in(args.logs, "evaluate"))
+    )
     if evaluations:
         report = Report(evaluations)
         show(report.to_json() if args.json else report.to_text())
-    return code
+    unusable = [code for code in codes if code not in (DONE, DAMAGED)]
+    return unusable[-1] if unusable else max(codes, default=DONE)
 
 
 def _evaluate(
-    name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
+    name: str, args: argparse.Namespace, model: "Model", prior_map: "PriorMap"
 ) -> "tuple[Evaluation, bool]":
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.outputs.adaptation import warnings
-    from contact_tracker.recording import need_truth, open_log
+    from contact_tracker.recording import need_truth
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import with_pose_callback
     from contact_tracker_lab.evaluation.answers import Answering
@@ -75,11 +72,11 @@ def _evaluate(
         )
         truth = truth.without_geometry()
     evaluator = Evaluator(truth)
-    wrenches = evidence_of(name, args, model, knowledge)
-    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
-    answering = Answering(model, knowledge, log.source.frame_moves)
+    wrenches = arguments.load_wrenches(name, args, model, prior_map)
+    log = arguments.open_poses(args, name)
+    answering = Answering(model, prior_map, log.source.frame_moves)
     with progress(name, "poses", log.source.messages) as set_done:
-        tracker = OfflineTracker(model, knowledge, wrenches=wrenches, frame_moves=log.source.frame_moves)
+        tracker = OfflineTracker(model, prior_map, wrenches=wrenches, frame_moves=log.source.frame_moves)
         for piece in with_pose_callback(
             answering.through(log.arrivals()),
             lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION),

@@ -1,10 +1,10 @@
 """``contact-tracker simulate``: labelled recordings with exact truth."""
 
 import argparse
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import output_file
-from contact_tracker.cli.replacement import add_overwrite
+from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import say, show
 from contact_tracker.errors import UsageError
 from contact_tracker.exit_codes import DONE
@@ -23,17 +23,12 @@ EXAMPLE: Final = "contact-tracker simulate all_states --seed 7 -o all_states.mca
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", nargs="?", metavar="SCENARIO", help="a name out of --list")
     parser.add_argument("--list", action="store_true", help="list the scenarios and exit")
-    parser.add_argument(
-        "--seed", type=_seed, default=0, metavar="N", help="seed of all that is random (default: %(default)s)"
+    kind, text = (
+        partial(arguments.whole_number, least=0, most=2**64),
+        "seed of all that is random (default: %(default)s)",
     )
-    parser.add_argument("-o", "--output", type=output_file(".mcap"), metavar="FILE", help="write FILE.mcap")
-    add_overwrite(parser)
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, zero or more")
-    return int(text)
+    parser.add_argument("--seed", type=kind, default=0, metavar="N", help=text)
+    arguments.add_output(parser, (".mcap",), "write FILE.mcap")
 
 
 def run(args: argparse.Namespace) -> int:
