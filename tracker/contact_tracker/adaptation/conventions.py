@@ -28,8 +28,9 @@ MOST_WINDOWS: Final = 30
 """Windows with motion, 60 s of it, after which the comparison ends."""
 BETTER_NATS: Final = 30.0
 """No label is certain while a reading explains the motion better by this much; it is a remedy if it explains
-most windows to the noise as well. 67 recordings that are right lead by as much for 1.3 % of their time, and get
-no remedy. Of 52 with orientations 50 ms late 37 are named, those with 15 ms 28 (with 60 nats 32 and 13)."""
+most windows to the noise as well. In 67 recordings that are right some reading leads by as much for 1.3 % of
+their time, but is no remedy. Of 52 with orientations 50 ms late 37 are named, with 15 ms 28; with 60 nats 32
+and 13."""
 ODD_NATS: Final = 120.0
 """Positions and orientations do not fit together if any reading leads by this much, whether it fits or not.
 Leads are up to 102 in 60 s of free motion, and 73 in 124 recordings that are right; mistakes lead by up to 40
@@ -63,8 +64,8 @@ class Conventions(NamedTuple):
     ----------
     waiting : poses of the incomplete window.
     kept : poses of the ``windows`` with motion, thinned.
-    nats, fitting : (K,) log evidence of contacts in each reading against that in poses as they are, -inf if it
-        is not compared any more, and number of windows that it explains to the noise.
+    nats, fitting : (K,) log evidence of contacts in each reading against that in poses as they are, -inf once
+        it is not compared any more, and number of windows that it explains to the noise.
     units : (3, U) the same for ``UNITS``, and the number of windows in which they were compared.
     is_settled : whether the comparison has ended.
     found : text of the mistake that was found, or empty.
@@ -141,17 +142,19 @@ def _after_window(
     compared = known.nats > known.nats.max() - ODD_NATS
     compared[0] = True
     left = compared.nonzero()[0]
-    explained = explain(window, tick_of, sigma, model, [READINGS[i] for i in left])
+    readings = UNITS if has_odd_unit else [READINGS[i] for i in left]
+    explained = explain(window, tick_of, sigma, model, readings)
     if explained is None:
         return known
+    known, fits = known._replace(kept=(*known.kept, (window, tick_of))), explained.misfit < FITS
+    if has_odd_unit:
+        units = np.array([explained.nats, fits, np.ones(len(UNITS))])
+        return known._replace(units=known.units + units, found="")
     near = np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
     nats, fitting = np.where(compared, known.nats, -np.inf), known.fitting.copy()
     nats[left] += near * (explained.nats - explained.nats[0])
-    fitting[left] += explained.misfit < FITS
-    known = known._replace(kept=(*known.kept, (window, tick_of)), nats=nats, fitting=fitting)
-    if has_odd_unit:
-        units = np.append(_explained(window, tick_of, sigma, model, UNITS), np.ones((1, len(UNITS))), axis=0)
-        return known._replace(units=known.units + units, found="")
+    fitting[left] += fits
+    known = known._replace(nats=nats, fitting=fitting)
     count = len(known.kept)
     has_doubled = count & (count - 1) == 0 or not known.found  # it takes some time
     is_refuted = bool(known.nats.max() < BETTER_NATS)
