@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.arguments import LOGS_HELP, add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
-from contact_tracker.cli.terminal import fail, progress, show, warn
+from contact_tracker.cli.terminal import fail, progress, say, show, warn
 from contact_tracker.cli.wrench import add_wrench, evidence_of
 from contact_tracker.errors import ChoiceError, InputError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, USAGE
@@ -50,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
             continue
         if is_damaged:
             code = code or DAMAGED
+    if args.wrench is not None:
+        say("the online figures are those of the motion alone: wrenches are used offline")
     if evaluations:
         report = Report(evaluations)
         show(report.to_json() if args.json else report.to_text())

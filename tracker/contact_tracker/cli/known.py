@@ -40,13 +40,13 @@ def add_known(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def knowledge_of(args: argparse.Namespace) -> "PriorMap":
-    """The prior map of the arguments; raises KnowledgeError."""
+def knowledge_of(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "PriorMap":
+    """The prior map of the arguments, with a ``note`` of what is doubtful in it; raises KnowledgeError."""
     from contact_tracker.prior_map_files.loading import knowledge_from, merged, read_table
 
     folder = Path(args.known).parent if args.known is not None else Path()
     tables = [] if args.known is None else [read_table(args.known)]
-    return knowledge_from(merged([*tables, *_shortcuts(args)]), folder, warn)
+    return knowledge_from(merged([*tables, *_shortcuts(args)]), folder, note)
 
 
 def _shortcuts(args: argparse.Namespace) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ from contact_tracker.cli.arguments import add_model, add_recordings, model_of, o
 from contact_tracker.cli.jobs import PLACE, jobs_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.terminal import detail, fail, progress, show
+from contact_tracker.cli.terminal import fail, progress, say, show, warn
 from contact_tracker.cli.workers import add_processes, workers
 from contact_tracker.cli.wrench import add_wrench, evidence_of
 from contact_tracker.errors import ChoiceError, InputError
@@ -68,16 +68,17 @@ def run(args: argparse.Namespace) -> int:
     jobs = jobs_of(args)
     if args.output is not None:
         require_library(args.output)
-    model, knowledge = model_of(args), knowledge_of(args)
+    notes = list[str]()
+    model, knowledge = model_of(args), knowledge_of(args, _noting(notes))
     with workers(args.processes) as executor:
         if len(jobs) == 1:
-            return _segment(jobs[0].arguments(args), model, knowledge, executor)
+            return _segment(jobs[0].arguments(args), model, knowledge, executor, notes)
         code = DONE
         for job in jobs:
             if job.output is None:
                 show(job.name)
             try:
-                done = _segment(job.arguments(args), model, knowledge, executor)
+                done = _segment(job.arguments(args), model, knowledge, executor, notes)
             except (InputError, ChoiceError) as error:  # continue with the others
                 fail(str(error))
                 done = INPUT if isinstance(error, InputError) else USAGE
@@ -85,9 +86,24 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
+def _noting(notes: list[str]) -> Callable[[str], None]:
+    """``warn``, with a copy of each line in ``notes``."""
+
+    def note(line: str) -> None:
+        warn(line)
+        notes.append(line)
+
+    return note
+
+
 def _segment(
-    args: argparse.Namespace, model: "Model", knowledge: "PriorMap", executor: "Executor | None"
+    args: argparse.Namespace,
+    model: "Model",
+    knowledge: "PriorMap",
+    executor: "Executor | None",
+    before: Iterable[str],
 ) -> int:
+    """Segment one recording; ``before`` are the warnings so far."""
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.recording import open_log
@@ -95,7 +111,8 @@ def _segment(
 
     read = [*args.logs, *files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
-    wrenches = evidence_of(args.log, args, model, knowledge)
+    notes = [*before]
+    wrenches = evidence_of(args.log, args, model, knowledge, _noting(notes))
     log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     source = Source(log, args.log, args)
     tracker = OfflineTracker(model, knowledge, executor, wrenches, log.source.frame_moves)
@@ -104,11 +121,13 @@ def _segment(
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]
         else:
-            _write(source, log, tracker, set_done, args, check)
-            detail(f"wrote {args.output}")
+            _write(source, log, tracker, set_done, args, check, notes)
     if args.output is None:
         _print(segments, source.origin_ns, wrenches is not None)
-    return source.finish(tracker.report)
+    code = source.finish(tracker.report)
+    if args.output is not None:
+        say(f"wrote {args.output}")
+    return code
 
 
 def _print(segments: "Iterable[Segment]", origin_ns: int, with_wrenches: bool) -> None:
@@ -126,6 +145,7 @@ def _write(
     set_done: Callable[[int], None],
     args: argparse.Namespace,
     check: Callable[[], None],
+    notes: Iterable[str],
 ) -> None:
     """Write incrementally where the format allows it, to save memory."""
     from contact_tracker.exports.writing import write_outcome, write_pieces
@@ -142,7 +162,7 @@ def _write(
         return
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
-    outcome = source.outcome(Poses.join(kept), found, tracker.report)
+    outcome = source.outcome(Poses.join(kept), found, tracker.report, notes)
     is_readable = not source.is_stdin and os.path.exists(args.log)
     read = args.log if is_readable else None
     write_outcome(outcome, args.output, read, log.stamping.log_offset_ns, check)

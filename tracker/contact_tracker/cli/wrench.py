@@ -1,6 +1,7 @@
 """Arguments that let measured wrenches decide, and what these say."""
 
 import argparse
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from contact_tracker.cli.arguments import positive
@@ -28,10 +29,14 @@ def add_wrench(parser: argparse.ArgumentParser) -> None:
 
 
 def evidence_of(
-    name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
+    name: str,
+    args: argparse.Namespace,
+    model: "Model",
+    knowledge: "PriorMap",
+    note: Callable[[str], None] = warn,
 ) -> "WrenchEvidence | None":
-    """What the wrenches say that ``--wrench`` names; None without, or, with a warning, where they say
-    nothing.
+    """What the wrenches say that ``--wrench`` names; None without, or where they say nothing, with a
+    ``note``.
 
     Raises
     ------
@@ -54,7 +59,7 @@ def evidence_of(
     if not found.is_warning:
         say(f"{name}: {found.text}")
     for line in found.warnings:
-        warn(f"{name}: {line}")
+        note(f"{name}: {line}")
     return found.evidence
 
 

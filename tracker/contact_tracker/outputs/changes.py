@@ -20,12 +20,15 @@ class Changes:
 
     def takes(self, belief: Belief) -> bool:
         """Whether the next belief is reported: a new label, one that settles, and free motion that is open
-        among all states, as at rest; updates the last one."""
-        changed, settles = belief.contact is not self.label, is_settled(belief)
-        opens = belief.contact is Contact.FREE and is_open(belief) and not self.open
+        among all states, as at rest; updates the last one. While all states are open, any label is as good as
+        the last."""
+        opened, settles = is_open(belief), is_settled(belief)
+        changed = belief.contact is not self.label and not (self.open and opened)
+        opens = belief.contact is Contact.FREE and opened and not self.open
         is_news = changed or opens or (settles and not self.settled)
-        self.label, self.settled = belief.contact, settles or (self.settled and not changed and not opens)
-        self.open = is_open(belief) if is_news else self.open
+        if is_news:
+            self.label, self.open = belief.contact, opened
+        self.settled = settles or (self.settled and not changed and not opens)
         return is_news
 
 
