@@ -134,6 +134,21 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
     assert not state.contradiction.is_likely
 
 
+@needs_kernels
+@pytest.mark.parametrize("is_filtered", [False, True])
+def test_before_the_noise_is_chosen_filtered_poses_refute_nothing_until_the_end(is_filtered: bool) -> None:
+    """It is taken for motion; labels are in doubt until then."""
+    known, box = (
+        Contradiction(),
+        slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))[:1500],
+    )
+    for some in box.batches():
+        known = contradiction.advance(known, MODEL, up([0.6, 0.0, 0.8]), some, False, False, is_filtered)
+    assert known.is_likely
+    assert known.is_found is not is_filtered
+    assert contradiction.finish(known).is_found
+
+
 @pytest.mark.long
 @needs_kernels
 def test_a_box_of_another_size_is_reported() -> None:

@@ -263,8 +263,6 @@ def test_processes_answer_in_order_and_a_killed_one_is_reported() -> None:
     assert not active_children()
 
 
-
-
 names = st.text(st.characters(exclude_categories=("C", "Zl", "Zp", "Zs")), max_size=30)
 positive = st.floats(1e-9, 1e6)
 

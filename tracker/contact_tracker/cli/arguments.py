@@ -140,8 +140,8 @@ def add_known(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def load_map(args: argparse.Namespace) -> "PriorMap":
-    """The map of ``add_known``; raises KnowledgeError."""
+def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "PriorMap":
+    """The map of ``add_known``, with a ``note`` of what is doubtful in it; raises KnowledgeError."""
     from contact_tracker.prior_map_files.loading import knowledge_from, merged, read_table
 
     tables: list[dict[str, Any]] = [] if args.known is None else [read_table(args.known)]
@@ -153,7 +153,7 @@ def load_map(args: argparse.Namespace) -> "PriorMap":
         tables.append({"environment": {"plane": planes}})
     if args.box is not None:
         tables.append({"object": {"box": {"size_m": args.box}}})
-    return knowledge_from(merged(tables), Path(args.known or "").parent, warn)
+    return knowledge_from(merged(tables), Path(args.known or "").parent, note)
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:
@@ -176,10 +176,14 @@ def require_wrench_for_mass(args: argparse.Namespace) -> None:
 
 
 def load_wrenches(
-    name: str, args: argparse.Namespace, model: "Model", prior_map: "PriorMap"
+    name: str,
+    args: argparse.Namespace,
+    model: "Model",
+    prior_map: "PriorMap",
+    note: Callable[[str], None] = warn,
 ) -> "WrenchEvidence | None":
-    """What the wrenches say that ``--wrench`` names; None without, or, with a warning, where they say
-    nothing.
+    """What the wrenches say that ``--wrench`` names; None without, or where they say nothing, with a
+    ``note``.
 
     Raises
     ------
@@ -201,7 +205,7 @@ def load_wrenches(
     if not found.is_warning:
         say(f"{name}: {found.text}")
     for line in found.warnings:
-        warn(f"{name}: {line}")
+        note(f"{name}: {line}")
     return found.evidence
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
-from contact_tracker.cli.terminal import detail, progress, show, take_over_warnings
+from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.errors import ChoiceError, NoPoses, UsageError
 from contact_tracker.exit_codes import DONE
 from contact_tracker.exports.formats import SUFFIXES, format_of, require_library
@@ -141,13 +141,14 @@ def run(args: argparse.Namespace) -> int:
     jobs = list_jobs(args)
     if args.output is not None:
         require_library(args.output)
-    model, prior_map = arguments.load_model(args), arguments.load_map(args)
+    notes = list[str]()
+    model, prior_map = arguments.load_model(args), arguments.load_map(args, _noting(notes))
     with _workers(args.processes) as executor:
 
         def segment(job: Job) -> int:
             if job.output is None and len(jobs) > 1:
                 show(job.name)
-            return _segment(job.applied_to(args), model, prior_map, executor)
+            return _segment(job.applied_to(args), model, prior_map, executor, notes)
 
         codes = list(arguments.run_each((partial(segment, job) for job in jobs), len(jobs) == 1))
     return next(filter(None, codes), DONE)
@@ -162,16 +163,32 @@ def _workers(processes: int) -> "AbstractContextManager[Executor | None]":
     return Workers(processes - 1, take_over_warnings)
 
 
+def _noting(notes: list[str]) -> Callable[[str], None]:
+    """``warn``, with a copy of each line in ``notes``."""
+
+    def note(line: str) -> None:
+        warn(line)
+        notes.append(line)
+
+    return note
+
+
 def _segment(
-    args: argparse.Namespace, model: "Model", prior_map: "PriorMap", executor: "Executor | None"
+    args: argparse.Namespace,
+    model: "Model",
+    prior_map: "PriorMap",
+    executor: "Executor | None",
+    before: Iterable[str],
 ) -> int:
+    """Segment one recording; ``before`` are the warnings so far."""
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.tracking.belief import Detail
 
     read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
-    wrenches = arguments.load_wrenches(args.log, args, model, prior_map)
+    notes = [*before]
+    wrenches = arguments.load_wrenches(args.log, args, model, prior_map, _noting(notes))
     log = arguments.open_poses(args, args.log)
     source = Source(log, args.log, args)
     tracker = OfflineTracker(model, prior_map, executor, wrenches, log.source.frame_moves)
@@ -180,11 +197,13 @@ def _segment(
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]
         else:
-            _write(source, log, tracker, set_done, args, check)
-            detail(f"wrote {args.output}")
+            _write(source, log, tracker, set_done, args, check, notes)
     if args.output is None:
         _print(segments, source.origin_ns, wrenches is not None)
-    return source.finish(tracker.report)
+    code = source.finish(tracker.report)
+    if args.output is not None:
+        say(f"wrote {args.output}")
+    return code
 
 
 def _print(segments: "Iterable[Segment]", origin_ns: int, with_wrenches: bool) -> None:
@@ -202,6 +221,7 @@ def _write(
     set_done: Callable[[int], None],
     args: argparse.Namespace,
     check: Callable[[], None],
+    notes: Iterable[str],
 ) -> None:
     """Write incrementally where the format allows it, to save memory."""
     from contact_tracker.exports.formats import write_outcome, write_pieces
@@ -218,7 +238,7 @@ def _write(
         return
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
-    outcome = source.outcome(Poses.join(kept), found, tracker.report)
+    outcome = source.outcome(Poses.join(kept), found, tracker.report, notes)
     is_readable = not source.is_stdin and os.path.exists(args.log)
     read = args.log if is_readable else None
     write_outcome(outcome, args.output, read, log.stamping.log_offset_ns, check)

@@ -102,4 +102,7 @@ def _view(
 
         name = None if source.is_stdin else Path(log).name or log
         show(Shown(source, found, truth, vertices_m, True, name, lambda: source.origin_ns))
-    return source.finish(tracker.report)
+    code = source.finish(tracker.report)
+    if args.save is not None:
+        say(f"wrote {args.save}")
+    return code

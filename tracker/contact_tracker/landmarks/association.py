@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.elements import Element, Line, Plane, Point, by_foot, numbers
-from contact_tracker.geometry.vectors import EYE, sphere_tangent, unit
+from contact_tracker.geometry.vectors import EYE, sphere_tangent
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from contact_tracker.map.sighting import Sighting
 from contact_tracker.map.view import Key, MapView, Side
 
 CONCENTRATION: Final = 0.02
-"""a: how readily contacts touch elements that no other contact has touched (docs/theory.md, section 22). On 15
-recordings of everyday handling 0.06 gives 0.826 and 0.02 gives 0.850."""
+"""a: how readily contacts touch elements that no other contact has touched (docs/theory.md, section 22). On
+15 recordings of everyday handling 0.06 gives 0.826 and 0.02 gives 0.850."""
 ONLINE_CONCENTRATION: Final = 0.3
 """The same while the map grows, when only the sure contacts count: with 0.02 everyday handling is the same
 online (0.658), but short contacts in noise are lost (hard_01 0.71 instead of 0.72, offline 0.91 instead of

@@ -24,12 +24,15 @@ class Changes:
         """Whether the next belief is reported, the further contacts that begin with it, and those that end.
 
         A new label is reported, one that settles, and free motion that is open among all states, as at rest.
+        While all states are open, any label is as good as the last.
         """
-        changed, settles = belief.contact is not self.label, is_settled(belief)
-        opens = belief.contact is Contact.FREE and is_open(belief) and not self.open
+        opened, settles = is_open(belief), is_settled(belief)
+        changed = belief.contact is not self.label and not (self.open and opened)
+        opens = belief.contact is Contact.FREE and opened and not self.open
         is_news = changed or opens or (settles and not self.settled)
-        self.label, self.settled = belief.contact, settles or (self.settled and not changed and not opens)
-        self.open = is_open(belief) if is_news else self.open
+        if is_news:
+            self.label, self.open = belief.contact, opened
+        self.settled = settles or (self.settled and not changed and not opens)
         before, self.further = self.further, belief.further
         joins = [one for one in belief.further if not any(_is_same(one, other) for other in before)]
         leaves = [one for one in before if not any(_is_same(one, other) for other in belief.further)]

@@ -5,7 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
-from contact_tracker.cli.terminal import progress, show, warn
+from contact_tracker.cli.terminal import progress, say, show, warn
 from contact_tracker.errors import NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE
 
@@ -46,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
     codes = list(
         arguments.run_each(partial(evaluate, name) for name in arguments.recordings_in(args.logs, "evaluate"))
     )
+    if args.wrench is not None:
+        say("the online figures are those of the motion alone: wrenches are used offline")
     if evaluations:
         report = Report(evaluations)
         show(report.to_json() if args.json else report.to_text())
