@@ -8,7 +8,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from contact_tracker.api import Result, Tracker, Trajectory, read, segment
+    from contact_tracker.api import Map, Result, Tracker, Trajectory, read, segment
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
@@ -21,6 +21,7 @@ __all__ = [
     "Contact",
     "ContactTrackerError",
     "ContactTrackerWarning",
+    "Map",
     "Result",
     "Segment",
     "Tracker",
@@ -36,6 +37,7 @@ _HOMES = {
     "Contact": "states",
     "ContactTrackerError": "errors",
     "ContactTrackerWarning": "errors",
+    "Map": "api",
     "Result": "api",
     "Segment": "tracking.belief",
     "Tracker": "api",

@@ -11,7 +11,7 @@ import numpy as np
 from contact_tracker.adaptation import misplaced, online, repeatability, untouched
 from contact_tracker.adaptation.candidates import period_for_all_s
 from contact_tracker.adaptation.mixture import mixed_with_uniform
-from contact_tracker.adaptation.report import Report, report
+from contact_tracker.adaptation.report import Report, map_findings, report
 from contact_tracker.adaptation.unconfirmed import WaitingPieces
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -75,6 +75,8 @@ class OfflineTracker:
         if found is None:
             return None
         findings = *found.findings, *repeatability.findings(self._repeatability, found.model.systematic)
+        if self._record is not None and self._record.state is not None:
+            findings = *(one for one in findings if one.kind != "map"), *map_findings(self._record.state.map)
         if all(one.kind != "knowledge" for one in findings):  # which would be why
             unused = untouched.findings(self._untouched, self._knowledge)
             findings = *findings, *misplaced.findings(self._misplaced), *unused

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     codes = list(
         arguments.run_each(partial(evaluate, name) for name in arguments.recordings_in(args.logs, "evaluate"))
     )
-    if args.wrench is not None:
+    if args.wrench is not None and evaluations:
         say("the online figures are those of the motion alone: wrenches are used offline")
     if evaluations:
         report = Report(evaluations)
