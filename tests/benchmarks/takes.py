@@ -1,0 +1,72 @@
+"""Everyday handling: first takes alone, and later takes of the same scene with the map of the first.
+
+    python tests/benchmarks/takes.py
+
+Shares of the scored time: right offline, sure (0.9 or more) and wrong offline, and right online. Recordings
+are named SCENE_TAKE, as in ``everyday`` of the shared ones.
+"""
+
+import argparse
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contact_tracker.adaptation import OfflineTracker
+from contact_tracker.config.loading import load_model
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.prior import NO_PRIOR, MapPrior
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import need_truth, open_log
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.evaluation.evaluate import evaluate
+from contact_tracker_lab.evaluation.tables import number, table
+from shared_recordings import SHARED_RECORDINGS
+
+COLUMNS: Final = ("take", "recordings", "offline", "sure and wrong", "online")
+FIRST, ALONE, WITH_MAP = "first", "later, alone", "later, with the map of the first"
+
+
+class Score(NamedTuple):
+    """Shares of the scored time."""
+
+    offline: float
+    sure_wrong: float
+    online: float
+
+
+def score(path: Path, known: PriorMap = EMPTY_MAP) -> tuple[Score, MapPrior]:
+    """The score of a recording, and the map that was learned from it."""
+    poses = Poses.collect(open_log(str(path)))
+    tracker = OfflineTracker(load_model("default"), known)
+    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
+    done = evaluate(poses, need_truth(str(path)), found)
+    wrong = float(done.offline.sure_wrong_by_state_s.sum() / done.offline.seconds())
+    world = tracker.map
+    learned = NO_PRIOR if world is None else world.learned
+    return Score(done.offline.accuracy(), wrong, done.online.accuracy()), learned
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=SHARED_RECORDINGS / "everyday")
+    scenes = defaultdict[str, list[Path]](list)
+    for path in sorted(parser.parse_args().folder.glob("*_*.mcap")):
+        scenes[path.stem.rsplit("_", 1)[0]].append(path)
+    scores = defaultdict[str, list[Score]](list)
+    for first, *later in scenes.values():
+        of_first, learned = score(first)
+        scores[FIRST].append(of_first)
+        for path in later:
+            scores[ALONE].append(score(path)[0])
+            scores[WITH_MAP].append(score(path, PriorMap(learned=learned))[0])
+    rows = [(name, str(len(some)), *map(number, np.mean(some, axis=0))) for name, some in scores.items()]
+    print(table(COLUMNS, rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
