@@ -53,8 +53,7 @@ SINGLE_IMPORTER = {
     "matplotlib": "exports/figure.py",
     "pandas": "exports/pandas_table.py",
     "plotly": "exports/report_html.py",
-    "polars": ("exports/polars_table.py", "recording/tables.py"),  # output and input
-    "pyarrow": "exports/parquet.py",
+    "pyarrow": ("exports/parquet.py", "recording/parquet_rows.py"),  # output and input
     "shtab": "cli/completion.py",
     "tqdm": "cli",
     "argparse": "cli",

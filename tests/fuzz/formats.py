@@ -9,10 +9,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import polars
+import pyarrow
 import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from pyarrow import parquet
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -140,10 +141,11 @@ def texts() -> tuple[bytes, ...]:
 @cache
 def compressed_tables() -> tuple[bytes, ...]:
     made = list[bytes]()
-    frame = polars.DataFrame(_rows(), schema=list(COLUMNS))
-    for compression in ("zstd", "snappy", "uncompressed"):
+    columns = zip(COLUMNS, zip(*_rows(), strict=True), strict=True)
+    table = pyarrow.table({name: list(values) for name, values in columns})
+    for compression in ("zstd", "snappy", "none"):
         out = BytesIO()
-        frame.write_parquet(out, compression=compression, row_group_size=25)
+        parquet.write_table(table, out, compression=compression, row_group_size=25)
         made.append(out.getvalue())
     return tuple(made)
 

@@ -8,7 +8,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from contact_tracker.api import Result, Tracker, Trajectory, read, segment
+    from contact_tracker.api import Result, Tracker, Trajectory, evaluate, read, segment
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
@@ -27,6 +27,7 @@ __all__ = [
     "Trajectory",
     "Wrenches",
     "__version__",
+    "evaluate",
     "read",
     "segment",
 ]
@@ -41,6 +42,7 @@ _HOMES = {
     "Tracker": "api",
     "Trajectory": "api",
     "Wrenches": "wrenches.wrenches",
+    "evaluate": "api",
     "read": "api",
     "segment": "api",
 }

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from contact_tracker.adaptation import OfflineTracker, Report
+from contact_tracker.api.dataframes import is_table
 from contact_tracker.api.given import (
     Deviations,
     Known,
@@ -19,7 +20,7 @@ from contact_tracker.api.given import (
     path_from,
 )
 from contact_tracker.api.notices import log_counts, log_text, warn_of
-from contact_tracker.api.trajectory import Trajectory, is_table, read
+from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, printable
 from contact_tracker.exports.columns import (
@@ -46,7 +47,7 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:
-    from contact_tracker.exports import pandas_table, polars_table
+    from contact_tracker.exports import pandas_table, parquet
     from contact_tracker.exports.figure import Figure
     from contact_tracker.viewer.notebook import Viewer
 
@@ -109,12 +110,11 @@ class Result:
 
         return to_pandas(*self._columns(rows))
 
-    def to_polars(self, rows: Rows = "ticks") -> "polars_table.DataFrame":
-        """A DataFrame of polars, like ``to_pandas``."""
-        with extra("tables", "a DataFrame of polars"):
-            from contact_tracker.exports.polars_table import to_polars
+    def to_arrow(self, rows: Rows = "ticks") -> "parquet.Table":
+        """A table of Arrow, like ``to_pandas``; ``polars.from_arrow`` takes it."""
+        from contact_tracker.exports.parquet import to_arrow
 
-        return to_polars(*self._columns(rows))
+        return to_arrow(*self._columns(rows))
 
     def to_parquet(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write a Parquet file with a row per tick.
@@ -123,8 +123,6 @@ class Result:
 
         Raises
         ------
-        MissingExtra
-            pyarrow is not installed.
         UsageError
             The existing file is a recording, or an input of this result.
         OutputError

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from contact_tracker import __version__
 from contact_tracker.config.parameters import Model
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.saved_state.encoding import fingerprint
 
@@ -23,7 +24,7 @@ class Settings:
     Parameters
     ----------
     topic, frame, relative_to : selection of poses, as of ``recording.open_log``.
-    time_unit : of the times of tables, as of ``recording.open_log``.
+    table : what the columns of tables are, as of ``recording.open_log``.
     with_ticks : whether to write the beliefs of all ticks, too.
     wrench : measured wrenches, which decide between contacts that motion cannot distinguish.
     model_hash : of the model with its noise, and of the prior map.
@@ -36,7 +37,7 @@ class Settings:
     frame: str | None
     relative_to: str | None
     with_ticks: bool
-    time_unit: str | None
+    table: TableReading
     wrench: WrenchSettings | None
     model_hash: str
     settings_hash: str
@@ -49,12 +50,12 @@ def settings_of(
     frame: str | None = None,
     relative_to: str | None = None,
     with_ticks: bool = False,
-    time_unit: str | None = None,
+    table: TableReading = AS_NAMED,
     wrench: WrenchSettings | None = None,
 ) -> Settings:
     """The settings with their hashes."""
     model_hash = fingerprint((model, knowledge))
-    which = topic, frame, relative_to, time_unit
+    which = topic, frame, relative_to, tuple(table.words())
     settings_hash = fingerprint((__version__, model_hash, which, tuple(wrench or ())))
-    chosen = topic, frame, relative_to, with_ticks, time_unit, wrench
+    chosen = topic, frame, relative_to, with_ticks, table, wrench
     return Settings(model, knowledge, *chosen, model_hash, settings_hash)

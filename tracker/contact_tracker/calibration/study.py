@@ -11,6 +11,7 @@ from contact_tracker.calibration.e_step import EstimatedStates, KnownStates
 from contact_tracker.calibration.segment_residuals import ContactSegment, fit_contact_segments
 from contact_tracker.calibration.tick_stream import UNKNOWN, Observed, labels, observe
 from contact_tracker.config.parameters import Model
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoPoses
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.ground_truth import Truth
@@ -40,7 +41,7 @@ class Source:
     use_truth: bool = True
     knowledge: PriorMap = EMPTY_MAP
     relative_to: str | None = None
-    time_unit: str | None = None
+    table: TableReading = AS_NAMED
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,7 @@ def score_model(source: Source, model: Model) -> ModelScore:
 def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
     truth = read_truth(source.name)
     log = open_log(
-        source.name, source.topic, source.frame, relative_to=source.relative_to, time_unit=source.time_unit
+        source.name, source.topic, source.frame, relative_to=source.relative_to, table=source.table
     )
     poses = Poses.collect(log)
     if not len(poses):

@@ -6,11 +6,12 @@ import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from contact_tracker.atomic_file import why_not_replaceable
-from contact_tracker.config.quantities import TIMES_NS
+from contact_tracker.config.quantities import LENGTHS
 from contact_tracker.config.shipped import preset_names
+from contact_tracker.config.table_reading import AS_NAMED, TIME_UNIT_HELP, reading_of
 from contact_tracker.errors import UsageError
 
 if TYPE_CHECKING:
@@ -48,14 +49,14 @@ def add_interval(parser: argparse.ArgumentParser) -> None:
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
-    """``--topic``, ``--frame`` and ``--relative-to``."""
+    """``--topic``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
     parser.add_argument("--topic", help="take the poses of this topic: TOPIC or TOPIC:TYPE")
     parser.add_argument(
         "--frame",
         help="take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
     )
     add_relative_to(parser)
-    add_time_unit(parser)
+    add_table_reading(parser)
 
 
 def add_relative_to(parser: argparse.ArgumentParser) -> None:
@@ -67,13 +68,40 @@ def add_relative_to(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_time_unit(parser: argparse.ArgumentParser) -> None:
-    """``--time-unit``."""
-    parser.add_argument(
-        "--time-unit",
-        choices=tuple(TIMES_NS),
-        help="unit of the times in a table: s, ms, us or ns (default: by the column's name, or as they look)",
-        metavar="UNIT",
+class _Stated(argparse.Action):
+    """Adds what an option says of the columns of a table to the ``TableReading`` of all of them."""
+
+    def __call__(self, _: Any, namespace: argparse.Namespace, value: Any, __: str | None = None) -> None:
+        name = self.option_strings[0].lstrip("-").replace("-", "_")
+        given: dict[str, Any] = {name: True if self.nargs == 0 else value}
+        try:
+            stated = reading_of(**given)
+            namespace.table = namespace.table.with_(stated)
+        except ValueError as error:
+            raise argparse.ArgumentError(self, str(error)) from error
+
+
+def add_table_reading(parser: argparse.ArgumentParser) -> None:
+    """What the columns of a table are, where their names do not say it."""
+    group = parser.add_argument_group("columns of a table, where their names do not say what they are")
+
+    def add(name: str, text: str, metavar: str | None = None) -> None:
+        words: dict[str, Any] = {"nargs": 0} if metavar is None else {"metavar": metavar}
+        group.add_argument(name, action=_Stated, dest="table", default=AS_NAMED, help=text, **words)
+
+    add("--unit", f"positions are in {', '.join(LENGTHS)}", "UNIT")
+    add("--time-unit", f"times are in {TIME_UNIT_HELP}", "UNIT")
+    add(
+        "--euler",
+        "rotations are angles in this order: xyz about fixed axes, XYZ about the body's; XYZ:deg",
+        "XYZ",
+    )
+    add("--rotation-vector", "rotations are vectors along the axis, as long as the angle")
+    add("--matrix", "rotations are matrices, numbered along their rows or columns", "rows|columns")
+    add(
+        "--columns",
+        "names of columns: x, qx, rx (angles), or groups of numbered ones: position=p[0:3],quaternion=p[3:7]",
+        "time=NAME,...",
     )
 
 

@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         args.frame,
         args.relative_to,
         args.ticks,
-        args.time_unit,
+        args.table,
         WrenchSettings(args.wrench, args.mass) if asked_for_wrenches(args) else None,
     )
     recordings = list(find(_names(args.logs)))

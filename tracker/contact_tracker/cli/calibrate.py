@@ -141,7 +141,7 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
-    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args), args.relative_to, args.time_unit
+    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args), args.relative_to, args.table
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
@@ -191,7 +191,7 @@ def _command(args: argparse.Namespace) -> str:
     words += ["--topic", args.topic] if args.topic else []
     words += ["--frame", args.frame] if args.frame else []
     words += ["--relative-to", args.relative_to] if args.relative_to else []
-    words += ["--time-unit", args.time_unit] if args.time_unit else []
+    words += args.table.words()
     words += ["--known", os.path.relpath(args.known)] if args.known else []
     words += ["--start", start] if args.start != "default" else []
     words += ["--unlabelled"] if args.unlabelled else []

@@ -6,22 +6,24 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.arguments import LOGS_HELP, add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
-from contact_tracker.cli.terminal import fail, progress, show, warn
+from contact_tracker.cli.terminal import fail, progress, say, show, warn
 from contact_tracker.cli.wrench import add_wrench, evidence_of
-from contact_tracker.errors import ChoiceError, InputError, NoPoses
+from contact_tracker.errors import ChoiceError, InputError, NoPoses, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, USAGE
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.evaluation.evaluate import Evaluation
+    from contact_tracker.ground_truth import Truth
     from contact_tracker.landmarks.prior_map import PriorMap
 
-HELP: Final = "compare with the truth that recordings carry"
+HELP: Final = "compare with the truth that recordings carry, or with your own labels"
 DESCRIPTION: Final = """\
 Segment recordings and compare with the truth in them, offline and online side by side: accuracy,
 F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total. These
 score the contact at each time, the first one if there are several. Further contacts are scored in a
-separate table, without their elements. With --relative-to the truth of elements, which is in the frame of the
+separate table, without their elements. --labels FILE compares with your own labels, which may be
+coarse, as touch and no touch. With --relative-to the truth of elements, which is in the frame of the
 recording, is not used."""
 EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
@@ -32,6 +34,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_model(parser)
     add_known(parser)
     add_wrench(parser)
+    parser.add_argument(
+        "--labels",
+        metavar="FILE",
+        help="your own labels of one LOG: start, end and contact, in s since the first pose or as stamps",
+    )
+    parser.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        metavar="LABEL=STATES",
+        help="what a label means: touch=any, flat='f-f|e-f', or ? for what is not scored",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
 
 
@@ -41,7 +55,12 @@ def run(args: argparse.Namespace) -> int:
     model, knowledge = model_of(args), knowledge_of(args)
     evaluations = {}
     code = DONE
-    for name in recordings(args.logs, "evaluate"):
+    names = recordings(args.logs, "evaluate")
+    if args.labels is not None and len(names) != 1:
+        raise UsageError(f"--labels are of one recording, and there are {len(names)}")
+    if args.map and args.labels is None:
+        raise UsageError("--map is of use with --labels only")
+    for name in names:
         try:
             evaluations[name], is_damaged = _evaluate(name, args, model, knowledge)
         except (InputError, ChoiceError) as error:  # continue with the others
@@ -56,6 +75,22 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
+def _truth(name: str, args: argparse.Namespace) -> "Truth":
+    """The truth in a recording, or the user's labels."""
+    from contact_tracker.recording import need_truth, open_log, read_labels
+    from contact_tracker.recording.labels import meanings_of
+
+    if args.labels is None:
+        return need_truth(name, args.topic, args.frame, args.table)
+    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, table=args.table)
+    first_ns = last_ns = log.first_stamp_ns
+    for poses in log.batches():
+        last_ns = int(poses.stamp_ns[-1])
+    truth, text = read_labels(args.labels, first_ns, last_ns, meanings_of(args.map))
+    say(text)
+    return truth
+
+
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
 ) -> "tuple[Evaluation, bool]":
@@ -63,11 +98,11 @@ def _evaluate(
     from contact_tracker.evaluation.answers import Answering
     from contact_tracker.evaluation.evaluate import Evaluator
     from contact_tracker.outputs.adaptation import warnings
-    from contact_tracker.recording import need_truth, open_log
+    from contact_tracker.recording import open_log
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import with_pose_callback
 
-    truth = need_truth(name, args.topic, args.frame)
+    truth = _truth(name, args)
     if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
         warn(
             f"{name}: elements are not compared: the truth has them in the recording's frame, not in that of "
@@ -76,7 +111,7 @@ def _evaluate(
         truth = truth.without_geometry()
     evaluator = Evaluator(truth)
     wrenches = evidence_of(name, args, model, knowledge)
-    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
+    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, table=args.table)
     answering = Answering(model, knowledge, log.source.frame_moves)
     with progress(name, "poses", log.source.messages) as set_done:
         tracker = OfflineTracker(model, knowledge, wrenches=wrenches, frame_moves=log.source.frame_moves)

@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import LOG_HELP, add_relative_to, add_time_unit
+from contact_tracker.cli.arguments import LOG_HELP, add_relative_to, add_table_reading
 from contact_tracker.cli.terminal import show, warn
 from contact_tracker.errors import NoPoses, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE
@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "between if nothing is published between these two",
     )
     add_relative_to(parser)
-    add_time_unit(parser)
+    add_table_reading(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
 
 
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.relative_to is not None and args.log == "-":
         raise UsageError(_ONCE)
-    summary = summarise(args.log, args.time_unit)
+    summary = summarise(args.log, args.table)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
     if summary.sources and (not chosen or args.relative_to is not None):
         chosen = [_composed(args)]
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
     if not summary.sources and args.log != "-":
-        open_log(args.log)  # raises an error with the reason
+        open_log(args.log, table=args.table)  # raises an error with the reason
     if not any(source.poses for source in summary.sources):
         raise NoPoses(f"{args.log}: no pose in it that can be used")
     return DONE if summary.damage is None and not losses else DAMAGED
@@ -81,7 +81,7 @@ def _composed(args: argparse.Namespace) -> "SourceSummary":
 
     if args.log == "-":
         raise UsageError(f"no pose source is published with this topic and frame; {_ONCE}")
-    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
+    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, table=args.table)
     return summarise_log(log)
 
 

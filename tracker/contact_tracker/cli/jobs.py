@@ -67,7 +67,7 @@ def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
 
     if log == "-":
         raise UsageError("--all reads a recording twice: name a file, not -")
-    sources = [s for s in list_sources(log) if args.topic is None or s.topic == args.topic]
+    sources = [s for s in list_sources(log, args.table) if args.topic is None or s.topic == args.topic]
     sources = [s for s in sources if args.frame is None or s.is_named(args.frame)]
     if not sources:
         fault = NoPoses if args.topic is None and args.frame is None else ChoiceError

@@ -119,7 +119,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     if args.output is not None:
         require_library(args.output)
     follow = Follow() if args.follow else None
-    log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to, args.time_unit)
+    log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to, args.table)
     state = adaptation.start(model, args.lag, knowledge, log.source.frame_moves)
     source = Source(log, args.log, args)
     with _viewer(args, source, sink) as viewer, StatusLine() as status, _Ticks(args.output, check) as ticks:

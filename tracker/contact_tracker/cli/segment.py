@@ -96,7 +96,7 @@ def _segment(
     read = [*args.logs, *files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
     wrenches = evidence_of(args.log, args, model, knowledge)
-    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
+    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, table=args.table)
     source = Source(log, args.log, args)
     tracker = OfflineTracker(model, knowledge, executor, wrenches, log.source.frame_moves)
     with progress("segment", "poses", source.expected) as set_done:

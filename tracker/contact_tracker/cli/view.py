@@ -101,7 +101,7 @@ def _view(
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.offline import Shown
 
-    poses = open_log(log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
+    poses = open_log(log, args.topic, args.frame, relative_to=args.relative_to, table=args.table)
     tracker = OfflineTracker(model, knowledge, frame_moves=poses.source.frame_moves)
     source = Source(poses, log, args)
     truth, vertices_m = read_truth(log), vertices_from_metadata(read_metadata(log))

@@ -46,7 +46,7 @@ def evidence_of(
     from contact_tracker.recording.wrench_evidence import recorded_evidence
 
     chosen = args.topic, args.frame
-    log = open_log(name, *chosen, relative_to=args.relative_to, time_unit=args.time_unit)
+    log = open_log(name, *chosen, relative_to=args.relative_to, table=args.table)
     with progress(f"{name}: load", "poses", log.source.messages) as set_done:
         found = recorded_evidence(name, args.wrench, log, model, knowledge, args.mass, set_done)
     if found is None:

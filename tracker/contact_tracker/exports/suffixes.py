@@ -16,11 +16,10 @@ class Library(NamedTuple):
 
 
 LIBRARIES: Final = {
-    ".parquet": Library("parquet", "parquet", "a Parquet file"),
     ".mcap": Library("foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
     ".html": Library("report_html", "report", "a report"),
 }
-SUFFIXES: Final = (".csv", ".jsonl", *LIBRARIES, ".srt")
+SUFFIXES: Final = (".csv", ".jsonl", ".parquet", *LIBRARIES, ".srt")
 TICKS: Final = (".jsonl", ".parquet")
 """Outputs with a row per tick."""
 WHOLE: Final = (".mcap", ".html")

@@ -7,11 +7,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from contact_tracker.errors import MissingExtra
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
 from contact_tracker.recording.definition_work import DecodingWork, work_of
 from contact_tracker.recording.definitions import Definition, known_definition, parse_definition
-from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.foxglove import decode_json, protobuf_reading
 from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns

@@ -7,13 +7,13 @@ from typing import Any
 
 from mcap.records import Schema
 
-from contact_tracker.recording.extras import need
+from contact_tracker.extras import module_of_extra
 from contact_tracker.recording.items import Channel
 
 
 def protobuf_reading(channel: Channel) -> Callable[[bytes], Any] | None:
     """The decoder of a protobuf channel; an invalid schema can raise any error of the library."""
-    factory = need("mcap_protobuf.decoder", "protobuf").DecoderFactory()
+    factory = module_of_extra("mcap_protobuf.decoder", "foxglove", "protobuf").DecoderFactory()
     decoder: Callable[[bytes], Any] | None = factory.decoder_for(
         channel.encoding, Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
     )

@@ -10,6 +10,7 @@ from typing import Final
 from mcap.opcode import Opcode
 from mcap.summary import Summary
 
+from contact_tracker.config.table_reading import AS_NAMED, NO_TABLE, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.recording.bags import is_bag, read_bag
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
@@ -19,7 +20,6 @@ from contact_tracker.recording.file_index import place_of, summary_of
 from contact_tracker.recording.items import MAGIC, Channel, Item, RawMessage
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.log_order import in_log_order
-from contact_tracker.recording.table_times import OWN_UNIT
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_text
 
 STDIN: Final = "-"
@@ -167,6 +167,11 @@ def is_in_log_order(summary: Summary) -> bool:
     return all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
 
 
+def is_table_file(path: str) -> bool:
+    """Whether a recording is a table, which has poses and nothing else."""
+    return not os.path.isdir(path) and path != STDIN and is_table(path, _begin(path))
+
+
 class Reading:
     """Iterate once for the items of all parts; afterwards ``damage`` names what could not be read.
 
@@ -175,7 +180,7 @@ class Reading:
     path : file, folder or ``-``.
     wanted : messages of other channels are skipped unread.
     follow : wait for more data; a folder is complete once it has a metadata.yaml.
-    time_unit : of the times of a table, as in ``config.quantities.TIMES_NS``; by default guessed from values.
+    table : what the columns of a table are, where their names do not say it.
 
     Attributes
     ----------
@@ -186,7 +191,7 @@ class Reading:
     UnreadableRecording
         No such file, or, while iterating, nothing of it is MCAP.
     ChoiceError
-        The file cannot be followed, or is no table whose times lack a unit.
+        The file cannot be followed, or ``table`` does not fit.
     AmbiguousSource
         A folder of separate recordings.
     """
@@ -196,18 +201,17 @@ class Reading:
         path: str,
         wanted: Callable[[Channel], bool],
         follow: Follow | None = None,
-        time_unit: str | None = None,
+        table: TableReading = AS_NAMED,
     ) -> None:
         path = recording_of(path)
         if follow is None:
             refuse_unrelated(path, parts_of(path))
-        for part in () if time_unit is None else parts_of(path):
-            if not is_table(part, _begin(part)):
-                raise ChoiceError(f"{_shown(part)}: {OWN_UNIT}")
+        if table != AS_NAMED and not is_table_file(path):
+            raise ChoiceError(f"{_shown(path)}: {NO_TABLE}")
         self.path = path
         self._wanted = wanted
         self._follow = follow
-        self._time_unit = time_unit
+        self._table_reading = table
         self.assumption: str | None = None
         self._damage = DamageReport()
         self.budget = WorkBudget()
@@ -266,7 +270,7 @@ class Reading:
     def _table(
         self, part: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
     ) -> Iterator[Item]:
-        return read_table(part, wanted, report, budget, self._assume, self._time_unit)
+        return read_table(part, wanted, report, budget, self._assume, self._table_reading)
 
     def _assume(self, text: str) -> None:
         self.assumption = text
