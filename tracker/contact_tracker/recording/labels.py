@@ -69,7 +69,7 @@ def read_labels(
         times = f"{rows[0].start_ns * 1e-9:.9g} to {rows[-1].end_ns * 1e-9:.9g} s"
         raise NoTruth(
             f"{path}: its times, {times}, are neither since the first pose (0 to "
-            f"{(last_ns - first_ns) * 1e-9:.2f} s) nor stamps of the recording: name their unit, as in start_ms"
+            f"{(last_ns - first_ns) * 1e-9:.2f} s) nor its stamps: name their unit, as in start_ms"
         )
     offset_ns = first_ns if is_since else 0
     for before, after in pairwise(rows):

@@ -175,4 +175,5 @@ def _separator_after(word: str, line: str) -> str:
 
 def _cells(lines: Iterable[str], separator: str) -> list[list[str]]:
     """The cells of each line; an empty line has one empty cell."""
-    return [cells_of(line.strip("\r\n").replace("\0", ""), separator) or [""] for line in lines]
+    rows = (cells_of(line.replace("\0", ""), separator) or [""] for line in lines)
+    return [[cell.strip() for cell in row] for row in rows]

@@ -10,6 +10,7 @@ from contact_tracker.recording.mocap_exports import is_motive, is_vicon, motive_
 from contact_tracker.recording.named_columns import MOST_COLUMNS, UNNAMED, layout_of_names
 from contact_tracker.recording.table_layouts import (
     ANGLES,
+    BLANKS,
     LENGTHS_M,
     SEPARATORS,
     Body,
@@ -64,7 +65,7 @@ def layout_of_text(lines: Sequence[str], reading: TableReading, path: str = "FIL
         names_line = lines[i].lstrip("# ") if i in comments else lines[i]
         following = [lines[row] for row in rows if row > i]
         separator = stated[1] if stated else _separator(following[0] if i in comments else lines[i])
-        names = cells_of(names_line.strip("\r\n"), separator)
+        names = [name.strip(BLANKS) for name in cells_of(names_line, separator)]
         if i in comments and len(names) != len(cells_of(following[0], separator)):
             continue
         if 2 * sum(are_numbers([name]) for name in names) > len(names):
@@ -89,7 +90,11 @@ def layout_of_text(lines: Sequence[str], reading: TableReading, path: str = "FIL
 
 def _units(following: Sequence[str], separator: str | None) -> list[str]:
     """The units of the columns, where the row after the names has them."""
-    cells = [cell.strip("[]()").lower() for cell in cells_of(following[0], separator)] if following else []
+    cells = (
+        [cell.strip(f"[](){BLANKS}").lower() for cell in cells_of(following[0], separator)]
+        if following
+        else []
+    )
     named = [cell for cell in cells if cell]
     return cells if named and all(cell in _UNITS or cell in ("-", "1") for cell in named) else []
 
@@ -99,7 +104,7 @@ def _layout_without_names(
 ) -> TableLayout:
     """The layout of rows that no header names: TUM trajectories, or as the reading says by numbers."""
     separator = _separator(lines[rows[0]])
-    values = cells_of(lines[rows[0]].strip("\r\n"), separator)
+    values = [value.strip(BLANKS) for value in cells_of(lines[rows[0]], separator)]
     if separator is None and len(values) == 1 + _POSE and reading == reading_of(**reading.units):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
         return TableLayout("TUM", None, rows[0], 0, reading.time_ns, (body,))

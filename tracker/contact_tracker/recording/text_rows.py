@@ -12,7 +12,7 @@ _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
 HEAD_LINES: Final = 64
 _LONGEST_CELL: Final = 64
-"""Longest text (characters) of a number or a time."""
+"""Texts of numbers and times are cut to this length (characters) in long lines."""
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _EMPTY: Final = f",;{BLANKS}"
 COMMENT: Final = "#"
@@ -36,11 +36,9 @@ def head_of(path: str, begin: bytes) -> list[str]:
 
 
 def cells_of(line: str, separator: str | None) -> list[str]:
-    """The values in a line, without quotes; a quote that is open at its end is part of the last one."""
-    if separator is None:
-        return line.split()
-    if '"' not in line:
-        return [cell.strip(BLANKS) for cell in line.split(separator)]
+    """The values in a line, perhaps between blanks; a quote that is open at its end is part of the last one."""
+    if separator is None or '"' not in line:
+        return line.split(separator)
     try:
         return [cell.strip(BLANKS) for cell in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error:
@@ -82,7 +80,7 @@ class TextRows:
 
     def __iter__(self) -> Iterator[list[str]]:
         layout, number = self._layout, 0
-        places, last = layout.places, list[str]()
+        places, last, width = layout.places, list[str](), max(layout.places) + 1
         with open(self._path, encoding=encoding_of(self._begin), errors="replace") as file:
             for _ in islice(iter(lambda: file.readline(_LINE), ""), layout.skip):
                 pass
@@ -98,15 +96,15 @@ class TextRows:
                     self.is_cut = True
                     return
                 last = cells
-                row = [
-                    (cells[place] if place < len(cells) else "") if place >= 0 else str(number)
-                    for place in places
-                ]
-                if any(row):
+                cells += [""] * (width - len(cells))
+                row = [cells[place] for place in places]
+                if layout.time < 0:
+                    row[0] = str(number)
+                if len(line) > _LONGEST_CELL * width:
+                    row = [cell[:_LONGEST_CELL] for cell in row]
+                if any(map(str.strip, row)):
                     number += 1
-                    yield [
-                        cell if len(cell) <= _LONGEST_CELL else cell[:_LONGEST_CELL] + "..." for cell in row
-                    ]
+                    yield row
 
     def _cells(self, line: str) -> list[str]:
         if not self._layout.names:
@@ -124,6 +122,7 @@ def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
     It lacks values that the row before it has, or its last value is part of a number. A number cut to a
     shorter one cannot be told from a whole one.
     """
+    before, last = ([cell.strip(BLANKS) for cell in cells] for cells in (before, last))
     if len(last) != len(before):
         return len(last) < len(before)
     is_value_lost = not last[-1] and any(last[-2:-1])  # more than one is missing of a body that is hidden
