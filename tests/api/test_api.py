@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -221,6 +222,24 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
         contact_tracker.segment(short, known=3)
     assert first.report is not None
     assert first.report.noise == pytest.approx((3e-4, np.radians(0.15)))
+
+
+def test_times_choose_poses_and_segments(result: contact_tracker.Result, poses: Poses) -> None:
+    trajectory, first = result.trajectory, np.datetime64(int(poses.stamp_ns[0]), "ns")
+    for begin, end in ((1, 2.5), (pandas.Timedelta("1s"), timedelta(seconds=2.5))):
+        part = trajectory[begin:end]
+        assert (part.stamp_ns[0], part.stamp_ns[-1]) == (poses.stamp_ns[200], poses.stamp_ns[499])
+    assert len(trajectory[first + np.timedelta64(1, "s") :]) == len(poses) - 200
+    assert result.at(0.5) is result.segments[0]
+    assert result.at(pandas.Timestamp(int(poses.stamp_ns[-1]))) is result.segments[-1]
+    for wrong in (
+        lambda: trajectory[3],
+        lambda: trajectory[99:],
+        lambda: trajectory["a":],
+        lambda: result.at(-1),
+    ):
+        with pytest.raises(UsageError):
+            wrong()
 
 
 def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses, tmp_path: Path) -> None:

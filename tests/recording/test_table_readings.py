@@ -1,14 +1,17 @@
 """What users say of the columns of a table, what its names say of it, and exports that people have."""
 
 import json
+import pickle
 import shlex
 from collections.abc import Callable, Iterable, Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pyarrow
 import pytest
-from pyarrow import parquet
+from pyarrow import feather, parquet
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 import contact_tracker
@@ -210,6 +213,63 @@ def test_lists_in_parquet_are_numbered_columns(tmp_path: Path, kind: str) -> Non
         table["a"] = pyarrow.array(POSE.tolist())
     parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
     assert_read(tmp_path / "a.parquet", *proposed(tmp_path / "a.parquet"))
+
+
+@pytest.mark.parametrize("kind", ["npy", "npz", "matrices.npz"])
+def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"a.{kind}"
+    if kind == "npy":
+        np.save(path, np.asfortranarray(np.column_stack([T, POSE])))
+    elif kind == "npz":
+        np.savez_compressed(path, t=T, p=P, q=Q, about="a test", other=np.zeros(3))
+    else:
+        np.savez(path, t=T, poses=WHOLE)
+    assert_read(path, *proposed(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "message"),
+    [
+        (
+            "a.npz",
+            lambda path: np.savez_compressed(path, t=np.zeros(40_000_000)),
+            "it is too much for its size",
+        ),
+        ("a.npy", lambda path: path.write_bytes(npy_of(10**9)), "an array is longer than its file"),
+        ("a.npz", lambda path: path.write_bytes(b"PK\3\4" * 9), "it cannot be read as arrays of NumPy"),
+        (
+            "a.npy",
+            lambda path: np.save(path, np.array([{}], object)),
+            "it has no array of numbers with a row",
+        ),
+        (
+            "a.mat",
+            lambda path: savemat(path, {"t": T, "p": P}),
+            r"with t \(1, 120\), p \(120, 3\), which is not",
+        ),
+        ("a.pkl", lambda path: path.write_bytes(pickle.dumps({"t": T})), "a pickle, which runs code"),
+        ("a.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n\0\0"), r"h5py\.File\('a\.h5'\)"),
+        (
+            "a.arrow",
+            lambda path: feather.write_feather(pyarrow.table({"t": T}), str(path)),
+            "feather.read_table",
+        ),
+        ("a.csv.gz", lambda path: path.write_bytes(b"\x1f\x8b\0"), "it is compressed: gunzip a.csv.gz first"),
+    ],
+)
+def test_what_is_not_read_is_named(
+    tmp_path: Path, name: str, make: Callable[[Path], object], message: str
+) -> None:
+    make(tmp_path / name)
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(tmp_path / name))
+
+
+def npy_of(rows: int) -> bytes:
+    """The beginning of an array that says that it has so many rows."""
+    out = BytesIO()
+    np.save(out, np.zeros((1, 8)))
+    return out.getvalue().replace(b"(1, 8), }" + b" " * 9, f"({rows}, 8), }}".encode().ljust(18))
 
 
 def test_lost_tracking_is_counted(tmp_path: Path) -> None:

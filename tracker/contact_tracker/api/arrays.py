@@ -1,6 +1,6 @@
 """Arguments that are arrays: stamps in nanoseconds, positions, and rotations of any kind as quaternions."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +10,7 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import TIME_UNITS_NS, TableReading, reading_of
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.real_numbers import real_numbers
+from contact_tracker.motion.real_numbers import real_number, real_numbers
 from contact_tracker.recording.rotation_kinds import quaternions
 
 _NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
@@ -55,6 +55,21 @@ def nanoseconds(
     return whole.astype(np.int64) * round(unit_ns) + rest_ns, is_time, in_range
 
 
+def moment_ns(value: Any, first_ns: int) -> int:
+    """The stamp of a time: seconds or a duration since the first pose, or a date; raises UsageError."""
+    try:
+        given = times([value])
+        if given.dtype.kind == "M":
+            return int(given.astype("datetime64[ns]").astype(np.int64)[0])
+        if given.dtype.kind == "m":
+            return first_ns + int(given.astype("timedelta64[ns]").astype(np.int64)[0])
+        return first_ns + round(real_number(value) * 1e9)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(
+            f"a time is seconds or a duration since the first pose, or a date, not {value!r}"
+        ) from error
+
+
 def have_own_unit(stamps: ArrayLike) -> bool:
     """Whether stamps are dates or durations."""
     return times(stamps).dtype.kind in "mM"
@@ -68,6 +83,8 @@ def times(stamps: ArrayLike) -> NDArray[Any]:
         given = np.asanyarray(stamps)  # with its mask, if it has one
     except ValueError as error:  # lists of different lengths
         raise UsageError(_NO_TIMES) from error
+    if given.dtype.kind == "O" and given.size and all(isinstance(one, timedelta) for one in given.flat):
+        return given.astype("timedelta64[ns]")
     if given.dtype.kind != "O" or not all(isinstance(one, datetime) for one in given.flat):
         return given
     utc = [one.astimezone(UTC).replace(tzinfo=None) if one.tzinfo else one for one in given.flat]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from contact_tracker.adaptation import OfflineTracker, Report
+from contact_tracker.api.arrays import moment_ns
 from contact_tracker.api.dataframes import is_table
 from contact_tracker.api.given import (
     Deviations,
@@ -99,6 +100,15 @@ class Result:
     def _own_warnings(self) -> tuple[str, ...]:
         """One line per warning that the trajectory does not have."""
         return (*self.notes, *(() if self.report is None else warnings(self.report)))
+
+    def at(self, time: Any) -> Segment:
+        """The segment that holds at a time: seconds or a duration since the first pose, or a date; raises
+        UsageError outside of the recording."""
+        stamp_ns = moment_ns(time, self._origin_ns)
+        found = next((one for one in self.segments if one.start_ns <= stamp_ns <= one.end_ns), None)
+        if found is None:
+            raise UsageError(f"no segment at {time}: there are {self.trajectory.duration_s:.2f} s of poses")
+        return found
 
     def to_pandas(self, rows: Rows = "ticks") -> "pandas_table.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.

@@ -3,14 +3,20 @@
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact_tracker.api.arrays import have_own_unit, nanoseconds, positions_and_quaternions, stated
+from contact_tracker.api.arrays import (
+    have_own_unit,
+    moment_ns,
+    nanoseconds,
+    positions_and_quaternions,
+    stated,
+)
 from contact_tracker.api.dataframes import columns_of, with_columns
 from contact_tracker.api.given import errors_as, name_from, path_from
 from contact_tracker.api.notices import log_counts, warn_of
@@ -191,6 +197,26 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.poses)
+
+    def __getitem__(self, span: slice) -> "Trajectory":
+        """The poses from one time to before another: seconds or durations since the first pose, or dates.
+
+        Raises
+        ------
+        UsageError
+            ``span`` is no such slice, or leaves no pose.
+        """
+        if not isinstance(span, slice) or span.step is not None:
+            raise UsageError(f"poses are taken by times, as trajectory[2.0:5.0], not by {span!r}")
+        first_ns = int(self.stamp_ns[0])
+        begin, end = (None if one is None else moment_ns(one, first_ns) for one in (span.start, span.stop))
+        first = 0 if begin is None else int(np.searchsorted(self.stamp_ns, begin))
+        last = len(self) if end is None else int(np.searchsorted(self.stamp_ns, end))
+        if first >= last:
+            raise UsageError(
+                f"no pose from {span.start} to {span.stop}: there are {self.duration_s:.2f} s of poses"
+            )
+        return replace(self, poses=self.poses[first:last])
 
     def __iter__(self) -> Iterator[Pose]:
         return iter(self.poses)

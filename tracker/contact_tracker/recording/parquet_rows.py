@@ -1,6 +1,5 @@
 """Tables of poses in Parquet, read by pyarrow; values in lists and structs are columns of their own."""
 
-import os
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import compress
@@ -48,7 +47,6 @@ class ParquetRows:
     """
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
-        budget.count_read(os.path.getsize(path))
         self.damage: tuple[str, ...] = ()
         try:
             self._file = ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
@@ -67,10 +65,6 @@ class ParquetRows:
         self._columns = list(dict.fromkeys(str(leaf.path[0]) for leaf in self._chosen.values()))
         check_pages(path, set(self._columns), len(self.layout.bodies), budget)
 
-    def close(self) -> None:
-        """Close the file, if it is not read to its end."""
-        self._file.close()
-
     def __iter__(self) -> Iterator[dict[int, Any]]:
         done = 0
         try:
@@ -80,7 +74,7 @@ class ParquetRows:
         except _ERRORS as error:
             self.damage = (f"it is damaged: {_line(error)}",)
         finally:
-            self.close()
+            self._file.close()
 
     def _values(self, batch: Any, done: int) -> dict[int, Any]:
         """Times as text, and numbers, of a batch after ``done`` rows; rows without any are left out."""

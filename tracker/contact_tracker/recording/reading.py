@@ -20,20 +20,12 @@ from contact_tracker.recording.file_index import place_of, summary_of
 from contact_tracker.recording.items import MAGIC, Channel, Item, RawMessage
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.log_order import in_log_order
-from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_text
+from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
 
 STDIN: Final = "-"
 _PATTERN: Final = "; it looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
 _COMPRESSED: Final = (".zstd", ".zst")
 _ENDINGS: Final = (".mcap", ".db3", *(f".mcap{end}" for end in _COMPRESSED))
-_PACKED: Final = {
-    b"\x04\x22\x4d\x18": "lz4 -d",
-    b"\x1f\x8b": "gunzip",
-    b"PK\x03\x04": "unzip",
-    b"BZh": "bunzip2",
-}
-"""First bytes of other compressed files, and the commands that decompress them."""
-_LFS: Final = b"version https://git-lfs"
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
@@ -243,10 +235,9 @@ class Reading:
     def _part(self, part: str, single: bool) -> Iterator[Item]:
         prefix = "" if single else f"{os.path.basename(part)}: "
         begin = _begin(part)
-        _refuse_packed(part, begin)
-        if not is_bag(begin):
-            refuse_other_text(part, begin)
         read = read_bag if is_bag(begin) else self._table if is_table(part, begin) else None
+        if read is None:
+            refuse_other_formats(part, begin)
         if read is not None:
             if self._follow:
                 raise ChoiceError(f"{_shown(part)}: only an MCAP file can be followed")
@@ -348,14 +339,6 @@ def _begin(part: str) -> bytes:
             return file.read(_BEGIN)
     except OSError:
         return b""
-
-
-def _refuse_packed(part: str, begin: bytes) -> None:
-    for magic, command in _PACKED.items():
-        if begin.startswith(magic):
-            raise UnreadableRecording(f"it is compressed: {command} {os.path.basename(part)} first")
-    if begin.startswith(_LFS):
-        raise UnreadableRecording("it is a pointer of Git LFS, not the file itself: git lfs pull")
 
 
 def _is_sortable(summary: Summary, loop: RecordLoop) -> bool:

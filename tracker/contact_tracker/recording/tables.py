@@ -1,4 +1,4 @@
-"""Tables of poses: text (TUM trajectories, CSV, JSON lines) and Parquet; each row is one message per body."""
+"""Tables of poses: text, Parquet and arrays of NumPy; each row is one message per body."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
+from contact_tracker.recording.array_rows import ArrayRows, is_array_file
 from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.items import Channel, RawMessage
 from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.other_formats import is_other_format, what_it_is
 from contact_tracker.recording.parquet_pages import PARQUET_MAGIC
 from contact_tracker.recording.table_layouts import SEPARATORS, Body, TableLayout
 from contact_tracker.recording.table_times import NEVER, TableTimes, numbers
@@ -29,7 +31,19 @@ _LONGEST_TIME: Final = 40
 _ROWS: Final = 10_000
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 _BEGIN: Final = 4096
-_ENDINGS: Final = (".csv", ".tsv", ".txt", ".tum", ".dat", ".jsonl", ".json", ".parquet", ".pq")
+_ENDINGS: Final = (
+    ".csv",
+    ".tsv",
+    ".txt",
+    ".tum",
+    ".dat",
+    ".jsonl",
+    ".json",
+    ".parquet",
+    ".pq",
+    ".npy",
+    ".npz",
+)
 """Usual ends of the names of tables; other text may be one as well."""
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
 _CONTROLS: Final = bytes(set(range(32)) - set(b"\t\n\r\f") | {127})
@@ -38,10 +52,12 @@ Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
 
 
 def is_table(path: str, begin: bytes) -> bool:
-    """Whether a file with these first bytes may be a table: Parquet, or text without the suffix ``.mcap``."""
-    return begin.startswith(PARQUET_MAGIC) or (
-        is_text(begin, path) and not path.lower().endswith(_RECORDINGS)
-    )
+    """Whether a file with these first bytes may be a table: Parquet, arrays of NumPy, or text without the
+    suffix ``.mcap``."""
+    if begin.startswith(PARQUET_MAGIC) or is_array_file(path, begin):
+        return True
+    is_other = path.lower().endswith(_RECORDINGS) or is_other_format(begin)
+    return not is_other and is_text(begin, path)
 
 
 def is_text(begin: bytes, path: str = "") -> bool:
@@ -54,23 +70,22 @@ def is_text(begin: bytes, path: str = "") -> bool:
     return bool(begin) and not has_controls and (encoding != "latin-1" or path.lower().endswith(_ENDINGS))
 
 
-def refuse_other_text(path: str, begin: bytes) -> None:
-    """Raise UnreadableRecording if a file with these first bytes is named as a table and is none."""
-    if begin and not is_table(path, begin) and path.lower().endswith(_ENDINGS):
+def refuse_other_formats(path: str, begin: bytes) -> None:
+    """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
+    format, or named as a table."""
+    known = what_it_is(path, begin)
+    if known is not None:
+        raise UnreadableRecording(known)
+    if begin and path.lower().endswith(_ENDINGS):
         raise UnreadableRecording("it is named as a table, but is not text")
 
 
-def has_poses(path: str, reading: TableReading = AS_NAMED) -> bool:
+def has_poses(path: str) -> bool:
     """Whether a file is a table with the columns of poses."""
+    with open(path, "rb") as file:
+        begin = file.read(_BEGIN)
     try:
-        with open(path, "rb") as file:
-            begin = file.read(_BEGIN)
-        if begin.startswith(PARQUET_MAGIC):
-            from contact_tracker.recording.parquet_rows import ParquetRows
-
-            ParquetRows(path, reading, WorkBudget()).close()
-            return True
-        return is_text(begin, path) and bool(layout_of_text(head_of(path, begin), reading))
+        return is_table(path, begin) and bool(_opened(path, AS_NAMED, WorkBudget()))
     except (UnreadableRecording, ChoiceError):
         return False
 
@@ -136,14 +151,16 @@ def read_table(
         report(damage)
 
 
-def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ParquetRows":
+def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ParquetRows | ArrayRows":
+    budget.count_read(os.path.getsize(path))
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
     if begin.startswith(PARQUET_MAGIC):
         from contact_tracker.recording.parquet_rows import ParquetRows
 
         return ParquetRows(path, reading, budget)
-    budget.count_read(os.path.getsize(path))
+    if is_array_file(path, begin):
+        return ArrayRows(path, reading, budget)
     return TextTable(path, begin, reading)
 
 

@@ -82,8 +82,13 @@ def layout_of_text(lines: Sequence[str], reading: TableReading, path: str = "FIL
         return layout
     if max(errors, default=-1) >= 0:
         raise errors[max(errors)]
+    separator = _separator(lines[rows[0]])
+    values = [value.strip(BLANKS) for value in cells_of(lines[rows[0]], separator)]
+    if separator is None and len(values) == 1 + _POSE and reading == reading_of(**reading.units):
+        body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
+        return TableLayout("TUM", None, rows[0], 0, reading.time_ns, (body,))
     try:
-        return _layout_without_names(lines, rows, reading, path)
+        return layout_without_names(values, reading, path, "table", separator, rows[0])
     except UnreadableRecording as error:
         raise errors.get(-1, error) from None
 
@@ -99,15 +104,21 @@ def _units(following: Sequence[str], separator: str | None) -> list[str]:
     return cells if named and all(cell in _UNITS or cell in ("-", "1") for cell in named) else []
 
 
-def _layout_without_names(
-    lines: Sequence[str], rows: Sequence[int], reading: TableReading, path: str
+def layout_without_names(
+    values: Sequence[str],
+    reading: TableReading,
+    path: str,
+    kind: str,
+    separator: str | None = None,
+    skip: int = 0,
 ) -> TableLayout:
-    """The layout of rows that no header names: TUM trajectories, or as the reading says by numbers."""
-    separator = _separator(lines[rows[0]])
-    values = [value.strip(BLANKS) for value in cells_of(lines[rows[0]], separator)]
-    if separator is None and len(values) == 1 + _POSE and reading == reading_of(**reading.units):
-        body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
-        return TableLayout("TUM", None, rows[0], 0, reading.time_ns, (body,))
+    """The layout of columns that have no names, by the values of the first row.
+
+    Raises
+    ------
+    UnreadableRecording
+        The reading does not say which columns are what.
+    """
     names = [f"{UNNAMED}{i}" for i in range(len(values))]
     if not reading.columns:
         meant = _meaning(values)
@@ -117,7 +128,7 @@ def _layout_without_names(
             else f"if they are meant so, read them by {meant.with_(reading).command(path)}"
         )
         raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
-    return layout_of_names(names, reading, path, "table", separator, rows[0])
+    return layout_of_names(names, reading, path, kind, separator, skip)
 
 
 def _meaning(values: Sequence[str]) -> TableReading | None:

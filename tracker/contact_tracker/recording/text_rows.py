@@ -36,7 +36,7 @@ def head_of(path: str, begin: bytes) -> list[str]:
 
 
 def cells_of(line: str, separator: str | None) -> list[str]:
-    """The values in a line, perhaps between blanks; a quote that is open at its end is part of the last one."""
+    """The values in a line, perhaps between blanks; a quote that is open is part of the last one."""
     if separator is None or '"' not in line:
         return line.split(separator)
     try:
@@ -96,7 +96,8 @@ class TextRows:
                     self.is_cut = True
                     return
                 last = cells
-                cells += [""] * (width - len(cells))
+                if len(cells) < width:
+                    cells = cells + [""] * (width - len(cells))
                 row = [cells[place] for place in places]
                 if layout.time < 0:
                     row[0] = str(number)
