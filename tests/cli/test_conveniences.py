@@ -73,7 +73,7 @@ def test_quiet_prints_no_messages_and_verbose_prints_the_settings(log: Path) -> 
     assert "default.toml" in verbose.stderr
 
 
-@pytest.mark.parametrize("suffix", ["parquet", "MCAP", "Html", "srt", "CSV", "jsonl"])
+@pytest.mark.parametrize("suffix", ["parquet", "MCAP", "Html", "srt", "CSV", "jsonl", "PNG", "pdf", "svg"])
 def test_every_suffix_is_an_output_in_whatever_case(log: Path, tmp_path: Path, suffix: str) -> None:
     done = run("segment", log, "-o", tmp_path / f"out.{suffix}")
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
@@ -85,6 +85,9 @@ def test_every_suffix_is_an_output_in_whatever_case(log: Path, tmp_path: Path, s
         "srt": b"1\n00:00:00,000 --> ",
         "csv": b"start_ns,end_ns",
         "jsonl": b'{"stamp_ns"',
+        "png": b"\x89PNG",
+        "pdf": b"%PDF",
+        "svg": b"<?xml",
     }
     assert content.startswith(begins[suffix.lower()])
     assert [path.name for path in tmp_path.iterdir()] == [f"out.{suffix}"]

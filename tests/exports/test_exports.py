@@ -320,15 +320,22 @@ def test_csv_has_a_row_per_segment(folder: Path, result: contact_tracker.Result)
 
 def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result) -> None:
     pytest.importorskip("matplotlib").use("Agg")
-    ribbon, posterior, paper = result.plot().axes
-    assert len(ribbon.patches) == len(result.segments)
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    posterior, paper = result.plot(curves=True).axes
+    assert len(posterior.collections) == len(result.segments)
+    hatched = [bool(bars.get_hatch()) for bars in posterior.collections]
+    assert hatched == [bool(segment.inseparable) for segment in result.segments]
     assert [line.get_label() for line in posterior.lines] == [state.value for state in STATES]
     np.testing.assert_array_equal(posterior.lines[0].get_ydata(), result.beliefs.probability[:, 0])
     found = window_curves.curves(result.trajectory.poses)
     assert [line.get_label() for line in paper.lines] == [contact.value for contact in CONTACTS]
     for line, curve in zip(paper.lines, found.normalised.T, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), curve)
-    assert len(result.plot(curves=False).axes) == 2
+    _, (own, other) = pyplot.subplots(2)
+    assert result.plot(ax=other).axes == [own, other]
+    assert (len(own.lines), len(other.lines)) == (0, len(STATES))
+    assert len(result.plot().axes) == 1
+    pyplot.close("all")
 
 
 def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Poses, tmp_path: Path) -> None:

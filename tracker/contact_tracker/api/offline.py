@@ -49,7 +49,7 @@ from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:
     from contact_tracker.exports import pandas_table, parquet
-    from contact_tracker.exports.figure import Figure
+    from contact_tracker.exports.figure import Axes, Figure
     from contact_tracker.viewer.notebook import Viewer
 
 Rows = Literal["ticks", "segments"]
@@ -155,13 +155,19 @@ class Result:
         """Write the output selected by the suffix of ``path``, like ``segment -o``."""
         self._write(path, overwrite, *SUFFIXES)
 
-    def plot(self, curves: bool = True) -> "Figure":
-        """A figure of matplotlib: labels, posteriors, and the paper's curves; raises MissingExtra.
+    def plot(self, ax: "Axes | None" = None, curves: bool = False) -> "Figure":
+        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given; raises MissingExtra.
 
-        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
+        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5),
+        below them.
         """
         with extra("plot", "a figure"):
-            from contact_tracker.exports.figure import draw_figure
+            from contact_tracker.exports.figure import Figure, draw_figure, draw_on
+        if ax is not None:
+            draw_on(ax, self.segmentation, self._origin_ns)
+            figure = ax.get_figure(root=True)
+            assert isinstance(figure, Figure)
+            return figure
         found = None
         if curves:
             from contact_tracker.paper import window_curves

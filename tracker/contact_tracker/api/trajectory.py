@@ -21,6 +21,7 @@ from contact_tracker.api.dataframes import columns_of, with_columns
 from contact_tracker.api.given import errors_as, name_from, path_from
 from contact_tracker.api.notices import log_counts, warn_of
 from contact_tracker.config.quantities import LENGTHS, TIMES_NS
+from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import first_refused, gate, remark_on_loss, remarks_on
@@ -41,7 +42,7 @@ class Trajectory:
     poses : in order of time, with unit quaternions.
     counts : numbers of dropped and repaired poses, by kind (docs/conventions.md).
     name : of the recording, for display.
-    path : of the recording, None if there is none that can be read again.
+    path : of the recording, None if there is none that can be read again by its name alone.
     source : the source in the recording.
     damage : one line if most poses were dropped, or the recording is truncated or damaged.
     log_offset_ns : delay from a pose's stamp to its log time.
@@ -303,7 +304,7 @@ def read(
         poses,
         counts,
         name=Path(text).name or text,
-        path=text,
+        path=text if reading == AS_NAMED else None,
         source=log.source,
         damage=log.damage,
         log_offset_ns=log.stamping.log_offset_ns,

@@ -14,6 +14,7 @@ from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.terminal import detail, fail, progress, show
 from contact_tracker.cli.workers import add_processes, workers
 from contact_tracker.cli.wrench import add_wrench, evidence_of
+from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, InputError
 from contact_tracker.exit_codes import DONE, INPUT, USAGE
 from contact_tracker.exports.replacement import check_output
@@ -36,7 +37,8 @@ DESCRIPTION: Final = """\
 Cut a recording into segments of one contact each, with all the data at hand: the most probable
 sequence, smoothed probabilities and the geometry of each segment. FILE.csv and FILE.srt (subtitles)
 get an entry per segment, FILE.jsonl and FILE.parquet one per tick; FILE.mcap is the recording with
-what Foxglove draws beside it, and FILE.html a report; without -o a table goes to stdout."""
+what Foxglove draws beside it, FILE.html a report, and FILE.png, .pdf and .svg a figure; without -o a
+table goes to stdout."""
 EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o out.csv"
 
 
@@ -143,6 +145,6 @@ def _write(
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
     outcome = source.outcome(Poses.join(kept), found, tracker.report)
-    is_readable = not source.is_stdin and os.path.exists(args.log)
+    is_readable = not source.is_stdin and os.path.exists(args.log) and args.table == AS_NAMED
     read = args.log if is_readable else None
     write_outcome(outcome, args.output, read, log.stamping.log_offset_ns, check)

@@ -18,11 +18,12 @@ class Library(NamedTuple):
 LIBRARIES: Final = {
     ".mcap": Library("foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
     ".html": Library("report_html", "report", "a report"),
+    **dict.fromkeys((".png", ".pdf", ".svg"), Library("figure", "plot", "a figure")),
 }
 SUFFIXES: Final = (".csv", ".jsonl", ".parquet", *LIBRARIES, ".srt")
 TICKS: Final = (".jsonl", ".parquet")
 """Outputs with a row per tick."""
-WHOLE: Final = (".mcap", ".html")
+WHOLE: Final = tuple(LIBRARIES)
 """Outputs that need the whole recording in memory."""
 
 

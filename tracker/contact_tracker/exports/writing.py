@@ -69,7 +69,7 @@ def write_outcome(
     log_offset_ns: int = 0,
     check: Callable[[], None] = accept_any,
 ) -> None:
-    """Write an output of a whole recording atomically: MCAP for Foxglove or a report.
+    """Write an output of a whole recording atomically: MCAP for Foxglove, a report or a figure.
 
     Parameters
     ----------
@@ -78,11 +78,16 @@ def write_outcome(
     """
     require_library(path)
     with whole_file(path, check) as temporary:
-        if path.suffix.lower() == ".mcap":
+        suffix = path.suffix.lower()
+        if suffix == ".mcap":
             from contact_tracker.exports.foxglove_scene import write_mcap
 
             write_mcap(outcome, temporary, log, log_offset_ns)
-        else:
+        elif suffix == ".html":
             from contact_tracker.exports.report_html import write_report
 
             write_report(outcome, temporary)
+        else:
+            from contact_tracker.exports.figure import write_figure
+
+            write_figure(outcome, temporary, suffix)

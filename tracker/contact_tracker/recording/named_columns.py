@@ -243,7 +243,8 @@ def _layout(
     named = list(zip(columns.names, columns.units, strict=True))
     bodies = bodies_of(found, named, reading)
     if time is None or not bodies:
-        roles = ROLES_OF_A_POSE if bodies else tuple(max(map(tuple, found.values()), key=len, default=()))
+        best = sorted(found.values(), key=len)[-1:]
+        roles = ROLES_OF_A_POSE if bodies else tuple(*best)
         raise UnreadableRecording(_lacking(columns.names, time is not None, roles))
     return TableLayout(kind, separator, skip, time, 1e9 if rest is not None else time_ns, bodies, rest)
 
