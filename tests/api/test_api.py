@@ -332,7 +332,6 @@ def test_results_replace_recordings_only_with_overwrite(
     ("library", "name"),
     [
         ("pandas", "to_pandas"),
-        ("matplotlib", "plot"),
         ("foxglove", "to_mcap"),
         ("plotly", "to_html"),
     ],

@@ -156,13 +156,13 @@ class Result:
         self._write(path, overwrite, *SUFFIXES)
 
     def plot(self, ax: "Axes | None" = None, curves: bool = False) -> "Figure":
-        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given; raises MissingExtra.
+        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given.
 
         ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5),
         below them.
         """
-        with extra("plot", "a figure"):
-            from contact_tracker.exports.figure import Figure, draw_figure, draw_on
+        from contact_tracker.exports.figure import Figure, draw_figure, draw_on
+
         if ax is not None:
             draw_on(ax, self.segmentation, self._origin_ns)
             figure = ax.get_figure(root=True)

@@ -1,4 +1,4 @@
-"""A figure for papers and notebooks, drawn by matplotlib (extra ``plot``)."""
+"""A figure for papers and notebooks, drawn by matplotlib."""
 
 from pathlib import Path
 from typing import Final

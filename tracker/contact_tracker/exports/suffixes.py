@@ -18,12 +18,12 @@ class Library(NamedTuple):
 LIBRARIES: Final = {
     ".mcap": Library("foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
     ".html": Library("report_html", "report", "a report"),
-    **dict.fromkeys((".png", ".pdf", ".svg"), Library("figure", "plot", "a figure")),
 }
-SUFFIXES: Final = (".csv", ".jsonl", ".parquet", *LIBRARIES, ".srt")
+FIGURES: Final = (".png", ".pdf", ".svg")
+SUFFIXES: Final = (".csv", ".jsonl", ".parquet", *LIBRARIES, *FIGURES, ".srt")
 TICKS: Final = (".jsonl", ".parquet")
 """Outputs with a row per tick."""
-WHOLE: Final = tuple(LIBRARIES)
+WHOLE: Final = (*LIBRARIES, *FIGURES)
 """Outputs that need the whole recording in memory."""
 
 
