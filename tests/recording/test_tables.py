@@ -826,6 +826,12 @@ def test_decimal_commas_in_quotes(tmp_path: Path) -> None:
     assert_read(path)
 
 
+def test_a_quote_that_is_not_closed_leaves_the_time_readable(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(",".join(("t", *NAMES)) + '\n0.5",1,2,3,0,0,0,1\n0.6,1,2,3,0,0,0,1\n')
+    assert Poses.collect(open_log(str(path))).stamp_ns.tolist() == [5 * 10**8, 6 * 10**8]
+
+
 def test_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(",".join(("t", *NAMES)) + "\n" + ",".join(["0,005"] * 8) + "\n")

@@ -2,6 +2,7 @@
 
 import os
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -27,6 +28,7 @@ _ERRORS: Final = (
     OSError,
     EOFError,
     zipfile.BadZipFile,
+    zlib.error,
     NotImplementedError,
     RuntimeError,
     MemoryError,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording
-from contact_tracker.recording.table_layouts import TableLayout, number
+from contact_tracker.recording.table_layouts import BLANKS, TableLayout, number
 from contact_tracker.recording.time_units import doubt_of_unit, epoch_of_ticks, unit_of
 
 NEVER: Final = np.iinfo(np.int64).min
@@ -138,10 +138,11 @@ def _stamps_of_numbers(
 
 def exact_ns(time: str, unit_ns: int) -> int:
     """Nanoseconds of a number as text; raises ValueError or OverflowError if it is none."""
+    plain = time.strip(BLANKS).replace(",", ".")
     try:
-        return round(Decimal(time.strip().replace(",", ".")) * unit_ns)
+        return round(Decimal(plain) * unit_ns)
     except ArithmeticError:  # an exponent of many digits
-        return round(float(time) * unit_ns)
+        return round(float(plain) * unit_ns)
 
 
 def stamp_of_date(text: str) -> int | None:
