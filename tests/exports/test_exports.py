@@ -5,6 +5,7 @@ import html
 import json
 import re
 from collections import Counter
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from contact_tracker.exports.writing import write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
 from contact_tracker.geometry.flat import TYPES, flat
 from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs.tables import decided
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -129,6 +131,8 @@ def test_data_frames_of_both_libraries_are_equal_with_one_schema(
     pytest.importorskip("pandas")
     pandas_table, arrow_table = result.to_pandas(rows), result.to_arrow(rows)
     assert list(pandas_table.columns) == arrow_table.column_names
+    assert list(pandas_table["decided"]) == list(pandas_table["contact"])
+    assert decided(replace(result.segments[0], inseparable=("v-f",))) == "open"
     assert list(pandas_table.columns) == list(BELIEF_COLUMNS if rows == "ticks" else SEGMENT_COLUMNS)
     assert arrow_table["contact"].to_pylist() == list(pandas_table["contact"])
     np.testing.assert_array_equal(

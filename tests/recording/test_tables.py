@@ -163,6 +163,11 @@ def test_units_and_times_of_many_names(tmp_path: Path, time: str, unit: str, met
 @pytest.mark.parametrize(
     ("name", "step", "text"),
     [
+        (
+            "time [s]",
+            1.0,
+            "whole seconds, one after the other: if they are numbers of frames, give",
+        ),
         ("time [ms]", 0.01, "100000 poses a second; they look like seconds: give --time-unit s"),
         ("time_us", 5.0, "200000 poses a second; they look like milliseconds: give --time-unit ms"),
         ("time [ns]", 0.3, "poses a second; give their unit with --time-unit s, ms, us or ns"),

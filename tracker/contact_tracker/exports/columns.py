@@ -6,6 +6,7 @@ from typing import Any, Final, Literal
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.flat import NONE, VERTEX, flat
 from contact_tracker.joints.geometry import Joint
+from contact_tracker.outputs.tables import decided
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 
@@ -41,8 +42,9 @@ _TICK: Final[dict[str, Kind]] = {"stamp_ns": "integer", "onset_ns": "integer"}
 _SPAN: Final[dict[str, Kind]] = {"start_ns": "integer", "end_ns": "integer"}
 _NUMBER: Final[Kind] = "number"
 _POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
-BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT
-SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT
+_DECIDED: Final[dict[str, Kind]] = {"decided": "text"}
+BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
+SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
 
 
 def belief_columns(beliefs: Iterable[Belief]) -> Columns:
@@ -53,7 +55,7 @@ def belief_columns(beliefs: Iterable[Belief]) -> Columns:
         cells: dict[str, Any] = dict(zip(PROBABILITIES, probability, strict=True))
         cells |= {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns, "contact": one.contact.value}
         cells |= {"probability": probability[one.contact.column], "inseparable": " ".join(one.inseparable)}
-        cells["contacts"] = _kinds(one)
+        cells |= {"contacts": _kinds(one), "decided": decided(one)}
         cells |= _joint_cells(one.joint)
         rows.add(cells, one.geometry)
     return rows.columns
@@ -65,7 +67,7 @@ def segment_columns(segments: Iterable[Segment]) -> Columns:
     for one in segments:
         cells: dict[str, Any] = {"start_ns": one.start_ns, "end_ns": one.end_ns, "contact": one.contact.value}
         cells |= {"probability": one.probability, "inseparable": " ".join(one.inseparable)}
-        cells["contacts"] = _kinds(one)
+        cells |= {"contacts": _kinds(one), "decided": decided(one)}
         cells |= _joint_cells(one.joint)
         rows.add(cells, one.geometry)
     return rows.columns

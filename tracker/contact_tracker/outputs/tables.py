@@ -9,7 +9,16 @@ from contact_tracker.tracking.belief import Belief, Segment
 
 CSV_COLUMNS: Final = (
     *("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint"),
+    "decided",
 )
+
+
+OPEN: Final = "open"
+
+
+def decided(one: Belief | Segment) -> str:
+    """The contact, or ``open`` where the motion does not distinguish it from others."""
+    return OPEN if one.inseparable else one.contact.value
 
 
 def json_line(belief: Belief) -> str:
@@ -39,5 +48,6 @@ def write_csv(segments: Iterable[Segment], file: TextIO) -> None:
                 " ".join(segment.inseparable),
                 json.dumps(segment.contacts_json, allow_nan=False),
                 json.dumps(segment.joint.to_json() if segment.joint else {}, allow_nan=False),
+                decided(segment),
             )
         )
