@@ -61,8 +61,8 @@ def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
     step = _median_step(times)
     if step == 1.0 and unit_ns == TIMES_NS["s"] and len(times) > _FEW and (np.diff(times) == 1.0).all():
         return (
-            "its times are whole seconds, one after the other: if they are numbers of frames, give their rate, "
-            "as --time-unit 200Hz"
+            "its times are whole seconds, one after the other: if they are numbers of frames, give their "
+            "rate, as --time-unit 200Hz"
         )
     if step is None or 1e9 / (step * unit_ns) <= _FASTEST_HZ:
         return None
