@@ -109,6 +109,7 @@ def test_coarse_labels_are_right_with_each_of_their_states(tmp_path: Path) -> No
     assert confusion["flat"][[0, 1, 6]] == pytest.approx([2.0, 1.0, 0.0])
     assert confusion["touch"][[0, 1, 6]] == pytest.approx([0.0, 2.0, 0.5])
     assert result.recall[[6, 7, 8]] == pytest.approx([1.0, 1.0, 0.8])
+    assert result.f1[[6, 7, 8]] == pytest.approx([7 / 7.5, 1.0, 4 / 4.5])  # flat is also a touch
     assert result.boundary_error_s == pytest.approx([np.nan, 0.5], nan_ok=True)
     assert result.detection_delay_s == pytest.approx([0.0, 0.0])
     assert result.log_loss_by_state[7] == pytest.approx(-np.log(0.95))

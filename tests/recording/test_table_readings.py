@@ -21,6 +21,7 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from mcap_logs import smooth_poses
+from motive_export import write_motive
 
 POSES = smooth_poses(120)
 SINCE_NS = POSES.stamp_ns - POSES.stamp_ns[0]
@@ -49,12 +50,12 @@ def write(path: Path, head: Sequence[str], lines: Iterable[Sequence[str]], separ
     return path
 
 
-def assert_read(path: Path, *options: str, is_relative: bool = True) -> None:
+def assert_read(path: Path, *options: str, frame: str | None = None) -> None:
     """The file is read as the poses; stamps from the first on."""
     table = build_parser().parse_args(["segment", str(path), *options]).table
-    log = open_log(str(path), table=table)
+    log = open_log(str(path), frame=frame, table=table)
     found = Poses.collect(log)
-    np.testing.assert_allclose(found.stamp_ns - is_relative * found.stamp_ns[0], SINCE_NS, rtol=0, atol=600)
+    np.testing.assert_allclose(found.stamp_ns - found.stamp_ns[0], SINCE_NS, rtol=0, atol=600)
     np.testing.assert_allclose(found.position_m, P, rtol=0, atol=1e-9)
     turned = np.abs(np.sum(found.quat_xyzw * Q, axis=1))
     np.testing.assert_allclose(turned, 1.0, rtol=0, atol=1e-9)
@@ -121,6 +122,13 @@ SHARES: dict[str, Writer] = {
 @pytest.mark.parametrize("share", SHARES)
 def test_text_exports_whose_names_say_what_they_are(tmp_path: Path, share: str) -> None:
     assert_read(SHARES[share](tmp_path / "a.csv"))
+
+
+def test_names_of_motive_may_be_in_lower_case(tmp_path: Path) -> None:
+    path = write_motive(tmp_path / "take.csv", POSES, POSES)
+    path.write_text(path.read_text(encoding="utf-8-sig").lower())
+    for options in ([], ["--unit", "mm"]):
+        assert_read(path, *options, frame="cup")
 
 
 def test_json_lines(tmp_path: Path) -> None:

@@ -90,9 +90,9 @@ class Tally:
     @property
     def f1(self) -> Array:
         """F1 (7,) of each state; nan where it never was true."""
-        confusion = self.confusion_s[Subset.ALL]
-        all_found_s = right_states(self.coarse) @ confusion.sum(axis=0)[: len(STATES)]
-        found_s = np.where(self.seconds_by_state > 0, all_found_s, 0.0)
+        admits = right_states(self.coarse)
+        wrong_s = (self.confusion_s[Subset.ALL][:, : len(STATES)] * ~admits).sum(axis=0)
+        found_s = np.where(self.seconds_by_state > 0, self.right_s() + admits @ wrong_s, 0.0)
         return _ratios(2 * self.right_s(), self.seconds_by_state + found_s)
 
     @property

@@ -326,7 +326,10 @@ def _lacking(names: Sequence[str], has_time: bool, roles: Sequence[str]) -> str:
     """The message on columns that are missing beside those of these roles."""
     missing = [role for role in ROLES_OF_A_POSE if role not in roles]
     if not missing:
-        return f"no column of times among {_listed(names)}: rename it, as in: {_EXAMPLE}"
+        return (
+            f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
+            "none is, give the rate of the rows, as in --time-unit 200Hz"
+        )
     missing = missing if has_time else ["a time", *missing]
     return (
         f"no columns of a pose among {_listed(names)}: missing {'is' if len(missing) == 1 else 'are'} "
