@@ -23,6 +23,7 @@ from page_steps import FENCED, Step, assert_shown, carried_out, steps
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
+LAB = ROOT / "tracker" / "contact_tracker_lab"
 CONVENTIONS = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
 MODELS = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
 EXAMPLES = ROOT / "docs" / "examples"
@@ -40,16 +41,6 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path: Path) -> None:
             assert_shown(step, done.stdout)
         ran += 1
     assert ran >= 6
-
-
-@pytest.mark.long
-def test_the_calibration_on_the_models_page_runs_as_it_is_written(tmp_path: Path) -> None:
-    (tmp_path / "recordings").symlink_to(ROOT / "recordings")
-    (step,) = steps(MODELS.partition("## Calibration")[2])
-    done = carried_out(step, tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert_shown(step, done.stdout)
-    assert load_model(str(tmp_path / "mine.toml")).transitions.counts.begins[0] == 2.0
 
 
 def with_short_recording(folder: Path, name: str) -> Path:
@@ -234,7 +225,7 @@ def test_names_in_pages_on_the_code_exist(page):
     named = re.findall(r"`([a-z_0-9/]+(?:\.[a-z]{2,3}|/))(?:: ([a-z_]+))?`", text)
     assert len(named) > 25
     for path, function in named:
-        places = [PACKAGE / path, ROOT / "tracker" / path, ROOT / path]
+        places = [PACKAGE / path, LAB / path, ROOT / "tracker" / path, ROOT / path]
         places += PACKAGE.glob(f"*/{path}")  # in the package that the line is about
         found = [place for place in places if place.exists()]
         assert found, path

@@ -11,13 +11,13 @@ import geometry
 import identifiability
 import oracle
 import tracking
-from contact_tracker.evaluation.scoring import Subset, scoring
-from contact_tracker.evaluation.tallying import tally
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.segmentation import Beliefs
-from identifiability_tables import Class, Mistake, RecordingErrors, classes, to_text
+from contact_tracker_lab.evaluation.scoring import Subset, scoring
+from contact_tracker_lab.evaluation.tallying import tally
+from identifiability_tables import Class, Mistake
 from resampling import Phases
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
@@ -161,24 +161,6 @@ def test_mistakes_are_classified_by_the_probability_of_the_truth_as_label() -> N
     mistakes = mistake(), mistake(prior=-7.0), mistake(prior=-9.5), mistake(prior=-9.5, beside=True)
     assert [m.reason() for m in mistakes] == [Class.OWN, Class.TIE, Class.LESS, Class.OWN]
     assert {m.reason(known=True) for m in (*mistakes, mistake(oracles=Contact.EE))} == {Class.OWN}
-
-
-def test_classes_and_tables_by_hand() -> None:
-    reasons = mistake(), mistake(fitted=6.0), mistake(oracles=Contact.EE), mistake(fitted=-4.0)
-    mistakes = (*reasons, mistake(clear_s=0.05))
-    right = np.diag(np.full(7, 10.0))
-    right[1, 5] = 6.0
-    confusion_s = {tracking.NAME: right} | dict.fromkeys(oracle.ORACLES, np.diag(np.full(7, 76 / 7)))
-    compared = RecordingErrors("some_00", confusion_s, mistakes)
-    assert classes([compared]) == pytest.approx(
-        {Class.NEAR: 0.3, Class.ORACLE: 1.5, Class.LESS: 1.5, Class.TIE: 1.5, Class.OWN: 1.5}
-    )
-    lines = [" ".join(line.split()) for line in to_text({"some": [compared], "none": []}).splitlines()]
-    assert lines[1].startswith("some 76.0 0.921 1.000 1.000 1.000")
-    assert "some 6.3 0.3 1.5 1.5 1.5 1.5 0.937 0.957 6.0 0.996" in lines
-    assert "some e-f e-e 1.5 1 3.0 200 0.30 6.0 15.0 -5.0 near tie" in lines
-    assert "some_00 1.0 2.5 e-f e-e 1.5 9.0 15.0 -5.0" in lines
-    assert not any("none" in line for line in lines)
 
 
 # --- intervals -------------------------------------------------------------------------------------------

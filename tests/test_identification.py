@@ -1,32 +1,26 @@
 """The identification benchmark: lags, alternatives and tables, by brute force or by hand, on short data."""
 
-import json
 from itertools import pairwise, product
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import document
 import fixed_windows
-import identification
-import kept_tables
 import segment_bic
 import tracking
 from contact_tracker import hmm
-from contact_tracker.evaluation.evaluate import evaluate
-from contact_tracker.evaluation.geometry_errors import GeometryErrors
-from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import tempered
 from contact_tracker.tracking.forward_pass import RecordedPass, forward
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
+from contact_tracker_lab.evaluation.evaluate import evaluate
+from contact_tracker_lab.evaluation.scoring import Subset, scoring
 from fixed_windows import Emission, Recorded, Windows
-from scores import OFFLINE, Answer, Method, Score
+from scores import OFFLINE, Method, Score
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
@@ -215,101 +209,3 @@ def test_a_short_recording_by_every_method() -> None:
         unanswered_s = online[name].confusion_s[Subset.ALL, :, -1].sum()
         assert unanswered_s == pytest.approx(499 * 0.005, abs=0.02)
     assert online[tracking.NAME].log_loss < online[fixed_windows.SMALLEST].log_loss
-
-
-# --- tables ----------------------------------------------------------------------------------------------
-
-METHODS = [Method(tracking.NAME, wait_s) for wait_s in (OFFLINE, 1.0, 0.0)]
-METHODS += [Method("labels", OFFLINE, False), Method("labels", 0.0, False)]
-
-
-def measured(path: Path, late_s: float) -> identification.Measured:
-    """2 s f-f, 2 s e-f, 1 s unidentifiable v-f; all found ``late_s`` late, with probability 0.9."""
-    scored: Scoring = scoring(stamps(5.0), truth_of(("f-f", 2.0), ("e-f", 2.0), ("v-f", 1.0), singular=(2,)))
-    late = round(late_s * 100)
-    label = np.concatenate([np.zeros(late, np.int64), scored.truth])[:500]
-    probability = np.full((500, 7), 0.1 / 6)
-    probability[np.arange(500), label] = 0.9
-    answer = Answer(np.arange(500), label, probability)
-    scores = {method: Score.of(answer, scored) for method in METHODS}
-    return identification.Measured(
-        path, scores, GeometryErrors((), 0, 0), Recorded(windows_at([], 1.0), scored), 2.5, 5.0
-    )
-
-
-def fake(sets: dict[str, list[Path]], model: str, processes: int) -> dict[str, list[identification.Measured]]:
-    """All recordings but b."""
-    return {name: [measured(p, 0.4) for p in paths if p.stem != "b"] for name, paths in sets.items()}
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    for name in ("paper/a", "paper/b", "hard/c", "other/d"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).with_suffix(".mcap").touch()
-    return tmp_path
-
-
-def test_the_tables_have_each_figure_in_its_place(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert identification.main([str(folder), "--set", "hard", "paper"], fake) == 1  # b is missing
-    text = capsys.readouterr().out
-    titles = [line.split(":")[0] for line in text.splitlines() if "recordings, " in line]
-    assert titles == ["hard", "paper", "all sets"] * 2  # by contact, then by method
-    assert "all sets: 2 recordings, 8.0 s scored and 2.0 s apart" in text
-    lines = text.splitlines()
-    rows = [line.split() for line in lines if line.startswith("tracker")]
-    header = next(line for line in lines if line.startswith("method"))
-    assert header.split()[:2] == ["method", "right"]
-    # 0.4 of 4 s wrong: the f-f of 2.4 s and the e-f of 1.6 s; the e-f found 0.4 s late, 0.4 of v-f wrong
-    f1 = (2 * 2.0 / 4.4 + 2 * 1.6 / 3.6) / 2
-    assert rows[-1][:6] == ["tracker", "offline", "0.900", "0.800-1.000", f"{f1:.3f}", "0.40"]
-    assert rows[-1][-2:] == ["0.600", "0.000"]
-    lag, online = (next(r for r in reversed(lines) if r.strip().startswith(w)) for w in ("lag 1 s", "online"))
-    assert lag.split()[9] == "1.40"  # a lag delays what is found
-    labels_only = lines[max(i for i, line in enumerate(lines) if line.startswith("labels"))]
-    assert labels_only.split()[-10:-2] == ["-"] * 8
-    assert "nan" not in text
-    assert online
-
-
-def test_the_summary_is_kept_and_written_to_the_document(folder: Path) -> None:
-    out = folder / "identification.json"
-    assert identification.main([str(folder), "--set", "other", "--tables", str(out)], fake) == 0
-    kept = kept_tables.read(out)
-    assert kept.command == "python tests/benchmarks/identification.py FOLDER --set other"
-    offline = dict(zip(kept.tables["tracker"].columns, kept.tables["tracker"].rows[0], strict=True))
-    assert (offline["set"], offline["mode"], offline["accuracy"]) == ("other", "offline", "0.900")
-    assert kept.tables["alternatives"].columns[:3] == ("set", "scored, s", "tracker offline")
-    frame = "before\n<!-- identification tracker: begin -->\n{}<!-- identification tracker: end -->\nafter\n"
-    written = document.rewritten(frame.format("of old\n"), folder)
-    assert "of old" not in written
-    assert f"`{kept.command}`" in written
-    assert "| other | offline | 0.900 |" in written
-    assert written.startswith("before\n")
-    assert written.endswith("\nafter\n")
-    assert document.rewritten(written, folder) == written
-
-
-def test_all_figures_are_in_the_json(folder: Path) -> None:
-    out = folder / "figures.json"
-    identification.main([str(folder), "--set", "hard", "paper", "--json", str(out)], fake)
-    data = json.loads(out.read_text(encoding="utf-8"), parse_constant=pytest.fail)
-    assert data["hard"]["recordings"].keys() == data["hard"]["cpu_s"].keys() == {"c.mcap"}
-    offline = data["paper"]["total"]["methods"]["tracker offline"]
-    assert offline["right"] == pytest.approx(0.9)
-    assert offline["right_5_95"] == pytest.approx([0.8, 1.0])  # one of the two phases, twice
-    assert len(offline["calibration_error_5_95"]) == 2
-    assert "calibration_error_5_95" not in data["paper"]["total"]["methods"]["labels online"]
-    assert offline["contacts"].keys() == {"f-f", "e-f"}
-    assert offline["contacts"]["e-f"]["right"] == pytest.approx(0.8)
-    assert offline["contacts"]["e-f"]["boundary_s_median"] == pytest.approx(0.4)
-    assert offline["apart"]["right"] == pytest.approx(0.6)
-    assert "delay_s_median" not in offline
-    lagging = data["paper"]["total"]["methods"]["tracker lag 1 s"]
-    assert lagging["contacts"]["e-f"]["delay_s_median"] == pytest.approx(1.4)
-    assert "log_loss" not in data["paper"]["total"]["methods"]["labels online"]
-
-
-def test_a_missing_set_is_named(folder: Path) -> None:
-    with pytest.raises(SystemExit, match="no set nowhere; there are: hard other paper"):
-        identification.main([str(folder), "--set", "nowhere"], fake)

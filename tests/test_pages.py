@@ -2,12 +2,15 @@
 
 import re
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
+from contact_tracker_lab.simulate import Scenario, Simulated, named_scenario, simulate
 from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
 
 DOCS = ROOT / "docs"
@@ -68,12 +71,20 @@ def recorded(seconds: float) -> Poses:
 def test_the_page_on_the_paper_is_the_output_of_its_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Except for numbers, which differ with fewer recordings."""
+    """Except for numbers, which differ with fewer and shorter recordings."""
     pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(DOCS / "examples"))
     import paper
+    import paper_replication
 
-    paper.main(["--recordings", "1", "--slsqp-every", "300", "--processes", "1", "--docs", str(tmp_path)])
+    def simulate_shortly(scenario: str | Scenario, seed: int) -> Simulated:
+        whole = named_scenario(scenario, seed) if isinstance(scenario, str) else scenario
+        phases = tuple(phase._replace(duration_s=0.5 * phase.duration_s) for phase in whole.phases)
+        return simulate(replace(whole, phases=phases), seed)
+
+    monkeypatch.setattr(paper_replication, "simulate", simulate_shortly)
+    monkeypatch.setattr(paper, "ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1))
+    paper.main(["--recordings", "1", "--slsqp-every", "200", "--docs", str(tmp_path)])
     written = (tmp_path / "paper.md").read_text(encoding="utf-8")
     assert without_figures(written) == without_figures(page("paper.md"))
     for name in ("geometry", "sequence_white", "sequence_filtered"):

@@ -6,13 +6,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import active_children
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import pytest
 
 from contact_tracker.errors import ContactTrackerError
-from contact_tracker.processes import KILLED, helpers, local_processes
+from contact_tracker.processes import Workers, local_processes
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
 
@@ -41,7 +40,7 @@ def test_a_job_that_kills_twice_is_given_up_and_no_other_is_lost(processes: int,
     with local_processes(processes, prepare) as call:
         answers = [(job[0], answer) for job, answer in call(square, jobs)]
     assert len(answers) == len(numbers)
-    assert dict(answers) == {number: KILLED if number in fatal else number**2 for number in numbers}
+    assert dict(answers) == {number: None if number in fatal else number**2 for number in numbers}
 
 
 def slowly(jobs: list[tuple[int, tuple[int, ...], str]]) -> Iterator[tuple[int, tuple[int, ...], str]]:
@@ -129,39 +128,14 @@ def test_few_jobs_are_shared_by_all_processes(tmp_path: Path) -> None:
         assert all(answer for _, answer in call(meet, [(number, str(tmp_path)) for number in range(2)]))
 
 
-def test_a_helper_that_is_killed_while_others_start_is_one_error_and_prints_nothing(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    start, is_alive = SpawnProcess.start, SpawnProcess.is_alive
-
-    def start_slowly(process: SpawnProcess) -> None:
-        for other in active_children():
-            other.kill()
-        time.sleep(0.2)  # meanwhile threads of the executors ask who is alive
-        start(process)
-
-    def ask_slowly(process: SpawnProcess) -> bool:
-        time.sleep(0.4)
-        return is_alive(process)
-
-    monkeypatch.setattr(SpawnProcess, "start", start_slowly)
-    monkeypatch.setattr(SpawnProcess, "is_alive", ask_slowly)
-    with (
-        pytest.raises(ContactTrackerError, match="has ended before its work was done"),
-        helpers(4, prepare) as executor,
-    ):
-        assert [executor.submit(abs, -n).result() for n in range(20)] == [*range(20)]
-    assert capfd.readouterr() == ("", "")
-
-
 def note(folder: str, number: int) -> None:
     time.sleep(0.2)
     (Path(folder) / str(number)).touch()
 
 
-def test_an_error_of_the_caller_ends_helpers_without_the_work_that_waits(tmp_path: Path) -> None:
+def test_an_error_of_the_caller_ends_workers_without_the_work_that_waits(tmp_path: Path) -> None:
     def fail_in_the_middle() -> None:
-        with helpers(2, prepare) as executor:
+        with Workers(2, prepare) as executor:
             executor.submit(abs, 1).result()
             for number in range(20):
                 executor.submit(note, str(tmp_path), number)

@@ -6,11 +6,11 @@ import pytest
 
 from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.evaluate import evaluate
-from contact_tracker.evaluation.scoring import Subset
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.evaluation.evaluate import evaluate
+from contact_tracker_lab.evaluation.scoring import Subset
 
 RECORDINGS = Path(__file__).resolve().parent.parent / "recordings"
 

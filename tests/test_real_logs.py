@@ -27,12 +27,6 @@ def millimetres(poses: Poses) -> Poses:
     return replace(poses, position_m=1000.0 * poses.position_m)
 
 
-def two_bodies(poses: Poses) -> Poses:
-    """Every other pose is of a second body."""
-    shifted = poses.position_m + np.where(np.arange(len(poses))[:, None] % 2, 0.2, 0.0)
-    return replace(poses, position_m=shifted)
-
-
 def beside(poses: Poses, same_stamp: bool, from_pose: int) -> Poses:
     """After each pose from ``from_pose`` on, one of a second body at the same stamp or soon after."""
     row = np.repeat(np.arange(len(poses)), 2)
@@ -52,8 +46,6 @@ def unturned(poses: Poses) -> Poses:
 TWO_BODIES = "two bodies on one topic?"
 FAULTS: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
     "millimetres": ("too noisy or too fast for metres", millimetres),
-    "alternating": (TWO_BODIES, two_bodies),
-    "same stamp": (TWO_BODIES, lambda poses: beside(poses, True, 0)),
     "same stamp, late": (TWO_BODIES, lambda poses: beside(poses, True, 200)),
     "next stamp, late": (TWO_BODIES, lambda poses: beside(poses, False, 200)),
     "unturned": ("the orientation never changes", unturned),
@@ -65,7 +57,7 @@ FAULTS: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
     [
         "millimetres",
         "next stamp, late",
-        *(pytest.param(one, marks=pytest.mark.long) for one in list(FAULTS)[1:4]),
+        pytest.param("same stamp, late", marks=pytest.mark.long),
         "unturned",
     ],
 )
@@ -88,7 +80,7 @@ def test_no_label_is_certain_while_the_stream_is_in_doubt(fault: str, tmp_path: 
 
 @pytest.mark.long
 def test_the_choice_is_reported(tmp_path: Path, capsys: Any) -> None:
-    filtered = str(write_log(tmp_path / "a.mcap", [poses_topic(low_pass(raw(24.0), 20.0))]))
+    filtered = str(write_log(tmp_path / "a.mcap", [poses_topic(low_pass(raw(16.0), 20.0))]))
     assert run(["info", filtered, "--json"]) == 0
     tracking = json.loads(capsys.readouterr().out)["sources"][0]["tracking"]
     assert tracking["noise_decided"]
@@ -99,7 +91,7 @@ def test_the_choice_is_reported(tmp_path: Path, capsys: Any) -> None:
         text = capsys.readouterr().err
         assert "a tick (chosen by the evidence; white noise would leave less)" in text
         assert "poses look filtered" in text
-    slow = thinned(raw(24.0), 10.0, 0.0, np.random.default_rng(0))
+    slow = thinned(raw(12.0), 10.0, 0.0, np.random.default_rng(0))
     assert run(["segment", str(write_log(tmp_path / "b.mcap", [poses_topic(slow)]))]) == 0
     assert "ticks of 0.15 s instead of 0.1 s" in capsys.readouterr().err
 

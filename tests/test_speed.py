@@ -1,12 +1,9 @@
 """The speed benchmark: long logs are correct, and targets are compared."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import growth
-import hours
 import speed
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
@@ -14,8 +11,7 @@ from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import Contact
 from mcap_logs import START_NS, smooth_poses
 from speeds import growing
-from speeds.command import Ran
-from speeds.figures import Figure, Setup, length
+from speeds.figures import Setup
 from speeds.long_logs import write_long_log
 
 
@@ -52,45 +48,11 @@ def test_truth_is_repeated_with_the_poses(tmp_path):
     assert toured[-1].end_ns >= START_NS + 3 * 10**9
 
 
-def test_whole_commands_are_measured_at_each_length(log, capsys, monkeypatch):
-    ran = {1: Ran(1.5, 100.0, 0), 2: Ran(2.5, 150.0, 0)}
-    calls = []
-
-    def run(*arguments):
-        calls.append(arguments)
-        return Ran(0.5, 90.0, 0) if "--duration" in arguments else ran[int(Path(arguments[-1]).stem[0])]
-
-    monkeypatch.setattr("speeds.commands.run", run)
-    assert hours.main(["--only", "live", "--lengths", "1", "2", "--log", str(log)]) == 0
-    _, short, long = capsys.readouterr().out.splitlines()
-    assert short.split() == ["live", "1", "s", "1.5", "100.00", "100"]
-    assert long.split() == ["live", "2", "s", "2.5", "100.00", "1.00", "150", "1.50"]
-    assert [arguments[0] for arguments in calls] == ["live"] * 4
-
-
 def test_the_table_has_measurements_and_targets(log, capsys):
     assert speed.main(["--only", "reading", "--runs", "1", "--log", str(log), "--fast-log", str(log)]) == 0
     table = capsys.readouterr().out
     assert table.count("short: poses") == 4
     assert "reading: peak memory" in table
-
-
-@pytest.mark.parametrize(
-    ("value", "target", "verdict"),
-    [
-        (1.0, "", ""),
-        (1.0, "<= 1.1", "ok"),
-        (2.0, "<= 1.1", "no"),
-        (2.0, ">= 60", "no"),
-        (61.0, ">= 60", "ok"),
-    ],
-)
-def test_targets_are_compared(value, target, verdict):
-    assert speed.line(Figure("it", value, "s", target))[-1] == verdict
-
-
-def test_lengths_have_their_unit():
-    assert [length(s) for s in (90, 59, 60, 3600, 36000)] == ["1.5 min", "59 s", "1 min", "1 h", "10 h"]
 
 
 def test_later_minutes_have_the_poses_of_the_first(log):

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGE = ROOT / "tracker" / "contact_tracker"
+PACKAGES = [ROOT / "tracker" / name for name in ("contact_tracker", "contact_tracker_lab")]
 THEORY = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
 NUMBERS = [int(n) for n in re.findall(r"\\text\{\(T(\d+)\)\}", THEORY)]
 CITED = re.compile(r"\(T(\d+)\)|\bT(\d+)\b(?=[,;.)\s-])")
@@ -38,7 +38,8 @@ def test_the_models_page_cites_equations_of_the_sections_it_names() -> None:
 def test_equations_cited_in_docstrings_exist() -> None:
     wrong = {
         path.name: unknown
-        for path in PACKAGE.rglob("*.py")
+        for package in PACKAGES
+        for path in package.rglob("*.py")
         if (
             unknown := {int(n) for n in re.findall(r"theory\.md,? \(?T(\d+)", path.read_text("utf-8"))}
             - set(NUMBERS)
@@ -51,7 +52,7 @@ def test_every_file_that_is_named_exists() -> None:
     table = THEORY.partition("Where in the code")[2]
     named = re.findall(r"`([\w/]+(?:\.py|/))`", table)
     assert len(named) > 12
-    missing = [name for name in named if not any((base / name).exists() for base in (PACKAGE, ROOT))]
+    missing = [name for name in named if not any((base / name).exists() for base in (*PACKAGES, ROOT))]
     assert not missing
 
 

@@ -14,8 +14,8 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, convex
-from contact_tracker.simulate.chart import Chart
 from contact_tracker.states import CONTACTS, Contact
+from contact_tracker_lab.simulate.chart import Chart
 from drawing import OBJECT, SURROUNDINGS, draw_body, show_scene
 
 Array = NDArray[np.float64]

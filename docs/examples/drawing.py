@@ -7,9 +7,9 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.elements import nearest
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Polyhedron
+from contact_tracker_lab.evaluation.elements import nearest
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
-from contact_tracker.replication import MOVED, NOISES, replicate_contact, replicate_sequence
 from paper_document import document
 from paper_figures import draw_geometry, draw_sequence
+from paper_replication import MOVED, NOISES, replicate_contact, replicate_sequence
 
 DOCS: Final = Path(__file__).resolve().parents[1]
 SEED: Final = 1

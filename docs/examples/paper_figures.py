@@ -10,14 +10,13 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.geometry_errors import places
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
-from contact_tracker.replication import MOVED, ContactSequence, SingleContact
-from contact_tracker.replication.contact_sequence import STEP
 from contact_tracker.states import STATES, Contact
-from contact_tracker.viewer.palette import COLOUR
+from contact_tracker.viewer.scene import COLOUR
+from contact_tracker_lab.evaluation.geometry_errors import places
 from drawing import OBJECT, SURROUNDINGS, draw_body, draw_element, show_scene
+from paper_replication import MOVED, STEP, ContactSequence, SingleContact
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import adaptation
 from contact_tracker.adaptation import contradiction, online
 from contact_tracker.adaptation.contradiction import Contradiction
-from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.pose_validation import gate
@@ -18,6 +17,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.evaluation.evaluate import evaluate
 from distortions import moving_average
 from short_recordings import MODEL
 from smooth_motion import moving, slid_and_tilted
@@ -48,7 +48,6 @@ def tracked(name: str, knowledge: PriorMap) -> tuple[list[str], Segmentation]:
     ("name", "direction"),
     [
         ("robot_1khz", [1.0, 0.0, 0.0]),
-        pytest.param("paper_experiment", [0.0, 0.0, 1.0], marks=pytest.mark.long),
         pytest.param("wall_in_between", [0.7, 0.2, 0.6], marks=pytest.mark.long),
     ],
 )
@@ -68,9 +67,8 @@ def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong(
 
 @pytest.mark.long
 @needs_kernels
-@pytest.mark.parametrize("name", ["all_states", "vision_30hz"])
-def test_a_correct_direction_is_not_reported(name: str) -> None:
-    texts, found = tracked(name, up([*UP[:2], UP[2] + 0.03]))  # a degree and more off
+def test_a_correct_direction_is_not_reported() -> None:
+    texts, found = tracked("vision_30hz", up([*UP[:2], UP[2] + 0.03]))  # a degree and more off
     assert texts == []
     assert found.beliefs.probability.max(axis=1).mean() > 0.8
 
@@ -94,13 +92,12 @@ def tilting(rng: np.random.Generator, normal: np.ndarray[Any, Any]) -> Poses:
 
 
 @needs_kernels
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
-def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edge(seed: int) -> None:
+def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edge() -> None:
     """A box with a face on a wall across the edge would tilt like that too, if ``--up`` did not exclude it;
     this counts for nothing, as the hand may restrict the motion."""
     normal = np.array([0.0, -0.6, 0.8])
     tracker = adaptation.OfflineTracker(MODEL, up(list(normal)))
-    assert list(tracker.pieces(tilting(np.random.default_rng(seed), normal)))
+    assert list(tracker.pieces(tilting(np.random.default_rng(0), normal)))
     assert tracker.report is not None
     assert [one.text for one in tracker.report.findings if one.kind == "knowledge"] == []
 
@@ -137,11 +134,26 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
     assert not state.contradiction.is_likely
 
 
+@needs_kernels
+@pytest.mark.parametrize("is_filtered", [False, True])
+def test_before_the_noise_is_chosen_filtered_poses_refute_nothing_until_the_end(is_filtered: bool) -> None:
+    """It is taken for motion; labels are in doubt until then."""
+    known, box = (
+        Contradiction(),
+        slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))[:1500],
+    )
+    for some in box.batches():
+        known = contradiction.advance(known, MODEL, up([0.6, 0.0, 0.8]), some, False, False, is_filtered)
+    assert known.is_likely
+    assert known.is_found is not is_filtered
+    assert contradiction.finish(known).is_found
+
+
 @pytest.mark.long
 @needs_kernels
 def test_a_box_of_another_size_is_reported() -> None:
     box = knowledge_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})
-    texts, found = tracked("paper_experiment", box)
+    texts, found = tracked("robot_1khz", box)
     assert texts[0].startswith("what is given does not fit the motion")
     assert found.beliefs.probability.max() < 0.6
 

@@ -8,13 +8,14 @@ import pytest
 from contact_tracker.adaptation import unconfirmed
 from contact_tracker.adaptation.unconfirmed import WaitingPieces
 from contact_tracker.adaptation.untouched import Untouched, advance, findings
-from contact_tracker.api import segment
+from contact_tracker.api import Trajectory, read, segment
 from contact_tracker.api.given import knowledge_of
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
 
+ROOT = Path(__file__).resolve().parents[2]
 TABLE = {"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.5}]}}
 CORNER = {"object": {"point": [{"point_m": [0.1, 0.0, 0.0], "name": "tip"}]}}
 
@@ -106,7 +107,7 @@ def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
 @pytest.mark.long
 def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
     """One of the right direction, 10 cm off: a face on a face alone would be on it."""
-    paper = Path(__file__).resolve().parents[2] / "recordings" / "paper_experiment.mcap"
+    paper = Trajectory(read(ROOT / "recordings" / "paper_experiment.mcap").poses[:5000])
     normal = [0.566, 0.556, 0.609]
     wrong, right = (
         segment(paper, known={"environment": {"plane": [{"normal": normal, "offset_m": offset_m}]}})
@@ -125,7 +126,7 @@ def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
 
 
 def test_it_is_a_warning_of_a_recording():
-    robot = Path(__file__).resolve().parents[2] / "recordings" / "robot_1khz.mcap"
+    robot = ROOT / "recordings" / "robot_1khz.mcap"
     (line,) = segment(
         robot, known={"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 9.0}]}}
     ).warnings

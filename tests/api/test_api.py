@@ -345,8 +345,11 @@ def test_a_missing_library_is_reported_with_its_extra(
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, library, None)
     suffix = {"to_mcap": ".mcap", "to_html": ".html"}.get(name)
-    with pytest.raises(MissingExtra, match=rf"needs {library}: pip install 'contact-tracker\[\w+\]'"):
+    with pytest.raises(
+        MissingExtra, match=rf"needs {library}: pip install 'contact-tracker\[\w+\]'"
+    ) as error:
         getattr(result, name)(*([tmp_path / f"out{suffix}"] if suffix else []))
+    assert error.value.__suppress_context__, "one error, not two"
     assert not list(tmp_path.iterdir())
 
 

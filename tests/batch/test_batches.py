@@ -23,7 +23,6 @@ from contact_tracker.batch.segmenting import segment_recording
 from contact_tracker.batch.settings import WrenchSettings
 from contact_tracker.errors import ContactTrackerWarning, StateError, UnreadableRecording, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
-from contact_tracker.processes import KILLED
 from contact_tracker.recording import WRENCH_TYPE, write_recording
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
@@ -229,7 +228,7 @@ def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
 ) -> None:
     with open_dataset(tmp_path / "dataset") as dataset:
         batch = Batch(settings(), dataset, lambda _: None, lambda _: None)
-        killed = lambda _, jobs: ((job, KILLED) for job in jobs)  # noqa: E731
+        killed = lambda _, jobs: ((job, None) for job in jobs)  # noqa: E731
         outcome = batch.run(find(map(str, recordings)), lambda: nullcontext(killed))
     assert outcome.bad == 3
     assert set(summary(tmp_path / "dataset")["exit_code"].to_pylist()) == {exit_codes.KILLED}

@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from contact_tracker.recording import write_recording
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = [sys.executable, "-m", "contact_tracker", "batch"]

@@ -23,7 +23,7 @@ from contact_tracker.batch import rows
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find
 from contact_tracker.batch.segmenting import Answer, segment_recording
-from contact_tracker.batch.settings import settings_of
+from contact_tracker.batch.settings import Settings
 from contact_tracker.config.loading import load_model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.processes import local_processes
@@ -33,7 +33,7 @@ RECORDING = Path(__file__).resolve().parents[2] / "recordings" / "robot_1khz.mca
 QUERY = "SELECT sum(time_ef_s), count(*) FILTER (exit_code <> 0) FROM '{}/summary.parquet'"
 ALL_SEGMENTS = "SELECT contact, count(*) FROM read_parquet('{}/segments/*/*.parquet') GROUP BY contact"
 COMPACTED = "COPY (FROM read_parquet('{0}/segments/*/*.parquet')) TO '{0}/all.parquet' (COMPRESSION zstd)"
-SETTINGS = settings_of(load_model(), EMPTY_MAP)
+SETTINGS = Settings(load_model(), EMPTY_MAP)
 SAVE_AFTER: Final = 50_000
 
 

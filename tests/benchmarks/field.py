@@ -30,13 +30,13 @@ import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.api.given import model_from
 from contact_tracker.config.parameters import Model
-from contact_tracker.evaluation.answers import answers_to
-from contact_tracker.evaluation.evaluate import Evaluation, evaluate
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking import offline_smoother
+from contact_tracker_lab.evaluation.answers import answers_to
+from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.tables import number, table
 from distortions import DISTORTIONS
 from identification import command_of, find_sets
 from kept_tables import Table

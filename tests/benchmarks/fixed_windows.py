@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.evaluation.scoring import Scoring, Subset, tick_in_force
 from contact_tracker.hmm import fixed_lag
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import destinations
+from contact_tracker_lab.evaluation.scoring import Scoring, Subset, tick_in_force
 from scores import LAGS_S, OFFLINE, Answer, Method, Score, Scores
 
 Array = NDArray[np.float64]

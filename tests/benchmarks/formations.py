@@ -26,17 +26,17 @@ from tqdm import tqdm
 import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.geometry_errors import geometry_errors
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.simulate import Phase, Scenario, simulate
-from contact_tracker.simulate.scenarios import FORMATIONS
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
+from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.simulate import Phase, Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import FORMATIONS
 from kept_tables import Table
 from table_rows import median_of_known, shares_row
 from worker_pool import folder_of_recordings, folders_option, submit_folders, worker_pool

@@ -21,11 +21,6 @@ from scipy.stats import chi2
 import kept_tables
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evaluation.bound import angles_and_distances, cramer_rao, errors_at_bound
-from contact_tracker.evaluation.elements import Deviation
-from contact_tracker.evaluation.geometry_errors import ElementError, geometry_errors
-from contact_tracker.evaluation.scoring import Scoring, scoring
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.paper.reported import REPORTED_ERRORS
@@ -33,6 +28,11 @@ from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_rao, errors_at_bound
+from contact_tracker_lab.evaluation.elements import Deviation
+from contact_tracker_lab.evaluation.geometry_errors import ElementError, geometry_errors
+from contact_tracker_lab.evaluation.scoring import Scoring, scoring
+from contact_tracker_lab.evaluation.tables import number, table
 from kept_tables import Table
 from shared_recordings import add_folder
 from simulated_fits import NOISES, Fitted, fit_simulated

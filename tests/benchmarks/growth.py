@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.state import TrackerState
+from contact_tracker_lab.evaluation.tables import number, table
 from speeds.long_logs import write_long_log
 
 Array = NDArray[np.float64]

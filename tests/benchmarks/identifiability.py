@@ -24,11 +24,11 @@ import tracking
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
-from contact_tracker.evaluation.scoring import Columns, Scoring, Subset, scoring
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
+from contact_tracker_lab.evaluation.scoring import Columns, Scoring, Subset, scoring
 from identifiability_tables import Mistake, RecordingErrors
 from identification import find_sets
 from scores import OFFLINE, Method

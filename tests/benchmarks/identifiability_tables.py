@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.states import Contact
+from contact_tracker_lab.evaluation.tables import number, table
 from oracle import ORACLES
 from tracking import NAME as TRACKER
 

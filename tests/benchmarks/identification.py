@@ -25,12 +25,12 @@ import segment_bic
 import tracking
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
-from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
-from contact_tracker.evaluation.scoring import scoring
-from contact_tracker.evaluation.tables import number
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors, geometry_errors
+from contact_tracker_lab.evaluation.scoring import scoring
+from contact_tracker_lab.evaluation.tables import number
 from fixed_windows import Recorded, Windows
 from scores import Score, Scores
 from shared_recordings import add_folder

@@ -5,8 +5,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from contact_tracker.evaluation.metrics import Tally, quantile
 from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker_lab.evaluation.metrics import Tally, quantile
 from identification_tables import MeasuredRecording, Sum, in_order, quantiles, summed
 from scores import OFFLINE, Method, Score
 

@@ -7,10 +7,10 @@ from operator import add
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-from contact_tracker.evaluation.geometry_errors import GeometryErrors
-from contact_tracker.evaluation.metrics import Array, quantile
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.states import STATES, Contact
+from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
+from contact_tracker_lab.evaluation.metrics import Array, quantile
+from contact_tracker_lab.evaluation.tables import number, table
 from kept_tables import Table
 from scores import OFFLINE, Method, Scores
 from tracking import NAME as TRACKER

@@ -27,9 +27,6 @@ from tqdm import tqdm
 import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m
-from contact_tracker.evaluation.geometry_errors import places
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.ground_truth import Truth
 from contact_tracker.joints.geometry import Joint
@@ -37,10 +34,13 @@ from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.simulate import Phase, Scenario, named_scenario, simulate
-from contact_tracker.simulate.jointed import TrueJoint
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
+from contact_tracker_lab.evaluation.elements import angle_rad, deviation, distance_m
+from contact_tracker_lab.evaluation.geometry_errors import places
+from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
+from contact_tracker_lab.simulate.jointed import TrueJoint
 from kept_tables import Table
 from table_rows import median_of_known, shares_row
 from worker_pool import folder_of_recordings, folders_option, submit_folders, worker_pool

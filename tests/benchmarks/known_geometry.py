@@ -26,8 +26,6 @@ import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.quantities import deviations
-from contact_tracker.evaluation.evaluate import Evaluation, evaluate
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.ground_truth import Truth
@@ -44,7 +42,9 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_metadata
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.hull import vertices_from_metadata
+from contact_tracker.viewer.scene import vertices_from_metadata
+from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.tables import number, table
 from field import FIGURES, figures
 from identification import command_of, find_sets
 from shared_recordings import add_folder

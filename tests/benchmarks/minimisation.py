@@ -20,12 +20,12 @@ import numpy as np
 
 import kept_tables
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.evaluation.tables import table
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.batched import Batch, minimise_batched
 from contact_tracker.paper.window_curves import FINE, curves, from_relaxed, minimise_windows, window_sums
 from contact_tracker.recording import open_log
+from contact_tracker_lab.evaluation.tables import table
 
 FRAMES, STEP, STARTS, RUNS = 500, 10, 3, 5
 Found = TypeVar("Found")

@@ -24,11 +24,11 @@ from tqdm import tqdm
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.forward_pass import forward
+from contact_tracker_lab.evaluation.tables import number, table
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 WARM_UP: Final = 400

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.metrics import CALIBRATION_BINS
-from contact_tracker.evaluation.scoring import Scoring, Subset
 from contact_tracker.states import STATES
+from contact_tracker_lab.evaluation.metrics import CALIBRATION_BINS
+from contact_tracker_lab.evaluation.scoring import Scoring, Subset
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

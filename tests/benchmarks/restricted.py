@@ -19,10 +19,10 @@ import numpy as np
 import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.segmentation import Beliefs
+from contact_tracker_lab.evaluation.tables import number, table
 from kept_tables import Table
 from restricted_motions import MOTIONS, Motion, poses_of
 

@@ -15,12 +15,12 @@ from typing import Final
 import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.evaluate import Evaluation, evaluate
-from contact_tracker.evaluation.metrics import quantile
-from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.metrics import quantile
+from contact_tracker_lab.evaluation.tables import number, table
 from kept_tables import ROOT, Table
 
 COLUMNS: Final = (

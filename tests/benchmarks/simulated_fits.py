@@ -12,9 +12,6 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model, SystematicErrors
 from contact_tracker.config.parameters import Noise as ModelNoise
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evaluation.bound import cramer_rao, errors
-from contact_tracker.evaluation.elements import Deviation
-from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
@@ -22,11 +19,14 @@ from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Segment
+from contact_tracker_lab.evaluation.bound import cramer_rao, errors
+from contact_tracker_lab.evaluation.elements import Deviation
+from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 from distortions import turned
 
 Array = NDArray[np.float64]

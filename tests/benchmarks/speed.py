@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"measuring {row}", file=sys.stderr)
             rows += measure_apart(row, setup)
     import kept_tables
-    from contact_tracker.evaluation.tables import table
+    from contact_tracker_lab.evaluation.tables import table
 
     print(table(COLUMNS, [line(figure) for figure in rows]))
     if args.tables:

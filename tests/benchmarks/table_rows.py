@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from contact_tracker.evaluation.tables import number
+from contact_tracker_lab.evaluation.tables import number
 
 
 def median_of_known(values: Sequence[float]) -> float:

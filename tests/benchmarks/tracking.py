@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
-from contact_tracker.evaluation.scoring import tick_containing, tick_in_force
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
@@ -17,6 +16,7 @@ from contact_tracker.tracking.offline_smoother import Segmenter
 from contact_tracker.tracking.posterior import lagged_belief
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import TrackerState
+from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
 from scores import LAGS_S, OFFLINE, Answer, Method
 
 Array = NDArray[np.float64]

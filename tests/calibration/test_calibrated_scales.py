@@ -7,18 +7,34 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
-from contact_tracker.calibration.contact_errors import learn_contact_errors
-from contact_tracker.calibration.floors import LEAST, POSITION, ROTATION, learn_floors
-from contact_tracker.calibration.learned import LEARNED, How, rounded, select, value_of, with_value
-from contact_tracker.calibration.search import EVALUATIONS, coordinate_search
-from contact_tracker.calibration.segment_residuals import SHORTEST_TICKS, fit_contact_segments, refined
-from contact_tracker.calibration.tick_stream import Observed, observe
 from contact_tracker.config.loading import limits, load_model
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.errors import UsageError
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
+from contact_tracker_lab.calibration.parameters import (
+    EVALUATIONS,
+    LEARNED,
+    How,
+    coordinate_search,
+    rounded,
+    select,
+    value_of,
+    with_value,
+)
+from contact_tracker_lab.calibration.residuals import (
+    LEAST,
+    POSITION,
+    ROTATION,
+    SHORTEST_TICKS,
+    Observed,
+    fit_contact_segments,
+    learn_contact_errors,
+    learn_floors,
+    observe,
+    refined,
+)
 from smooth_motion import moving
 
 MODEL = load_model()
@@ -126,7 +142,7 @@ def test_too_few_residuals_leave_the_floor_unchanged():
 def test_leverages_add_up_to_the_number_of_parameters(contact):
     """Fewer if a direction is determined by the prior only."""
     (segment,) = contact_segments(contact, 0.0, 0.0)
-    _, found = refined(segment, with_floors(1e-6, 1e-6), 6)
+    _, found = refined(segment, with_floors(1e-6, 1e-6))
     taken = (1.0 - found.free).sum()
     parameters = {"f-f": 5, "e-f": 7, "f-e": 7, "v-f": 6, "f-v": 6, "e-e": 8}[contact.value]
     assert parameters - 0.5 < taken <= parameters + 1e-6

@@ -7,9 +7,6 @@ import numpy as np
 import pytest
 
 from chain_oracle import NOTHING, N, noisy_trellis, prior, random_model, walk
-from contact_tracker.calibration.e_step import EstimatedStates, KnownStates
-from contact_tracker.calibration.tick_stream import UNKNOWN, labels, runs
-from contact_tracker.calibration.transition_em import count, learn_transitions, log_prior
 from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import Contact
@@ -21,6 +18,16 @@ from contact_tracker.tracking.transition_model import (
     leave_per_s,
     log_initial,
     tick_transitions,
+)
+from contact_tracker_lab.calibration.transitions import (
+    UNKNOWN,
+    EstimatedStates,
+    KnownStates,
+    count,
+    labels,
+    learn_transitions,
+    log_prior,
+    runs,
 )
 
 
@@ -38,7 +45,7 @@ def chains(rng, model, count_, ticks, silence=0.0):
 def test_rates_and_splits_of_a_simulated_chain_are_recovered(silence, runs_, least):
     rng = np.random.default_rng(4)
     true = random_model(rng, new_elements=False)
-    learned = learn_transitions(prior(1e-3), chains(rng, true, runs_, 300, silence)).model.transitions
+    learned = learn_transitions(prior(1e-3), chains(rng, true, runs_, 300, silence))[0].transitions
     changes = np.array(learned.counts.changes).sum(axis=1)
     assert changes.min() > least
     off = np.log(leave_per_s(learned) / leave_per_s(true.transitions))
@@ -109,7 +116,7 @@ def test_partial_truth_is_learned_from_in_its_part_only():
 @pytest.mark.parametrize("label", [[], [UNKNOWN], [2], [UNKNOWN] * 30], ids=str)
 def test_uninformative_data_keep_the_prior(label):
     chain = KnownStates(np.array(label, np.int64), np.ones(len(label)))
-    learned = learn_transitions(prior(), [chain]).model.transitions
+    learned = learn_transitions(prior(), [chain])[0].transitions
     np.testing.assert_allclose(destinations(learned), destinations(prior().transitions))
     np.testing.assert_allclose(leave_per_s(learned), leave_per_s(prior().transitions))
 
@@ -126,24 +133,24 @@ def test_em_increases_the_posterior_up_to_its_maximum():
     rng = np.random.default_rng(6)
     start = prior(20.0)
     some = [*believed_chains(rng, random_model(rng), start, 0.7), *chains(rng, random_model(rng), 2, 60, 0.3)]
-    learning = learn_transitions(start, some)
-    assert len(learning.log_posterior) > 4
-    assert (np.diff(learning.log_posterior) > -1e-9).all()
-    assert learning.log_posterior[-1] > learning.log_posterior[0] + 1.0
+    learned, log_posteriors = learn_transitions(start, some)
+    assert len(log_posteriors) > 4
+    assert (np.diff(log_posteriors) > -1e-9).all()
+    assert log_posteriors[-1] > log_posteriors[0] + 1.0
 
     def log_posterior(model):
         return sum(chain.expect(model).log_evidence for chain in some) + log_prior(model)
 
-    top = log_posterior(learning.model)
-    assert top == pytest.approx(learning.log_posterior[-1], abs=0.01)
+    top = log_posterior(learned)
+    assert top == pytest.approx(log_posteriors[-1], abs=0.01)
     for _ in range(20):  # any other transitions are less probable
-        seen = learning.model.transitions.counts
+        seen = learned.transitions.counts
         moved = TransitionCounts(
             tuple(np.array(seen.begins) * np.exp(rng.normal(size=N) * 0.3)),
             tuple(np.array(seen.moving_s) * np.exp(rng.normal(size=N) * 0.3)),
             tuple(map(tuple, (np.array(seen.changes) * np.exp(rng.normal(size=(N, N)) * 0.3)).tolist())),
         )
-        other = replace(learning.model, transitions=replace(learning.model.transitions, counts=moved))
+        other = replace(learned, transitions=replace(learned.transitions, counts=moved))
         assert log_posterior(other) < top
 
 
@@ -155,7 +162,7 @@ def test_certain_beliefs_give_the_counts_of_known_states():
         EstimatedStates.of(noisy_trellis(k.label, start, k.exposure, rng, 0.05), k.exposure, start)
         for k in known
     ]
-    a, b = (learn_transitions(start, some).model.transitions.counts for some in (known, sure))
+    a, b = (learn_transitions(start, some)[0].transitions.counts for some in (known, sure))
     np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
     np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
     off = np.array(b.changes) - np.array(a.changes)
@@ -179,8 +186,8 @@ def test_learning_does_not_use_earlier_counts():
     rng = np.random.default_rng(10)
     start = prior()
     some = believed_chains(rng, random_model(rng), start, 0.4, 3)
-    once = learn_transitions(start, some).model
-    twice = learn_transitions(once, some).model
+    once = learn_transitions(start, some)[0]
+    twice = learn_transitions(once, some)[0]
     assert once.transitions.counts != NOTHING
     np.testing.assert_allclose(twice.transitions.counts.changes, once.transitions.counts.changes, atol=0.05)
     np.testing.assert_allclose(twice.transitions.counts.moving_s, once.transitions.counts.moving_s, atol=0.05)

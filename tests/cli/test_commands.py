@@ -24,13 +24,13 @@ from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
-from contact_tracker.cli.main import COMMANDS
+from contact_tracker.cli.main import COMMANDS, LAB_COMMANDS
 from contact_tracker.cli.source import Source
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import ChoiceError, UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, write_recording
+from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
@@ -127,7 +127,7 @@ def test_help_names_the_exit_codes_of_signals() -> None:
     assert "130 ended by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP" in " ".join(done.stdout.split())
 
 
-@pytest.mark.parametrize("command", [c.__name__.rpartition(".")[2] for c in COMMANDS])
+@pytest.mark.parametrize("command", [*(c.__name__.rpartition(".")[2] for c in COMMANDS), *LAB_COMMANDS])
 def test_the_help_of_each_command_has_an_example(command: str) -> None:
     done = run(command, "--help")
     assert (done.returncode, done.stderr) == (0, "")
@@ -520,10 +520,11 @@ def test_simulate_makes_the_same_recording_twice(tmp_path: Path) -> None:
     assert "vision_30hz" in run("simulate", "--list").stdout
 
 
-def test_evaluate_warns_of_knowledge_that_does_not_fit() -> None:
-    log = str(ROOT / "recordings" / "robot_1khz.mcap")
+def test_evaluate_warns_of_knowledge_that_does_not_fit(tmp_path: Path) -> None:
+    robot, log = str(ROOT / "recordings" / "robot_1khz.mcap"), str(tmp_path / "robot.mcap")
+    write_recording(log, Poses.collect(open_log(robot))[:4000], read_truth(robot), {})
     wrong = run("evaluate", log, "--json", "--up", "1,0,0")
-    assert "robot_1khz.mcap: --up does not fit the motion" in wrong.stderr
+    assert "robot.mcap: --up does not fit the motion" in wrong.stderr
 
 
 def test_evaluate_names_ambiguous_recordings_and_goes_on(log: Path, tmp_path: Path) -> None:

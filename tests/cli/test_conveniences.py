@@ -77,6 +77,7 @@ def test_quiet_prints_no_messages_and_verbose_prints_the_settings(log: Path) -> 
 def test_every_suffix_is_an_output_in_whatever_case(log: Path, tmp_path: Path, suffix: str) -> None:
     done = run("segment", log, "-o", tmp_path / f"out.{suffix}")
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    assert done.stderr.endswith(f"contact-tracker: wrote {tmp_path / f'out.{suffix}'}\n")
     content = (tmp_path / f"out.{suffix}").read_bytes()
     begins = {
         "parquet": b"PAR1",
@@ -91,6 +92,17 @@ def test_every_suffix_is_an_output_in_whatever_case(log: Path, tmp_path: Path, s
     }
     assert content.startswith(begins[suffix.lower()])
     assert [path.name for path in tmp_path.iterdir()] == [f"out.{suffix}"]
+
+
+def test_a_report_has_what_was_warned_of_before_the_first_pose(log: Path, tmp_path: Path) -> None:
+    corners = "0 0 0;1 0 0;0 1 0;0 0 1;.1 .1 .1"  # the last is a dent in the face between the others
+    faces = "1 3 2;1 2 4;1 4 3;2 3 5;3 4 5;4 2 5"
+    lines = [*(f"v {one}" for one in corners.split(";")), *(f"f {one}" for one in faces.split(";"))]
+    (tmp_path / "dent.obj").write_text("\n".join(lines))
+    (tmp_path / "known.toml").write_text('[object.mesh]\npath = "dent.obj"')
+    done = run("segment", log, "--known", tmp_path / "known.toml", "-o", tmp_path / "out.html")
+    assert "is not convex" in done.stderr
+    assert "is not convex" in (tmp_path / "out.html").read_text(encoding="utf-8")
 
 
 def test_a_recording_for_foxglove_never_replaces_its_own_recording(log: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A killed worker process of a command, as when memory runs out: one line, exit code 1."""
+"""A killed worker process of a command, as when memory runs out."""
 
 import os
 import signal
@@ -10,18 +10,8 @@ import pytest
 
 from command_line import ENVIRONMENT, PROGRAM, ROOT
 
-LOG = str(ROOT / "recordings" / "paper_experiment.mcap")
+LOG = str(ROOT / "recordings" / "robot_1khz.mcap")
 SEGMENT = ["segment", LOG, "--processes", "3", "-o", "out.csv"]
-CALIBRATE = [
-    "calibrate",
-    *(str(ROOT / "recordings" / f"{name}.mcap") for name in ("robot_1khz", "vision_30hz")),
-    "--only",
-    "transitions",
-    "--processes",
-    "2",
-    "-o",
-    "out.toml",
-]
 PROC = Path("/proc")
 
 pytestmark = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists processes in files")
@@ -39,49 +29,22 @@ def helpers_of(pid: int) -> list[int]:
     return found
 
 
-def assert_same_as_undisturbed(arguments: list[str], folder: Path, output: str) -> None:
-    other = folder / "undisturbed"
-    other.mkdir()
-    command = [*PROGRAM, *arguments]
-    done = subprocess.run(command, env=ENVIRONMENT, cwd=other, capture_output=True, text=True, check=True)
-    assert output == done.stdout
-    assert (folder / arguments[-1]).read_bytes() == (other / arguments[-1]).read_bytes()
-
-
-@pytest.mark.parametrize("delay_s", [0.02, 0.4])
-@pytest.mark.parametrize("arguments", [SEGMENT, CALIBRATE], ids=["segment", "calibrate"])
-def test_a_helper_that_is_killed_is_one_line_and_1(
-    arguments: list[str], delay_s: float, tmp_path: Path
-) -> None:
-    with subprocess.Popen(
-        [*PROGRAM, *arguments],
-        env=ENVIRONMENT,
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
+def test_a_helper_that_is_killed_is_replaced(tmp_path: Path) -> None:
+    with subprocess.Popen([*PROGRAM, *SEGMENT], env=ENVIRONMENT, cwd=tmp_path) as process:
         while not (helpers := helpers_of(process.pid)):
             assert process.poll() is None
             time.sleep(0.002)
-        time.sleep(delay_s)
+        time.sleep(0.4)
         os.kill(helpers[0], signal.SIGKILL)
-        output, messages = process.communicate(timeout=60)
-    if not process.returncode:  # it had no work yet, and was replaced: nothing is lost
-        assert_same_as_undisturbed(arguments, tmp_path, output)
-        return
-    assert (process.returncode, output) == (1, ""), messages
-    (line,) = messages.splitlines()
-    assert line.startswith("contact-tracker: error: a process has ended before its work was done")
-    assert list(tmp_path.iterdir()) == []
+    assert process.returncode == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
 
 
-@pytest.mark.parametrize("arguments", [SEGMENT, CALIBRATE], ids=["segment", "calibrate"])
-def test_helpers_end_with_the_process_that_started_them(arguments: list[str], tmp_path: Path) -> None:
+def test_helpers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
     with (
         open(tmp_path / "stderr", "w") as stderr,
         subprocess.Popen(
-            [*PROGRAM, *arguments],
+            [*PROGRAM, *SEGMENT],
             env=ENVIRONMENT,
             cwd=tmp_path,
             stdout=subprocess.DEVNULL,

@@ -123,5 +123,5 @@ def test_warnings_and_logs_of_libraries_are_one_line() -> None:
 
 
 def test_warnings_in_worker_processes_are_one_line(capfd: pytest.CaptureFixture[str]) -> None:
-    Runner(2, None, terminal.take_over_warnings)(warnings.warn, [("a\x1b",), ("a\x1b",)])
+    Runner(2, lambda: None, terminal.take_over_warnings)(warnings.warn, [("a\x1b",), ("a\x1b",)])
     assert capfd.readouterr().err == "contact-tracker: warning: UserWarning: a\\x1b\n" * 2

@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contact_tracker.calibration.writing import model_text
 from contact_tracker.config.loading import MAY_BE_ZERO, load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import ModelError, UsageError
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.posterior import label_geometry
+from contact_tracker_lab.calibration.parameters import model_text
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))

@@ -1,23 +1,17 @@
 """Contacts beside the first against their truth."""
 
-import json
-from itertools import product
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from contact_tracker.cli.main import run
-from contact_tracker.evaluation.evaluate import Evaluator
-from contact_tracker.evaluation.further import FurtherScore
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.evaluation.evaluate import Evaluator
+from contact_tracker_lab.evaluation.further import FurtherScore
 
-ROOT = Path(__file__).resolve().parents[2]
 STEP_NS = 10_000_000
 FRAMES = 100
 GEOMETRY = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
@@ -111,15 +105,3 @@ def test_without_beliefs_nothing_is_found() -> None:
     found = score(true(EF, (VF, 0, FRAMES)), [])
     assert (found.right, found.false_s) == (0.0, 0.0)
     assert found.several_s > 0.9
-
-
-@pytest.mark.long
-def test_the_report_scores_further_contacts_offline_and_online(capsys: pytest.CaptureFixture[str]) -> None:
-    path = str(ROOT / "recordings" / "wall_in_between.mcap")
-    assert run(["evaluate", path, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["total"]["further"]
-    assert found["offline"]["several_s"] == pytest.approx(8.0, abs=0.1)
-    for mode, key in product(("offline", "online"), ("right", "false")):
-        assert 0.0 <= found[mode][key] <= 1.0
-    assert found["offline"]["right"] > 0.95
-    assert found["offline"]["false"] < 0.05

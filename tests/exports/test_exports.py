@@ -18,13 +18,12 @@ from pyarrow.json import read_json
 import contact_tracker
 from contact_tracker import Trajectory
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
+from contact_tracker.exports.formats import decided, write_outcome
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import ribbon_html
-from contact_tracker.exports.writing import write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
 from contact_tracker.geometry.flat import TYPES, flat
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.tables import decided
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, STATES, Contact

@@ -11,23 +11,24 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import adaptation
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.loading import load_model
-from contact_tracker.evaluation.geometry_errors import geometry_errors
+from contact_tracker.exports.formats import json_line
 from contact_tracker.formations.naming import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import Accuracy, NamedElement, PriorMap, known_to
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.changes import FormationChanges
-from contact_tracker.outputs.tables import json_line
+from contact_tracker.outputs.changes import Changes
 from contact_tracker.outputs.text import describe, table
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save
-from contact_tracker.simulate import Phase, Scenario, Simulated, simulate
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity, offline_smoother
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.evaluation.evaluate import evaluate
+from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
+from contact_tracker_lab.simulate import Phase, Scenario, Simulated, simulate
 
 SECOND = 10**9
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -58,11 +59,10 @@ def only_further(name: str) -> FurtherContact:
 
 @pytest.mark.long
 @needs_kernels
-@pytest.mark.parametrize("order", [[1, 2, 3, 0], [3, 0, 1, 2]])
-def test_no_further_contact_repeats_another(order: list[int]) -> None:
+def test_no_further_contact_repeats_another() -> None:
     """Wrong orders of quaternions give motion that keeps constraints, but no contacts beside the first."""
-    poses = Poses.collect(open_log(str(RECORDINGS / "paper_experiment.mcap")))[:4000]
-    poses = replace(poses, quat_xyzw=np.ascontiguousarray(poses.quat_xyzw[:, order]))
+    poses = Poses.collect(open_log(str(RECORDINGS / "paper_experiment.mcap")))[1000:4000]
+    poses = replace(poses, quat_xyzw=np.ascontiguousarray(poses.quat_xyzw[:, [1, 2, 3, 0]]))
     _, beliefs = adaptation.advance(adaptation.start(load_model()), poses)
     for one in (*adaptation.segment(poses, load_model()).segments, *beliefs):
         contacts = [describe(other.geometry) for other in (one, *one.further) if other.geometry is not None]
@@ -114,6 +114,9 @@ def test_a_further_contact_begins_and_ends() -> None:
     assert further.end_ns is not None
     assert abs(further.start_ns - true.start_ns) < 0.3 * SECOND
     assert abs(further.end_ns - true.end_ns) < 0.3 * SECOND
+    scored = evaluate(made(name).poses, made(name).truth, result).further_offline
+    assert scored.right > 0.95
+    assert scored.false < 0.05
     holds = np.array([bool(belief.further) for belief in result.beliefs])
     inside = (result.stamp_ns >= further.start_ns) & (result.stamp_ns <= further.end_ns)
     np.testing.assert_array_equal(holds, inside)
@@ -124,7 +127,7 @@ def test_a_further_contact_begins_and_ends() -> None:
 @needs_kernels
 @pytest.mark.parametrize(
     "contact",
-    [Contact.FF, *(pytest.param(c, marks=pytest.mark.long) for c in (Contact.EF, Contact.VF, Contact.EE))],
+    [Contact.FF, pytest.param(Contact.VF, marks=pytest.mark.long)],
 )
 def test_a_single_contact_has_no_further_ones_and_is_no_joint(contact: Contact) -> None:
     """Two vertices on the table would be an edge, three a face."""
@@ -143,20 +146,22 @@ def test_a_further_contact_is_reported_online_while_it_holds() -> None:
     assert len(reporting) > 10
     assert all(true.start_ns <= one.stamp_ns <= true.end_ns + 0.3 * SECOND for one in reporting)
     assert abs(reporting[0].further[0].start_ns - true.start_ns) < 0.5 * SECOND
-    changes = FormationChanges()
-    events = [(len(joins), len(leaves)) for belief in beliefs for joins, leaves in [changes.update(belief)]]
+    changes = Changes()
+    events = [
+        (len(joins), len(leaves)) for belief in beliefs for _, joins, leaves in [changes.update(belief)]
+    ]
     assert [event for event in events if any(event)] == [(1, 0), (0, 1)]
 
 
 @needs_kernels
 def test_a_saved_stream_resumes_with_its_formation(tmp_path) -> None:
     poses = made("vertex_and_vertex").poses
-    state, beliefs = adaptation.advance(adaptation.start(load_model()), poses[:3600])
+    state, beliefs = adaptation.advance(adaptation.start(load_model()), poses[:2000])
     assert beliefs[-1].further
     save(tmp_path / "state", state)
     restored = load(tmp_path / "state")
-    _, rest = adaptation.advance(state, poses[3600:])
-    _, again = adaptation.advance(restored, poses[3600:])
+    _, rest = adaptation.advance(state, poses[2000:2400])
+    _, again = adaptation.advance(restored, poses[2000:2400])
     assert list(map(json_line, again)) == list(map(json_line, rest))
     assert any(belief.further for belief in rest)
 
@@ -224,7 +229,7 @@ def test_further_contacts_are_searched_among_known_elements() -> None:
             environment_complete=True,
         )
         (segment,) = adaptation.segment(
-            made("vertex_and_vertex").poses, load_model(), knowledge=knowledge
+            made("vertex_and_vertex").poses[:2400], load_model(), knowledge=knowledge
         ).segments
         assert segment.contact is Contact.VF
         assert {segment.touching[1], *(one.geometry.names[1] for one in segment.further)} == names

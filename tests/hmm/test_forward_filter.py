@@ -221,7 +221,7 @@ def with_free_joined(path):
 @given(seed=seeds, every=st.integers(3, 40), share=st.sampled_from([0.1, 0.5, 0.95]))
 def test_skipped_ticks_are_ticks_without_change(seed, every, share):
     """Skipping equals a tick with the same likelihoods, without births, in which free motion lasts."""
-    rng, ticks = np.random.default_rng(seed), 120
+    rng, ticks = np.random.default_rng(seed), 70
     initial, change = np.log(np.full(3, 1 / 3)), np.log(rng.dirichlet(np.full(3, 0.5), (ticks, 3)) + 1e-9)
     none = np.full((3, 3), -np.inf)
     none[2, 2] = 0.0

@@ -9,7 +9,6 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import global_search
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.window_fit import fit_window
-from contact_tracker.landmarks.landmark_memory import LandmarkMemory
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.prior_map_files import knowledge_from
@@ -28,7 +27,7 @@ def test_batches_of_a_search_make_no_difference(monkeypatch: pytest.MonkeyPatch)
         CONTACT_MODELS[Contact.EE.column],
         knowledge_from({"object": {"box": {"size_m": [0.1, 0.2, 0.3]}}}),
     )
-    begins = propose_births(model, known, LandmarkMemory(), 0.0, Frame.around(np.zeros(3), zeta[-1, 9:12]))
+    begins = propose_births(model, known, None, 0.0, Frame.around(np.zeros(3), zeta[-1, 9:12]))
     assert begins.count == 12
     found = []
     for at_once in (1, 5, 12, 100):

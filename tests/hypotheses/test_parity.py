@@ -20,7 +20,7 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.pruning import Births, prune, residual
 from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.hypotheses.refit import prior_at_anchors
-from contact_tracker.hypotheses.schedule import FAR_NATS, LANDMARK_BURN_IN_SHARE, burn_in_ticks
+from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
 from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import Contact
@@ -211,7 +211,7 @@ def test_relaxed_problems_of_too_few_poses_are_left_out(model):
 @each_model
 def test_exchanged_geometries_agree(model):
     """Also at the bounds for donors and receivers."""
-    recipients, restricted, rng = 0, 0, np.random.default_rng(9)
+    recipients, restricted, rng = 0, 0, np.random.default_rng(3)
     for state in states():
         bank = state.banks[model.contact.column]
         some = rng.random((3, len(bank)))
@@ -240,7 +240,7 @@ def test_updates_by_a_tick_agree(k):
     ticks = tracked_ticks()
     numpy, kernel = both(lambda: tracker.update(ticks[k].state, ticks[k + 1].tick)[0])
     for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
-        for name in ("number", "onset", "prior_index", "from_landmark"):
+        for name in ("number", "onset", "prior_index"):
             np.testing.assert_array_equal(getattr(compiled_, name), getattr(reference, name))
         for bank in (reference, compiled_):  # hypotheses with the same onset share a row
             np.testing.assert_array_equal(bank.onsets.onset, np.unique(bank.onset))
@@ -283,7 +283,6 @@ def test_births_agree(model, old, many, correlation):
         prior_information=known,
         needs_search=searched,
         protected_until=np.where(searched, burn_in_ticks(model.needed), 0.0),
-        from_landmark=rng.random(many) > 0.5,
     )
     begins = BirthProposals(rows, ElementPrior(mean, known).is_given(model), np.zeros(many, bool)).sharing(
         -rng.random(many)
@@ -308,7 +307,7 @@ def test_births_agree(model, old, many, correlation):
     new = kernel.number >= 1000
     assert new.sum() == many
     np.testing.assert_array_equal(kernel.protected_until[new], numpy.protected_until[new])
-    for name in ("number", "onset", "prior_index", "from_landmark", "needs_search", "known_pair_index"):
+    for name in ("number", "onset", "prior_index", "needs_search", "known_pair_index"):
         np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
     np.testing.assert_array_equal(kernel.onsets.onset_ns, numpy.onsets.onset_ns)
     assert_same_columns(
@@ -338,15 +337,13 @@ def test_the_same_hypotheses_search(seed, model):
     bank = blank(model, count).replace_onset_columns(effective_ticks=rng.uniform(0.0, 40.0, count))
     bank = bank.replace_columns(
         needs_search=rng.random(count) > 0.2,
-        from_landmark=rng.random(count) > 0.5,
         prior_index=rng.random(count) > 0.5,
         rms=rng.uniform(1.0, 3.0, count),
         log_likelihood=np.where(np.arange(count) == 7, np.nan, -40.0 * rng.random(count)),
     )
     found = global_search.select_for_search(bank, model)
     assert set(kernels.select_for_search(bank, model)) == set(found)
-    share = np.where(bank.from_landmark, LANDMARK_BURN_IN_SHARE, 1.0)
-    negligible = (bank.log_weight < -FAR_NATS) & (bank.effective_ticks > share * burn_in_ticks(model.needed))
+    negligible = (bank.log_weight < -FAR_NATS) & (bank.effective_ticks > burn_in_ticks(model.needed))
     assert not negligible[found].any()
 
 

@@ -18,7 +18,6 @@ from contact_tracker.hypotheses.proximity_prior import (
     reweight_transitions,
 )
 from contact_tracker.landmarks.element_pairs import element_pairs
-from contact_tracker.landmarks.landmark_memory import LandmarkMemory
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Pose
@@ -44,9 +43,7 @@ def tick(rotation, height_m):
 def proximity(newest, knowledge=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
-        begins = propose_births(
-            model, knowledge, LandmarkMemory(), 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12])
-        )
+        begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
         found.append((element_pairs(knowledge, model), proximity_evidence(model, begins, newest, SCALES)))
     return found
 
@@ -71,7 +68,7 @@ def test_contacts_with_larger_errors_are_possible_at_larger_distances():
     state, _ = tracker.step(state, poses[1])
     loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
     before, after = (
-        predict_transitions(state._replace(model=model), state.window).log_transition[FREE]
+        predict_transitions(state._replace(model=model), state.sliding_window).log_transition[FREE]
         for model in (MODEL, loose)
     )
     assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0
@@ -149,9 +146,7 @@ def test_uncertain_elements_count_by_the_errors_of_their_residuals(contact):
         {"object": {**side, "complete": True}, "environment": {**side, "complete": True}}
     )
     newest = tick(Rotation.from_rotvec([0.3, 0.4, 0.2]).as_matrix(), 0.2)
-    begins = propose_births(
-        model, knowledge, LandmarkMemory(), 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12])
-    )
+    begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
     gain = proximity_evidence(model, begins, newest, SCALES).gain
     rows = begins.rows
     tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))[0]
@@ -175,7 +170,7 @@ def test_of_many_pairs_the_most_probable_begin():
     knowledge = knowledge_from({"environment": {"plane": [TABLE]}, "object": {"point": points}})
     pairs, evidence = proximity(tick(np.eye(3), CUBE_M / 2), knowledge)[Contact.VF.column]
     model = CONTACT_MODELS[Contact.VF.column]
-    begins = propose_births(model, knowledge, LandmarkMemory(), 0.0, Frame.around(np.zeros(3), np.zeros(3)))
+    begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
     kept = evidence.of(begins)
     certain = kept.rows.elements_known
     assert certain.sum() == MOST_BIRTHS

@@ -1,6 +1,7 @@
 """The map of elements: what sightings say about pairs, associations, and what other contacts may use."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
-from contact_tracker.map.leave_one_out import MARGIN_S, LeaveOneOut
 from contact_tracker.map.pairs import map_pairs
 from contact_tracker.map.sighting import ElementEstimate, Sighting
-from contact_tracker.map.world_map import CONCENTRATION, Map, log_prior_of_new
+from contact_tracker.map.view import MapView
+from contact_tracker.map.world_map import CONCENTRATION, MARGIN_S, Map, log_prior_of_new
 from contact_tracker.states import Contact
 
 REACH_M = 0.3
@@ -85,7 +86,7 @@ def test_a_pair_is_that_of_its_parameters(model: ContactModel) -> None:
 def test_contacts_of_one_face_share_it() -> None:
     """f-f knows the difference of two offsets only; a vertex on the same table gives both."""
     rng = np.random.default_rng(2)
-    world = Map(
+    world = Map.learn(
         [
             seen(Contact.FF, (BOTTOM, TABLE), 0, rng=rng),
             seen(Contact.VF, (CORNER, TABLE), 100, rng=rng),
@@ -94,7 +95,7 @@ def test_contacts_of_one_face_share_it() -> None:
         REACH_M,
     )
     assert len({theirs for _, theirs in world.pairs.values()}) == 1
-    view = world.without()
+    view = world.whole
     ours, theirs = world.pairs[0]
     assert view.elements[theirs].place_m[0] == pytest.approx(0.2, abs=5e-3)
     assert view.elements[ours].place_m[0] == pytest.approx(-0.05, abs=5e-3)
@@ -105,7 +106,7 @@ def test_contacts_of_one_face_share_it() -> None:
 def test_faces_at_another_height_are_another_pair() -> None:
     """Both sides of a box rest on one table, or one side on two: that is not the same pair."""
     rng = np.random.default_rng(3)
-    world = Map(
+    world = Map.learn(
         [
             seen(Contact.VF, (CORNER, TABLE), 0, rng=rng),
             seen(Contact.FF, (BOTTOM, TABLE), 100, rng=rng),
@@ -120,7 +121,7 @@ def test_faces_at_another_height_are_another_pair() -> None:
 
 def test_different_elements_stay_apart() -> None:
     rng = np.random.default_rng(4)
-    world = Map(
+    world = Map.learn(
         [
             seen(Contact.VF, (CORNER, TABLE), 0, rng=rng),
             seen(Contact.VF, (OTHER_CORNER, TABLE), 100, rng=rng),
@@ -138,7 +139,7 @@ def test_unseen_directions_do_not_separate() -> None:
     """Where a sighting shows nothing, its estimate may be anything."""
     rng = np.random.default_rng(5)
     far = MapElement("v", np.zeros(3), CORNER.place_m + 0.3 * np.eye(3)[0])
-    world = Map(
+    world = Map.learn(
         [seen(Contact.VF, (CORNER, TABLE), 0, rng=rng), seen(Contact.VF, (far, TABLE), 100, unknown=[0])],
         REACH_M,
     )
@@ -146,19 +147,23 @@ def test_unseen_directions_do_not_separate() -> None:
 
 
 def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
-    world = Map([seen(Contact.VF, (CORNER, TABLE), 0), seen(Contact.VF, (OTHER_CORNER, TABLE), 100)], REACH_M)
-    learned = LeaveOneOut(world, 0.1)
+    world = Map.learn(
+        [seen(Contact.VF, (CORNER, TABLE), 0), seen(Contact.VF, (OTHER_CORNER, TABLE), 100)], REACH_M
+    )
+
+    def at(tick: int) -> MapView:
+        return world.without(world.near(tick, 0.1))
+
     corners = {
-        tick: [key for key, one in learned.at(tick).elements.items() if one.kind == "v"]
-        for tick in (10, 60, 110)
+        tick: [key for key, one in at(tick).elements.items() if one.kind == "v"] for tick in (10, 60, 110)
     }
     assert corners[10] == [world.pairs[100][0]]
     assert corners[110] == [world.pairs[0][0]]
     assert len(corners[60]) == 2
-    assert len(learned.at(20 + round(MARGIN_S / 0.1) - 1).counts) == 2  # the same contact may end later
+    assert len(at(20 + round(MARGIN_S / 0.1) - 1).counts) == 2  # the same contact may end later
     table = world.pairs[0][1]
-    assert learned.at(10).counts[table] == 1
-    assert learned.at(60).counts[table] == 2
+    assert at(10).counts[table] == 1
+    assert at(60).counts[table] == 2
 
 
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
@@ -167,13 +172,10 @@ def test_priors_of_pairs(model: ContactModel) -> None:
     every = {"f": (BOTTOM, TABLE), "e": (EDGE, EDGE), "v": (CORNER, CORNER)}
     ours, theirs = kinds_of(model)
     pair = every[ours][0], every[theirs][1]
-    world = Map([seen(model.contact, pair, 0), seen(model.contact, pair, 100)], REACH_M)
-    found = map_pairs(world.without(), model, np.zeros(3))
-    assert sum(np.exp(one.log_share) for one in found) == pytest.approx(1.0)
-    new = found[0]
-    assert not new.information.any()
-    assert not new.is_known
-    assert new.log_share == pytest.approx(2.0 * np.log(CONCENTRATION / (2.0 + CONCENTRATION)))
+    world = Map.learn([seen(model.contact, pair, 0), seen(model.contact, pair, 100)], REACH_M)
+    log_p_new, found = map_pairs(world.whole, model, np.zeros(3))
+    assert np.exp(log_p_new) + sum(np.exp(one.log_share) for one in found) == pytest.approx(1.0)
+    assert log_p_new == pytest.approx(2.0 * np.log(CONCENTRATION / (2.0 + CONCENTRATION)))
     known = next(one for one in found if one.is_known)
     tangent = model.family.tangent(known.mean[None], model.anchors(np.zeros(3))[None])[0]
     values = np.linalg.eigvalsh(tangent.T @ known.information @ tangent)
@@ -206,6 +208,38 @@ def test_many_contacts_that_share_nothing_take_seconds_not_minutes() -> None:
         for i in range(60)
     ]
     begin_s = time.process_time()
-    world = Map(sightings, REACH_M)
+    world = Map.learn(sightings, REACH_M)
     assert time.process_time() - begin_s < 10.0
     assert world.complexity == 0.0
+
+
+def test_a_growing_map_replaces_a_contact_that_lasts() -> None:
+    rng = np.random.default_rng(7)
+    first = seen(Contact.VF, (CORNER, TABLE), 0, rng=rng)
+    short = replace(first, onset_ns=100, stamp_ns=200)
+    world = Map(REACH_M).insert(short)
+    assert world.due_ns == {100: 250}
+    world = world.insert(replace(short, stamp_ns=300)).insert(seen(Contact.EF, (EDGE, TABLE), 50, rng=rng))
+    assert len(world.sightings) == 2
+    assert world.due_ns[100] == 400
+    assert len({theirs for _, theirs in world.pairs.values()}) == 1
+    again = world.before_onsets()
+    assert [one.first for one in again.sightings] == [-2, -1]
+    np.testing.assert_array_equal(again.whole.covariance, world.whole.covariance)
+
+
+@pytest.mark.parametrize("kind", ["f", "e", "v"])
+def test_change_of_free_coordinates(kind: str) -> None:
+    one = {"f": TABLE, "e": EDGE, "v": CORNER}[kind]
+    change = 1e-3 * np.arange(1.0, one.size + 1)
+    np.testing.assert_allclose(one.change_to(one.moved(change)), change, atol=1e-5)
+
+
+def test_a_contact_may_be_with_an_element_incident_with_the_last_one() -> None:
+    """After a corner on the table, an edge through that corner on the same table."""
+    world = Map(REACH_M).insert(seen(Contact.VF, (CORNER, TABLE), 0))
+    edge, table = world.whole.incident_pair(BY_CONTACT[Contact.EF], np.zeros(3))
+    np.testing.assert_allclose(edge.point_m, CORNER.place_m, atol=1e-6)
+    assert not edge.direction.any()
+    np.testing.assert_allclose(table.normal, TABLE.direction, atol=1e-6)
+    assert world.whole.incident_pair(BY_CONTACT[Contact.VF], np.zeros(3)) is None

@@ -48,7 +48,10 @@ def test_the_cause_is_the_first_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     recorded(tmp_path / "a.mcap", fault, 0.6)
-    for command in ("info a.mcap", "live a.mcap", "segment a.mcap", "view a.mcap --save a.rrd"):
+    others = (
+        ("live a.mcap", "segment a.mcap", "view a.mcap --save a.rrd") if fault == next(iter(FAULTS)) else ()
+    )
+    for command in ("info a.mcap", *others):
         assert run(command.split()) == DAMAGED
         first = capsys.readouterr().err.splitlines()[0]
         assert "240 of 400 poses are left out, 240 of them as bad_quaternion" in first, command

@@ -13,6 +13,7 @@ import pytest
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
+from contact_tracker.exports.formats import json_line, write_csv, write_jsonl
 from contact_tracker.exports.summary_html import table_html
 from contact_tracker.geometry.elements import (
     ContactGeometry,
@@ -25,7 +26,6 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.joints.models import JointKind
-from contact_tracker.outputs.tables import json_line, write_csv, write_jsonl
 from contact_tracker.outputs.text import change_line, describe, status_text, table
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment

@@ -9,8 +9,8 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.window_curves import curves, minimise_windows
-from contact_tracker.simulate import Phase, Scenario, simulate
 from contact_tracker.states import CONTACTS, Contact
+from contact_tracker_lab.simulate import Phase, Scenario, simulate
 
 RATE_NS = 5_000_000
 

@@ -18,8 +18,8 @@ from test_message_formats import NAME, POSES, assert_read, cdr_pose, humble
 from contact_tracker.errors import ChoiceError, NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
-from contact_tracker.recording.bags import read_bag
 from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.reading import read_bag
 from contact_tracker.recording.rosbag1 import read_rosbag1
 from mcap_logs import START_NS, poses_topic, smooth_poses, write_log
 
@@ -165,9 +165,10 @@ def test_the_decompressed_size_of_bags_is_limited(tmp_path: Path, compression: s
     name, is_packed = compression.encode(), compression != "none"
     many = connection_record() * 60_000
     zeros = bytes(2**28 if is_packed else 2**16)
+    packed = pack(zeros)
     cases = {
-        "zeros": ([(name, pack(zeros), len(zeros))], f"become {len(zeros)}" if is_packed else "no field op"),
-        "lies": ([(name, pack(zeros), 100)], "no field op"),
+        "zeros": ([(name, packed, len(zeros))], f"become {len(zeros)}" if is_packed else "no field op"),
+        "lies": ([(name, packed, 100)], "no field op"),
         "records": ([(name, pack(many), len(many))] * (60 if is_packed else 1), "more records than"),
         "unknown": ([(b"xz", b"", 5)], "unknown compression"),
     }

@@ -17,8 +17,7 @@ from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
 from contact_tracker.recording.decoding import MessageDecoder
-from contact_tracker.recording.definition_work import DecodingWork, work_of
-from contact_tracker.recording.definitions import known_definition, parse_definition
+from contact_tracker.recording.definitions import DecodingWork, known_definition, parse_definition, work_of
 from contact_tracker.recording.items import Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.limits import WorkBudget
 from mcap_logs import SCHEMAS

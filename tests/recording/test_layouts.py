@@ -187,12 +187,11 @@ def same_outcome(decoder, message):
 
 
 def test_the_number_of_layouts_is_bounded():
-    layouts, tried = Layouts("geometry_msgs/msg/PoseStamped"), []
+    layouts = Layouts("geometry_msgs/msg/PoseStamped")
     decoder, on = MessageDecoder(None), channel("geometry_msgs/msg/PoseStamped")
     for count in range(300):
         data = cdr(on.type, "<", (f"frame {count}",), ((1, 2), [0.0] * 7))
-        layouts.learn(data, lambda test: tried.append(test) or decoder.observe(RawMessage(on, 0, test)))
-    assert len(tried) <= 2 * 64
+        layouts.learn(data, decoder.observe(RawMessage(on, 0, data)))
     assert sum(map(len, layouts._by_size.values())) <= 64
 
 

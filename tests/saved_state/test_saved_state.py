@@ -18,11 +18,11 @@ from contact_tracker import Tracker, adaptation
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import StateError
+from contact_tracker.exports.formats import json_line
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.tables import json_line
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import is_same, load, save
@@ -63,11 +63,7 @@ def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: b
 @needs_kernels
 @pytest.mark.parametrize(
     ("name", "count", "lag_s"),
-    [
-        ("vision_30hz", 300, 1.0),
-        ("all_states", 600, 0.0),
-        pytest.param("all_states", 2500, 1.0, marks=pytest.mark.long),
-    ],
+    [("vision_30hz", 300, 1.0), ("all_states", 600, 0.0)],
 )
 def test_a_restored_stream_continues_bit_for_bit(tmp_path: Path, name: str, count: int, lag_s: float) -> None:
     poses = recorded(name, count)

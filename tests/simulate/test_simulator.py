@@ -16,10 +16,9 @@ from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.ground_truth import TruthInterval
 from contact_tracker.motion.poses import Poses
-from contact_tracker.simulate import SCENARIOS, Phase, Scenario, Simulated, named_scenario, simulate
-from contact_tracker.simulate.scenarios import FORMATIONS, JOINTS
-from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
 from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker_lab.simulate import SCENARIOS, Phase, Scenario, Simulated, named_scenario, simulate
+from contact_tracker_lab.simulate.scenarios import FORMATIONS, JOINTS, OBJECTS, SURROUNDINGS
 
 Array = NDArray[np.float64]
 QUIET = {

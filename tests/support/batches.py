@@ -8,8 +8,8 @@ from typing import Any
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find
 from contact_tracker.batch.rows import Row
-from contact_tracker.batch.run import Batch, Outcome
-from contact_tracker.batch.settings import Settings, settings_of
+from contact_tracker.batch.run import Batch
+from contact_tracker.batch.settings import Settings
 from contact_tracker.config.loading import load_model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.recording import write_recording
@@ -43,7 +43,7 @@ def write_broken(folder: Path) -> list[Path]:
 
 
 def settings(**options: Any) -> Settings:
-    return settings_of(options.pop("model", MODEL), EMPTY_MAP, **options)
+    return Settings(options.pop("model", MODEL), EMPTY_MAP, **options)
 
 
 def run(
@@ -52,7 +52,7 @@ def run(
     new: list[Row] | None = None,
     rehash: bool = False,
     **options: Any,
-) -> Outcome:
+) -> Batch:
     """A batch in this process; ``new`` collects the new rows."""
 
     def one_by_one(

@@ -6,12 +6,15 @@ of that. Blocks marked ``python`` are run as they are; a ``text`` block after on
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
 from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
+
+from command_line import Done, run
 
 ROOT = Path(__file__).resolve().parents[2]
 FENCED = re.compile(r"^```(console|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -47,8 +50,11 @@ def steps(text: str) -> Iterator[Step]:
                     yield Step(language, line[2:], "\n".join(shown))
 
 
-def carried_out(step: Step, folder: Path) -> "subprocess.CompletedProcess[str]":
-    """Run a step where ``contact-tracker`` and ``python`` are this checkout's."""
+def carried_out(step: Step, folder: Path) -> "subprocess.CompletedProcess[str] | Done":
+    """Run a step where ``contact-tracker`` and ``python`` are this checkout's; a command alone in this
+    process."""
+    if step.code.startswith("contact-tracker ") and not set("|<>&;*") & set(step.code.replace("->", "")):
+        return run(*shlex.split(step.code)[1:], cwd=folder)
     environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "PYTHON": sys.executable}
     programs = 'contact-tracker() { "$PYTHON" -m contact_tracker "$@"; }\npython() { "$PYTHON" "$@"; }\n'
     shell = ["bash", "-c", programs + step.code]

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
-from contact_tracker.simulate import Scenario, Simulated, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.simulate import Scenario, Simulated, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 
 MODEL: Final[Model] = load_model()
 FACE_TO_EDGE: Final = "f-f e-f"

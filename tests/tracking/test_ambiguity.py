@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from contact_motions import touching
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.exports.formats import json_line, write_csv
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
 from contact_tracker.hypotheses import observability, refit
 from contact_tracker.hypotheses.bank import blank
@@ -23,14 +24,13 @@ from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.used_directions import used_directions
 from contact_tracker.motion.window import Window
-from contact_tracker.outputs.tables import json_line, write_csv
 from contact_tracker.outputs.text import describe, table
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity, tracker
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, segmented
 
 SCALES = tracker.scales_of(MODEL)

@@ -11,13 +11,8 @@ from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import MOST
 from contact_tracker.hypotheses.tick_update import StopCondition
-from contact_tracker.landmarks.landmark_memory import (
-    LONGER,
-    MAP_INSERTION_PROBABILITY,
-    Landmark,
-    LandmarkMemory,
-)
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.tracking import batch_update, tracker
@@ -94,17 +89,17 @@ def test_results_do_not_depend_on_the_number_of_ticks_at_once(name):
         assert (state.belief.stamp_ns, state.belief.onset_ns) == (then.belief.stamp_ns, then.belief.onset_ns)
         for ours, theirs in zip(state.cached_proposals, then.cached_proposals, strict=True):
             np.testing.assert_array_equal(ours.proposals.rows.words, theirs.proposals.rows.words)
-        assert state.memory.due_ns == then.memory.due_ns
+        assert state.map.due_ns == then.map.due_ns
         np.testing.assert_array_equal(state.window.variance, then.window.variance)
 
 
 def test_the_recordings_have_ticks_at_which_batches_end():
-    """Landmark updates, uninformative ticks, and nearly all states."""
+    """Sightings, uninformative ticks, and nearly all states."""
     resting = one_by_one("rest and gap")
     assert sum(results.state.deferred_exposure > 0.0 for results in resting) > 10
     assert sum(results.tick.count == 0 for results in resting) >= 5
     for name in ("contacts", "edges", "rest and gap"):
-        assert len({tuple(results.state.memory.due_ns.items()) for results in one_by_one(name)}) > 3
+        assert len({tuple(results.state.map.due_ns.items()) for results in one_by_one(name)}) > 3
     assert {results.state.label for results in one_by_one("contacts")} >= {Contact.FF, Contact.EF}
 
 
@@ -125,7 +120,7 @@ def tick_inputs(k, count):
 
 
 @pytest.mark.parametrize("k", [1, 9, 24])
-def test_a_batch_ends_at_the_first_possible_landmark_update(k):
+def test_a_batch_ends_at_the_first_possible_sighting(k):
     """The caller decides on the update by the belief; no tick with an update may be skipped."""
     state, inputs = tick_inputs(k, 20)
     results = one_by_one("contacts")[k + 1 : k + 21]
@@ -141,13 +136,17 @@ def test_a_batch_ends_at_the_first_possible_landmark_update(k):
     )
     for probability in (0.5, 0.8, MAP_INSERTION_PROBABILITY, 0.99):
         for due in ({}, {results[10].belief.onset_ns: results[10].tick.stamp_ns}):
+            current_ns = results[0].belief.onset_ns if results[0].belief.onset_ns in due else -1
             stops = [
-                one.state.label is not Contact.FREE
-                and p >= probability
-                and one.tick.stamp_ns >= due.get(one.belief.onset_ns, 0)
+                (one.belief.onset_ns if one.belief.onset_ns in due else -1) != current_ns
+                or (
+                    one.state.label is not Contact.FREE
+                    and p >= probability
+                    and one.tick.stamp_ns >= due.get(one.belief.onset_ns, 0)
+                )
                 for one, p in zip(results, top, strict=True)
             ]
-            updated = bank_update.update(*given, StopCondition(probability, exponent, due))
+            updated = bank_update.update(*given, StopCondition(probability, exponent, due, current_ns))
             assert len(updated.tick_weights) == ([*stops, True].index(True) + 1 if any(stops) else 20)
     assert len(bank_update.update(*given).tick_weights) == 20
 
@@ -202,15 +201,3 @@ def test_nan_weights_end_a_batch():
         StopCondition(MAP_INSERTION_PROBABILITY, 0.5, {}),
     )
     assert len(updated.tick_weights) == 1
-
-
-def test_landmark_updates_are_due_after_half_the_duration_again():
-    landmarks = [
-        Landmark(onset, stamp, None, np.zeros(3)) for onset, stamp in ((0, 100), (0, 101), (500, 500))
-    ]
-    memory = LandmarkMemory((landmarks[0],), tuple(landmarks[1:]))
-    assert memory.due_ns == {0: 152, 500: 500}
-    assert LONGER * 101 == 151.5
-    assert not memory.is_due(0, 151)
-    assert memory.is_due(0, 152)
-    assert memory.is_due(7, 8)

@@ -30,7 +30,7 @@ def test_curved_contact_is_any_other(name):
     assert longest.contact is Contact.FREE
     assert set(longest.inseparable) == set(CONTACTS)
     assert longest.probability < 0.5
-    assert found.filtered.probability[-20:, FREE].max() < 0.5
+    assert found.filtered.probability[-20:, FREE].max() < 0.9
     assert found.beliefs.probability.sum(axis=1) == pytest.approx(1.0)
 
 
@@ -56,7 +56,7 @@ def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others():
     assert longest.contact is Contact.FREE
     assert set(longest.inseparable) == possible
     assert longest.probability < 0.5
-    assert found.filtered.probability[-20:, FREE].max() < 0.5
+    assert found.filtered.probability[-20:, FREE].max() < 0.9
     state, beliefs = tracker.start(MODEL, 0.5, knowledge), []
     for pose in poses:
         state, belief = tracker.step(state, pose)

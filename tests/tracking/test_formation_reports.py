@@ -16,8 +16,8 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, NamedElement, PriorMap
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
-from contact_tracker.outputs.changes import FormationChanges
-from contact_tracker.states import Contact
+from contact_tracker.outputs.changes import Changes
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief
@@ -117,9 +117,25 @@ def test_a_further_contact_is_never_more_probable_than_the_label_beside_it() -> 
 
 
 def test_a_resumed_stream_continues_from_the_last_report() -> None:
-    resumed = FormationChanges()
-    resumed.before = (further(4),)
-    assert resumed.update(belief_at(9, further=(further(4),))) == ([], [])
+    resumed = Changes()
+    resumed.further = (further(4),)
+    assert resumed.update(belief_at(9, further=(further(4),)))[1:] == ([], [])
+
+
+def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
+    def belief(contact: Contact, is_open: bool) -> Belief:
+        others = tuple(one for one in STATES if one is not contact) if is_open else ()
+        return belief_at(5, contact, inseparable=others)
+
+    changes = Changes()
+    given = [
+        (Contact.FF, True),
+        (Contact.VF, True),
+        (Contact.VF, False),
+        (Contact.FF, True),
+        (Contact.FREE, True),
+    ]
+    assert [changes.update(belief(*one))[0] for one in given] == [True, False, True, True, False]
 
 
 def test_kinds_excluded_by_the_prior_map_are_not_reported() -> None:

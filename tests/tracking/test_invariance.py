@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 
 MODEL = load_model()
 TICK_NS = MODEL.tick_ns

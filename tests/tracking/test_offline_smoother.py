@@ -9,7 +9,6 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.geometry.elements import numbers
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.poses import BATCH, Poses
@@ -20,6 +19,8 @@ from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, fo
 from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.tracking.transition_model import tick_transitions
+from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
 each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
@@ -129,7 +130,9 @@ def again_and_again(times):
             before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
             alive, tick, change = seen.state.live_hypotheses, seen.tick, seen.state.log_transition
             if number:  # hypotheses end with each repetition
-                change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.log_transition
+                change = (
+                    change if seen is not ticks_seen()[0] else tick_transitions(MODEL, 1.0).log_transition
+                )
             yield FilteredTick(
                 state=seen.state._replace(
                     log_transition=change,

@@ -24,11 +24,11 @@ from contact_tracker.landmarks.prior_map import (
 )
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import write_recording
-from contact_tracker.simulate import Scenario, simulate
-from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
 from short_recordings import true_contacts
 
 MODEL = load_model()

@@ -57,7 +57,7 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
     """Only the first ticks of a rest, before it is detected, are evaluated."""
     ticks = seen(5.0)
     waited = still(ticks)
-    assert len(waited) > 40
+    assert len(waited) >= 40
     for i in waited:
         before, now = ticks[i - 1], ticks[i]
         for old, new in zip(before.state.banks, now.state.banks, strict=True):
@@ -69,7 +69,7 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
     assert rest_ticks(MODEL.tick_s) - 1 <= opened <= rest_ticks(MODEL.tick_s)
     assert all(len(belief.inseparable) == 6 for belief in beliefs[opened:])
     assert beliefs[opened].probability.max() < 0.65 < beliefs[opened - 1].probability.max()
-    assert not ticks[waited[-1] + 1].belief.inseparable
+    assert len(ticks[waited[-1] + 1].belief.inseparable) < 6
 
 
 def test_time_at_rest_counts_once_the_object_moves_on():

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contact_tracker.exports.formats import json_line
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
-from contact_tracker.outputs.tables import json_line
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.row_buffer import Columns

@@ -25,13 +25,10 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.pose_buffer import Pieces
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
-from contact_tracker.viewer import canvas, shapes
-from contact_tracker.viewer.hull import hull, vertices_from_metadata
+from contact_tracker.viewer import LiveView, canvas, scene
 from contact_tracker.viewer.live import LiveViewer
-from contact_tracker.viewer.null_viewer import LiveView, NoViewer
 from contact_tracker.viewer.offline import Shown, show, write_rrd
-from contact_tracker.viewer.palette import COLOUR, OBJECT
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
+from contact_tracker.viewer.scene import COLOUR, OBJECT, UNKNOWN_EXTENT, draw, hull, vertices_from_metadata
 from contact_tracker.viewer.sinks import to_file
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -483,11 +480,10 @@ def test_the_live_trail_is_one_unbroken_line(
 
 
 def test_the_null_viewer_accepts_everything_without_rerun(poses: Poses, segmentation: Segmentation) -> None:
-    view: LiveView
-    with NoViewer() as view:
+    with LiveView() as view:
         view.pose(next(iter(poses)))
         view.belief(segmentation.filtered[0])
-    check = "import sys, contact_tracker.viewer.null_viewer; sys.exit('rerun' in sys.modules)"
+    check = "import sys, contact_tracker.viewer; sys.exit('rerun' in sys.modules)"
     path = [p for p in sys.path if p.endswith("tracker")]
     environment = {"PYTHONPATH": ":".join(path)}
     assert subprocess.run([sys.executable, "-c", check], env=environment, check=False).returncode == 0
@@ -512,7 +508,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 @given(normal=DIRECTIONS, seed=SEEDS)
 def test_the_bowls_about_a_plane_are_at_two_standard_deviations(normal: np.ndarray, seed: int) -> None:
     plane = Plane(normal, 0.3, spread(4, seed))
-    mesh = shapes.uncertainty(plane, 0.3 * normal, 5.0)
+    mesh = scene.uncertainty(plane, 0.3 * normal, 5.0)
     height = mesh.vertices @ normal - 0.3
     foot = mesh.vertices - height[:, None] * normal
     lifted = np.column_stack([foot, -np.ones(len(foot))])
@@ -524,7 +520,7 @@ def test_the_bowls_about_a_plane_are_at_two_standard_deviations(normal: np.ndarr
 @given(direction=DIRECTIONS, seed=SEEDS)
 def test_the_tube_about_a_line_is_at_two_standard_deviations(direction: np.ndarray, seed: int) -> None:
     line = Line(direction, np.array([0.1, -0.2, 0.3]), spread(6, seed))
-    mesh = shapes.uncertainty(line, line.point_m, 1.0)
+    mesh = scene.uncertainty(line, line.point_m, 1.0)
     offset = mesh.vertices.astype(float) - line.point_m
     along = offset @ direction
     sideways = offset - along[:, None] * direction
@@ -539,7 +535,7 @@ def test_the_tube_about_a_line_is_at_two_standard_deviations(direction: np.ndarr
 @given(seed=SEEDS)
 def test_the_ellipsoid_about_a_point_is_at_two_standard_deviations(seed: int) -> None:
     point = Point(np.array([0.1, -0.2, 0.3]), spread(3, seed) + 1e-8 * np.eye(3))
-    offset = shapes.uncertainty(point, point.point_m, 1.0).vertices - point.point_m
+    offset = scene.uncertainty(point, point.point_m, 1.0).vertices - point.point_m
     distance = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(point.covariance), offset)
     assert np.allclose(distance, 4.0, rtol=0.05)
 
@@ -551,7 +547,7 @@ def test_unbounded_uncertainty_is_drawn_no_larger_than_the_element() -> None:
         Line(X, centre, 1e6 * np.eye(6)),
         Point(centre, 1e6 * np.eye(3)),
     ):
-        mesh = shapes.uncertainty(element, centre, 0.1)
+        mesh = scene.uncertainty(element, centre, 0.1)
         assert 0.09 < np.abs(mesh.vertices).max() < 0.11
 
 
@@ -564,13 +560,13 @@ def test_unbounded_uncertainty_is_drawn_no_larger_than_the_element() -> None:
     ],
 )
 def test_unknown_uncertainty_draws_nothing(element: Element) -> None:
-    assert shapes.uncertainty(element, np.zeros(3), 0.1) is shapes.EMPTY
+    assert scene.uncertainty(element, np.zeros(3), 0.1) is scene.EMPTY
 
 
 def test_an_element_that_is_not_finite_draws_nothing() -> None:
     nowhere = np.full(3, np.nan)
     for element in (Point(nowhere), Line(X, nowhere), Plane(Z, np.nan)):
-        for form in (shapes.of_object, shapes.of_surroundings):
+        for form in (scene.of_object, scene.of_surroundings):
             assert len(form(element, nowhere, 0.1).vertices) == 0
 
 
@@ -578,7 +574,7 @@ def test_the_object_is_round_and_the_surroundings_square() -> None:
     """In the view along the rod, or from above."""
     for element, axis in ((Line(Z, np.zeros(3)), 2), (Point(np.zeros(3)), 2), (Plane(Z, 0.0), 2)):
         counts = []
-        for form in (shapes.of_object, shapes.of_surroundings):
+        for form in (scene.of_object, scene.of_surroundings):
             flat = np.delete(form(element, np.zeros(3), 1.0).vertices.astype(float), axis, axis=1)
             distance = np.linalg.norm(flat, axis=1)
             rim = flat[distance > 0.99 * distance.max()]

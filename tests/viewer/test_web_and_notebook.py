@@ -11,7 +11,7 @@ import pytest
 
 import contact_tracker
 from contact_tracker.errors import ViewerError
-from contact_tracker.viewer.web import WebViewer
+from contact_tracker.viewer.sinks import WebViewer
 from mcap_logs import smooth_poses
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere addresses and signals are others")

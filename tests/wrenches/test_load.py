@@ -78,11 +78,18 @@ def turned(made: Pressed) -> Wrenches:
     )
 
 
+def in_axes_of_world(made: Pressed) -> Wrenches:
+    about_world = about_parent(made.wrenches, made.poses)
+    shift = np.cross(made.poses.position_m, about_world.force_n)
+    return Wrenches(about_world.stamp_ns, about_world.force_n, about_world.moment_nm - shift)
+
+
 @pytest.mark.parametrize(
     ("read", "expected"),
     [
         (lambda made: reversed_wrenches(made.wrenches), "They fit with the opposite sign"),
         (lambda made: about_parent(made.wrenches, made.poses), "They fit in the frame of the poses"),
+        (in_axes_of_world, "They fit in the axes of the poses' frame, about the object's origin"),
         (turned, "Check their sign, their frame"),
     ],
 )

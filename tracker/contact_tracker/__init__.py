@@ -8,11 +8,12 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from contact_tracker.api import Result, Tracker, Trajectory, evaluate, read, segment
+    from contact_tracker.api import Result, Tracker, Trajectory, read, segment
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
     from contact_tracker.wrenches.wrenches import Wrenches
+    from contact_tracker_lab.evaluation.own_labels import evaluate
 
 __version__ = "0.1.0"
 
@@ -33,18 +34,18 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Belief": "tracking.belief",
-    "Contact": "states",
-    "ContactTrackerError": "errors",
-    "ContactTrackerWarning": "errors",
-    "Result": "api",
-    "Segment": "tracking.belief",
-    "Tracker": "api",
-    "Trajectory": "api",
-    "Wrenches": "wrenches.wrenches",
-    "evaluate": "api",
-    "read": "api",
-    "segment": "api",
+    "Belief": "contact_tracker.tracking.belief",
+    "Contact": "contact_tracker.states",
+    "ContactTrackerError": "contact_tracker.errors",
+    "ContactTrackerWarning": "contact_tracker.errors",
+    "Result": "contact_tracker.api",
+    "Segment": "contact_tracker.tracking.belief",
+    "Tracker": "contact_tracker.api",
+    "Trajectory": "contact_tracker.api",
+    "Wrenches": "contact_tracker.wrenches.wrenches",
+    "evaluate": "contact_tracker_lab.evaluation.own_labels",
+    "read": "contact_tracker.api",
+    "segment": "contact_tracker.api",
 }
 
 
@@ -53,7 +54,7 @@ def __getattr__(name: str) -> "Any":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    value = getattr(import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 

@@ -31,7 +31,7 @@ def main() -> int:
 
         if _signal.getsignal(_signal.SIGINT) is _end_at_once:
             _signal.signal(_signal.SIGINT, _signal.default_int_handler)
-        interrupts.wait_for_imports()
+        interrupts.end_in_order("SIGINT")
         try:
             from contact_tracker.cli.main import run
 
@@ -41,7 +41,7 @@ def main() -> int:
                 return INTERRUPTED
             raise
         finally:
-            interrupts.ignore()
+            _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
     except KeyboardInterrupt:
         return INTERRUPTED
 

@@ -21,7 +21,7 @@ def extra(name: str, purpose: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         library = (error.name or "a library").partition(".")[0]
-        raise MissingExtra(f"{purpose} needs {library}: pip install 'contact-tracker[{name}]'") from error
+        raise MissingExtra(f"{purpose} needs {library}: pip install 'contact-tracker[{name}]'") from None
 
 
 def module_of_extra(module: str, name: str, purpose: str) -> ModuleType:

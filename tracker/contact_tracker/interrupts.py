@@ -1,8 +1,6 @@
-"""Safe handling of interrupts (Ctrl-C): they wait for imports, and child processes leave them to their
-parent, with which they end."""
+"""Signals that end a command: each becomes an exception, so that resources are released before the exit."""
 
 import _thread
-import os
 import signal
 import sys
 import threading
@@ -24,28 +22,17 @@ _IMPORTS: Final = "<frozen importlib."
 _is_due = False
 
 
-def wait_for_imports() -> None:
-    """Make an interrupt a ``KeyboardInterrupt`` that waits until no module is being imported.
-
-    Extension modules that are interrupted in their import raise other errors, or leave an incomplete module.
-    Where Python cannot raise it, as in a destructor, it is repeated.
-    """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # background jobs ignore it
-        signal.signal(signal.SIGINT, _interrupt)
-        sys.unraisablehook = _unraisable
-
-
 def end_in_order(*names: str) -> None:
-    """Make the signals with these names, if they exist and are not ignored, a ``SystemExit``, so that
-    resources are released before the exit.
+    """Make SIGINT a ``KeyboardInterrupt`` and other signals a ``SystemExit``, unless they are ignored.
 
-    Where Python cannot raise it, as in a destructor, the signal is repeated.
+    Where Python cannot raise it, as in a destructor, the signal is repeated. An interrupt also waits for
+    imports: extension modules that are interrupted in theirs raise other errors, or stay incomplete.
     """
-    for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup does
+    for number in _numbers(names):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as in background jobs, and by nohup
             signal.signal(number, _end)
     if sys.unraisablehook is sys.__unraisablehook__:
-        sys.unraisablehook = _unraisable
+        sys.unraisablehook = _repeat_or_report
 
 
 def exit_code_of(name: str) -> int | None:
@@ -59,28 +46,13 @@ def is_due() -> bool:
     return _is_due
 
 
-def ignore() -> None:
-    """Ignore interrupts during the exit."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-@contextmanager
-def kept_from_children() -> Iterator[None]:
-    """Processes started in this context are never interrupted; an interrupt of this one waits for its end.
-
-    A terminal interrupts all processes of a command, but only one of them has to end the others.
-    """
-    with deferred("SIGINT"), _blocked():
-        yield
-
-
 @contextmanager
 def deferred(*names: str) -> Iterator[None]:
     """Defer the signals with these names, if they exist and are not ignored, to the end of the context."""
     arrived: list[int] = []
     handlers = {}
     if threading.current_thread() is threading.main_thread():  # handlers can be set only there
-        for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
+        for number in _numbers(names):
             if signal.getsignal(number) not in (signal.SIG_IGN, None):
                 handlers[number] = signal.signal(number, lambda number, _: arrived.append(number))
     try:
@@ -92,103 +64,57 @@ def deferred(*names: str) -> Iterator[None]:
             signal.raise_signal(arrived[0])
 
 
-@contextmanager
-def _blocked() -> Iterator[None]:
-    """Block interrupts in this thread, which children inherit; another thread may still receive them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    from multiprocessing import resource_tracker
-
-    resource_tracker.ensure_running()  # starting it later would unblock interrupts
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def end_with_parent() -> None:
-    """In a process of ``multiprocessing``: end with the parent, even if that is killed.
-
-    Otherwise it would wait for work forever.
-    """
-    from multiprocessing import parent_process
-    from os import _exit
-
-    def watch() -> None:
-        parent = parent_process()
-        if parent is not None:
-            parent.join()
-            _exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _interrupt(_: int, frame: FrameType | None) -> None:
-    while frame is not None:
-        if frame.f_code.co_filename.startswith(_IMPORTS):
-            _interrupt_again()
-            return
-        frame = frame.f_back
-    global _is_due
-    sys.unraisablehook = _unraisable_after
-    _is_due = False
-    raise KeyboardInterrupt
-
-
-def _end(number: int, _: FrameType | None) -> None:
-    sys.exit(_SIGNALLED + number)
-
-
-def _interrupt_again() -> None:
-    global _is_due
-    _is_due = True
-    _repeat(signal.SIGINT)
-
-
 def repeat_unless(number: int, ended: Callable[[], bool], after_s: float) -> None:
     """Send a signal to this process again after some time, unless ``ended``."""
+    main = _thread.get_ident()  # signals are handled only there
 
     def watch() -> None:
         time.sleep(after_s)
-        if not ended():
-            os.kill(os.getpid(), number)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _repeat(number: int) -> None:
-    """Send a signal to this process again, soon."""
-    main = _thread.get_ident()  # signals are handled only there
-
-    def after_a_while() -> None:
-        time.sleep(_AGAIN_S)
+        if ended():
+            return
         if hasattr(signal, "pthread_kill"):
             signal.pthread_kill(main, number)  # wakes it up if it is waiting
         else:
             _thread.interrupt_main(signal.Signals(number))
 
-    _thread.start_new_thread(after_a_while, ())
+    _thread.start_new_thread(watch, ())  # no lock that the interrupted code may hold
 
 
-def _unraisable(raised: "UnraisableHookArgs", /) -> Any:
-    if not _repeated(raised):
+def _numbers(names: tuple[str, ...]) -> list[int]:
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    global _is_due
+    if number != signal.SIGINT:
+        sys.exit(_SIGNALLED + number)
+    while frame is not None:
+        if frame.f_code.co_filename.startswith(_IMPORTS):
+            _repeat(number)
+            return
+        frame = frame.f_back
+    _is_due = False
+    sys.unraisablehook = _repeat_if_signalled  # objects that the interrupt left incomplete end silently
+    raise KeyboardInterrupt
+
+
+def _repeat(number: int) -> None:
+    global _is_due
+    _is_due = _is_due or number == signal.SIGINT
+    repeat_unless(number, lambda: False, _AGAIN_S)
+
+
+def _repeat_or_report(raised: "UnraisableHookArgs", /) -> Any:
+    if not _repeat_if_signalled(raised):
         sys.__unraisablehook__(raised)
 
 
-def _unraisable_after(raised: "UnraisableHookArgs", /) -> Any:
-    """Suppress errors of destructors of objects that an interrupt left incomplete."""
-    _repeated(raised)
-
-
-def _repeated(raised: "UnraisableHookArgs") -> bool:
+def _repeat_if_signalled(raised: "UnraisableHookArgs", /) -> bool:
     """Repeat the signal by which an exception was raised, if it was by one."""
-    if issubclass(raised.exc_type, KeyboardInterrupt):
-        _interrupt_again()
-        return True
     code = raised.exc_value.code if isinstance(raised.exc_value, SystemExit) else None
     number = code - _SIGNALLED if isinstance(code, int) else 0
+    if issubclass(raised.exc_type, KeyboardInterrupt):
+        number = signal.SIGINT
     is_ours = number > 0 and signal.getsignal(number) is _end
     if is_ours:
         _repeat(number)

@@ -12,9 +12,9 @@ from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.hull import vertices_from_metadata
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.offline import Shown, write_rrd
+from contact_tracker.viewer.scene import vertices_from_metadata
 from contact_tracker.viewer.sinks import to_file
 from speeds.figures import Figure, Setup, cpu_s
 

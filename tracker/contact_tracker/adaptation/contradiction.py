@@ -58,13 +58,14 @@ def advance(
     poses: Poses,
     is_chosen: bool = True,
     rests: bool = False,
+    is_filtered: bool = False,
 ) -> Contradiction:
     """Advance by poses; ``model`` has the ticks and the noise of the stream. Without ``knowledge`` nothing is
     compared.
 
     Noise that is taken for motion has more evidence without prior map. So the comparison begins again where
     ``model`` changes, and until it ``is_chosen`` it is not settled, and nothing counts while the object
-    ``rests``.
+    ``rests``; where noise ``is_filtered``, it is taken for motion at rest as well, and nothing is found.
     """
     if known.is_settled or not knowledge:
         return known._replace(is_settled=True)
@@ -83,10 +84,19 @@ def advance(
         if (is_chosen or not rests) and not _is_undecided(one.belief, other.belief):
             lead += difference - before
             lost = max(lost + difference - before, 0.0)
-        is_found = is_found or lead > WRONG_NATS or lost > LOST_NATS
+        is_found = (is_chosen or not is_filtered) and (is_found or _refutes(lead, lost))
         if is_chosen and (is_found or other.moved_s > LONGEST_S):
             return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
     return Contradiction(given, nothing, lead, lost, is_found=is_found)
+
+
+def finish(known: Contradiction) -> Contradiction:
+    """At the end of the stream, whose noise may not have been chosen: labels were in doubt then."""
+    return known._replace(is_found=known.is_found or _refutes(known.lead, known.lost))
+
+
+def _refutes(lead: float, lost: float) -> bool:
+    return lead > WRONG_NATS or lost > LOST_NATS
 
 
 def _is_undecided(given: Belief, nothing: Belief) -> bool:

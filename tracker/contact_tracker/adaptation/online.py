@@ -230,6 +230,7 @@ def check_prior_map(state: AdaptiveState, poses: Poses) -> AdaptiveState:
         poses,
         trackers.is_decided,
         trackers.rest.ticks_at_rest > 0,
+        state.inspection.filtered,
     )
     return state._replace(contradiction=known)
 
@@ -243,7 +244,8 @@ def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
     if state.uninspected:
         state = _inspect_batch(state)
     trackers, rest = side_by_side.finish(state.trackers)
-    return state._replace(trackers=trackers), [*beliefs, *_with_doubt(state, rest)]
+    state = state._replace(trackers=trackers, contradiction=contradiction.finish(state.contradiction))
+    return state, [*beliefs, *_with_doubt(state, rest)]
 
 
 def _advance(

@@ -31,8 +31,8 @@ from contact_tracker.adaptation.comparison import (
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.adaptation.rest import NO_REST, Rest
 from contact_tracker.config.parameters import Model
-from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY, LandmarkMemory
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.world_map import Map
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import NO_POSES, Poses
@@ -85,7 +85,7 @@ class SideBySide(NamedTuple):
     first : the ticks so far, of the first tracker.
     latest_ns : stamps of the latest poses, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
-    memory : landmarks from before the rate has changed.
+    map : elements that were touched before the rate has changed.
     outliers : number of outliers from before.
     changed_since_ns : time since which the rate is another one; None if it is not.
     moved_s : time for which the object has moved.
@@ -104,7 +104,7 @@ class SideBySide(NamedTuple):
     rest: Rest
     latest_ns: NDArray[np.int64]
     period_s: float | None
-    memory: LandmarkMemory
+    map: Map
     outliers: int
     changed_since_ns: int | None
 
@@ -135,7 +135,7 @@ def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
         rest=NO_REST,
         latest_ns=NO_POSES.stamp_ns,
         period_s=None,
-        memory=EMPTY_MEMORY,
+        map=Map(model.geometry.reach_m),
         outliers=0,
         changed_since_ns=None,
     )
@@ -230,15 +230,15 @@ def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySid
     leader, best = state.trackers[0], state.best
     assert leader.averaging is not None
     assert best is not None
-    frames, memory = Poses.join(leader.averaging.frames), best.memory
+    frames, world = Poses.join(leader.averaging.frames), best.map.before_onsets()
     averaging = tick_grid.begin_at(int(frames.stamp_ns[0]), leader.averaging.origin_m, model)
-    first = tracker.start(model, state.lag_s, state.knowledge)._replace(averaging=averaging, memory=memory)
+    first = tracker.start(model, state.lag_s, state.knowledge)._replace(averaging=averaging, map=world)
     again = begin(state.model, state.lag_s, state.knowledge)
     again = again._replace(
         trackers=(first,),
         pending=frames[-RATIO_POSES + 1 :],
         latest_ns=state.latest_ns,
-        memory=memory,
+        map=world,
         outliers=state.outliers + leader.outliers,
     )
     again, beliefs = _side_by_side(again, frames, detail)
@@ -259,7 +259,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     chosen = candidates(state.trackers[0].model, state.pending)
     leader, first = state.trackers[0], state.first
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
-    begun = [tracker.begin_like(start._replace(memory=state.memory), leader) for start in starts]
+    begun = [tracker.begin_like(start._replace(map=state.map), leader) for start in starts]
     ticks = [one.tick for one in first]
     started = [
         _observe(*tracker.follow_ticks(one, one, leader, ticks), detail, tests_curvature=False)

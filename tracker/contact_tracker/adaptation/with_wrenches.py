@@ -16,7 +16,7 @@ from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 from contact_tracker.wrenches.load import AGREES, FEWEST_TICKS, Load, contact_wrenches, estimate_load
 from contact_tracker.wrenches.tick_wrench import TickWrenches, average
-from contact_tracker.wrenches.wrenches import Wrenches, about_body, reversed_wrenches
+from contact_tracker.wrenches.wrenches import Wrenches, about_body, reversed_wrenches, turned_to_body
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -102,10 +102,14 @@ def require_load(
         raise NoLoad(TOO_LITTLE)
     if not load.doubt:
         return ticks, load
-    for what, other in _other_readings(poses, wrenches):
-        fits = estimate_load(average(poses, other, stamp_ns), is_free, p_free)
-        if fits is not None and not fits.doubt:
-            raise NoLoad(f"{load.doubt}. They fit {what}")
+    others = (
+        (estimate_load(average(poses, other, stamp_ns), is_free, p_free), what)
+        for what, other in _other_readings(poses, wrenches)
+    )
+    # wrong ones may fit the forces of some ticks, but explain fewer than the right one
+    fitting = [(one.ticks, what) for one, what in others if one is not None and not one.doubt]
+    if fitting:
+        raise NoLoad(f"{load.doubt}. They fit {max(fitting)[1]}")
     reason = TOO_LITTLE if load.ticks < FEWEST_TICKS else load.doubt
     raise NoLoad(
         f"{reason}. Check their sign, their frame, the sensor's bias, and "
@@ -114,10 +118,15 @@ def require_load(
 
 
 def _other_readings(poses: Poses, wrenches: Wrenches) -> Iterator[tuple[str, Wrenches]]:
-    """The same numbers as reactions, and about the origin of the world and in its axes."""
-    world = about_body(wrenches, poses)
-    in_frame = "in the frame of the poses instead of the object's: set header.frame_id"
+    """The same numbers as reactions, and in the axes of the world, about its origin or about the body's."""
     reverse = "with the opposite sign: they are those of the object on the hand"
+    in_world = {
+        "in the frame of the poses instead of the object's: set header.frame_id": about_body(wrenches, poses),
+        "in the axes of the poses' frame, about the object's origin: turn them into its axes": turned_to_body(
+            wrenches, poses
+        ),
+    }
     yield reverse, reversed_wrenches(wrenches)
-    yield in_frame, world
-    yield f"{reverse}, {in_frame}", reversed_wrenches(world)
+    yield from in_world.items()
+    for text, other in in_world.items():
+        yield f"{reverse}, {text}", reversed_wrenches(other)

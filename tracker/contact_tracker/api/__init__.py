@@ -1,8 +1,7 @@
 """The public functions and classes, which ``contact_tracker`` exports."""
 
-from contact_tracker.api.evaluation import evaluate
 from contact_tracker.api.offline import Result, segment
 from contact_tracker.api.online import Tracker
 from contact_tracker.api.trajectory import Trajectory, read
 
-__all__ = ["Result", "Tracker", "Trajectory", "evaluate", "read", "segment"]
+__all__ = ["Result", "Tracker", "Trajectory", "read", "segment"]

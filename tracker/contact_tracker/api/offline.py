@@ -30,12 +30,18 @@ from contact_tracker.exports.columns import (
     Columns,
     belief_columns,
     segment_columns,
+    to_pandas,
+)
+from contact_tracker.exports.formats import (
+    SUFFIXES,
+    format_of,
+    require_library,
+    write_outcome,
+    write_pieces,
 )
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
-from contact_tracker.exports.writing import write_outcome, write_pieces
 from contact_tracker.extras import extra
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Pose
@@ -48,7 +54,9 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:
-    from contact_tracker.exports import pandas_table, parquet
+    import pandas
+
+    from contact_tracker.exports import parquet
     from contact_tracker.exports.figure import Axes, Figure
     from contact_tracker.viewer.notebook import Viewer
 
@@ -110,14 +118,11 @@ class Result:
             raise UsageError(f"no segment at {time}: there are {self.trajectory.duration_s:.2f} s of poses")
         return found
 
-    def to_pandas(self, rows: Rows = "ticks") -> "pandas_table.DataFrame":
+    def to_pandas(self, rows: Rows = "ticks") -> "pandas.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.
 
         The columns are those of Parquet files (docs/conventions.md).
         """
-        with extra("pandas", "a DataFrame of pandas"):
-            from contact_tracker.exports.pandas_table import to_pandas
-
         return to_pandas(*self._columns(rows))
 
     def to_arrow(self, rows: Rows = "ticks") -> "parquet.Table":
@@ -230,7 +235,7 @@ class Result:
         log = trajectory.path if trajectory.path is not None and os.path.exists(trajectory.path) else None
         check = check_output(path, overwrite, () if log is None else parts_of(log), "overwrite=True")
         require_library(path)
-        if path.suffix.lower() not in WHOLE:
+        if format_of(path).rows != "whole":
             write_pieces([self.segmentation], path, lambda: self._origin_ns, check)
             return
         source = trajectory.source

@@ -28,7 +28,7 @@ from contact_tracker.motion.pose_validation import first_refused, gate, remark_o
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.time_units import doubt_of_unit
-from contact_tracker.viewer.hull import vertices_from_metadata
+from contact_tracker.viewer.scene import vertices_from_metadata
 
 Order = Literal["xyzw", "wxyz"]
 

@@ -10,7 +10,7 @@ from distributed import Client, KilledWorker, as_completed
 
 from contact_tracker import __version__
 from contact_tracker.errors import ContactTrackerError, UsageError
-from contact_tracker.processes import KILLED, Jobs, Killed
+from contact_tracker.processes import Jobs
 
 T = TypeVar("T")
 _CONNECT_S: Final = 15
@@ -57,7 +57,7 @@ def _check_versions(client: Client, address: str) -> None:
 
 def _answers(
     client: Client, address: str, function: Callable[..., T], jobs: Iterable[tuple[Any, ...]]
-) -> Iterator[tuple[tuple[Any, ...], T | Killed]]:
+) -> Iterator[tuple[tuple[Any, ...], T | None]]:
     source, at_work = iter(jobs), dict[Any, tuple[Any, ...]]()
     finished = as_completed(loop=client.loop)
     window, next_look_s = _LEAST, 0.0
@@ -76,12 +76,12 @@ def _answers(
     for future in finished:
         arguments = at_work.pop(future.key)
         error = future.exception() if future.status == "error" else None
+        answer: T | None = None
         if future.status == "finished":
             answer = future.result()
-        elif isinstance(error, KilledWorker):
-            answer = KILLED
         elif isinstance(error, Exception):
-            raise error
+            if not isinstance(error, KilledWorker):
+                raise error
         else:
             raise ContactTrackerError(f"the scheduler at {address} is gone: run the same once more to go on")
         future.release()

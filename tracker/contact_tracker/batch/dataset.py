@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple
 
-from contact_tracker.atomic_file import whole_file
+from contact_tracker.atomic_file import TEMPORARY, whole_file
 from contact_tracker.batch import rows
 from contact_tracker.batch.rows import SUMMARY_COLUMNS, Row
 from contact_tracker.batch.segmenting import Answer, Known, require_no_link
@@ -185,7 +185,7 @@ def _check(folder: Path) -> None:
     try:
         mark = json.loads((folder / _MARK).read_text(encoding="utf-8"))
     except FileNotFoundError:
-        if any(not name.startswith(f".{_MARK}.") for name in os.listdir(folder)):
+        if any(not name.startswith(TEMPORARY) for name in os.listdir(folder)):
             raise UsageError(f"cannot write {folder}: it holds something else; name a new folder") from None
         return
     except (OSError, ValueError, RecursionError) as error:

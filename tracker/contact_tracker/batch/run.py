@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from contact_tracker import exit_codes
 from contact_tracker.batch import rows
@@ -12,17 +12,30 @@ from contact_tracker.batch.dataset import Dataset
 from contact_tracker.batch.finding import Found
 from contact_tracker.batch.segmenting import Answer, segment_recording
 from contact_tracker.batch.settings import Settings
-from contact_tracker.processes import Jobs, Killed
+from contact_tracker.processes import Jobs
 
 _GIVEN_UP: Final = "the process that segmented it was ended twice, as happens where memory runs out"
 
 
-@dataclass
-class Outcome:
-    """Numbers of recordings with a new row (``done``) and of ``unchanged`` ones; of both, those without a
-    result (``bad``) and those with a partial one (``damaged``); of the new ones, those with warnings
-    (``warned``)."""
+@dataclass(eq=False)
+class Batch:
+    """Updates a ``dataset``, and counts its recordings.
 
+    Parameters
+    ----------
+    report : called with one line for each recording that cannot be used or is damaged.
+    set_done : called with the number of recordings that are done.
+    looks_at_content : whether to compare contents even if the signatures are equal.
+    done, unchanged : recordings with a new row, and those whose row is kept.
+    bad, damaged : of both, those without a result and those with a partial one.
+    warned : of the new ones, those with warnings.
+    """
+
+    settings: Settings
+    dataset: Dataset
+    report: Callable[[str], None]
+    set_done: Callable[[int], None]
+    looks_at_content: bool = False
     done: int = 0
     unchanged: int = 0
     bad: int = 0
@@ -31,37 +44,10 @@ class Outcome:
 
     @property
     def total(self) -> int:
+        """Number of recordings."""
         return self.done + self.unchanged
 
-
-class Batch:
-    """Updates a ``dataset``.
-
-    Parameters
-    ----------
-    report : called with one line for each recording that cannot be used or is damaged.
-    set_done : called with the number of recordings that are done.
-    compares_content : whether to compare contents even if the signatures are equal.
-    """
-
-    def __init__(
-        self,
-        settings: Settings,
-        dataset: Dataset,
-        report: Callable[[str], None],
-        set_done: Callable[[int], None],
-        compares_content: bool = False,
-    ) -> None:
-        self.outcome = Outcome()
-        self._settings = settings
-        self._dataset = dataset
-        self._report = report
-        self._set_done = set_done
-        self._looks_at_content = compares_content
-
-    def run(
-        self, recordings: Iterable[Found], workers: Callable[[], AbstractContextManager[Jobs]]
-    ) -> Outcome:
+    def run(self, recordings: Iterable[Found], workers: Callable[[], AbstractContextManager[Jobs]]) -> Self:
         """Make or keep the row of each of the ``recordings``; ``workers`` are opened if needed.
 
         Raises
@@ -72,48 +58,48 @@ class Batch:
         jobs = self._jobs(recordings)
         first = next(jobs, None)
         if first is None:
-            return self.outcome
+            return self
         with workers() as call:
             for (name, *_), answer in call(segment_recording, chain([first], jobs)):
-                if isinstance(answer, Killed):
+                if answer is None:
                     error = f"{name}: {_GIVEN_UP}"
                     answer = Answer(
-                        name, "", rows.failure(name, self._settings, exit_codes.KILLED, error, None)
+                        name, "", rows.failure(name, self.settings, exit_codes.KILLED, error, None)
                     )
                 self._take(answer)
-        return self.outcome
+        return self
 
     def _jobs(self, recordings: Iterable[Found]) -> Iterator[tuple[Any, ...]]:
         """The arguments of ``segment_recording`` for recordings that may have changed."""
-        folder = str(self._dataset.folder)
+        folder = str(self.dataset.folder)
         for found in recordings:
-            known = self._dataset.known(found.name, self._settings)
-            if known is not None and self._looks_at_content:
+            known = self.dataset.known(found.name, self.settings)
+            if known is not None and self.looks_at_content:
                 known = known._replace(signature="")
             if found.is_missing:
-                self._take(segment_recording(found.name, known, self._settings, folder))
+                self._take(segment_recording(found.name, known, self.settings, folder))
             elif known is not None and found.signature and known.signature == found.signature:
                 self._count(found.name, None)
             else:
-                yield found.name, known, self._settings, folder, found.within
+                yield found.name, known, self.settings, folder, found.within
 
     def _take(self, answer: Answer) -> None:
-        self._dataset.record(answer)
+        self.dataset.record(answer)
         self._count(answer.name, answer.row)
 
     def _count(self, name: str, new: rows.Row | None) -> None:
         """Count a recording with a ``new`` row, or an unchanged one, and report what is wrong with it."""
-        outcome, code = self.outcome, self._dataset.exit_code(name)
+        code = self.dataset.exit_code(name)
         is_damaged = code == exit_codes.DAMAGED
         is_bad = not is_damaged and code != exit_codes.DONE
-        outcome.done += new is not None
-        outcome.unchanged += new is None
-        outcome.damaged += is_damaged
-        outcome.bad += is_bad
+        self.done += new is not None
+        self.unchanged += new is None
+        self.damaged += is_damaged
+        self.bad += is_bad
         if new is None and (is_bad or is_damaged):
             column = "damage" if is_damaged else "error"
-            self._report(f"{rows.shown(name)}: as before: see the column {column} of the summary")
+            self.report(f"{rows.shown(name)}: as before: see the column {column} of the summary")
         elif new is not None and (is_bad or is_damaged):
-            self._report(new["error"] or f"{new['recording']}: {new['damage']}")
-        outcome.warned += new is not None and bool(new["warnings"])
-        self._set_done(outcome.total)
+            self.report(new["error"] or f"{new['recording']}: {new['damage']}")
+        self.warned += new is not None and bool(new["warnings"])
+        self.set_done(self.total)

@@ -11,7 +11,7 @@ from contact_tracker import exit_codes
 from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.batch import remote, rows
-from contact_tracker.batch.content import read_content, signature_of
+from contact_tracker.batch.finding import read_content, signature_of
 from contact_tracker.batch.rows import Row, Tally
 from contact_tracker.batch.settings import Settings
 from contact_tracker.errors import ContactTrackerError, InputError, MissingExtra, NoPoses, UnreadableRecording

@@ -1,6 +1,7 @@
 """Settings of a run for all its recordings, with a hash that identifies results."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from contact_tracker import __version__
@@ -27,35 +28,24 @@ class Settings:
     table : what the columns of tables are, as of ``recording.open_log``.
     with_ticks : whether to write the beliefs of all ticks, too.
     wrench : measured wrenches, which decide between contacts that motion cannot distinguish.
-    model_hash : of the model with its noise, and of the prior map.
-    settings_hash : of all but ``with_ticks``, and of the version.
     """
 
     model: Model
     knowledge: PriorMap
-    topic: str | None
-    frame: str | None
-    relative_to: str | None
-    with_ticks: bool
-    table: TableReading
-    wrench: WrenchSettings | None
-    model_hash: str
-    settings_hash: str
+    topic: str | None = None
+    frame: str | None = None
+    relative_to: str | None = None
+    with_ticks: bool = False
+    table: TableReading = AS_NAMED
+    wrench: WrenchSettings | None = None
 
+    @cached_property
+    def model_hash(self) -> str:
+        """Hash of the model with its noise, and of the prior map."""
+        return fingerprint((self.model, self.knowledge))
 
-def settings_of(
-    model: Model,
-    knowledge: PriorMap,
-    topic: str | None = None,
-    frame: str | None = None,
-    relative_to: str | None = None,
-    with_ticks: bool = False,
-    table: TableReading = AS_NAMED,
-    wrench: WrenchSettings | None = None,
-) -> Settings:
-    """The settings with their hashes."""
-    model_hash = fingerprint((model, knowledge))
-    which = topic, frame, relative_to, tuple(table.words())
-    settings_hash = fingerprint((__version__, model_hash, which, tuple(wrench or ())))
-    chosen = topic, frame, relative_to, with_ticks, table, wrench
-    return Settings(model, knowledge, *chosen, model_hash, settings_hash)
+    @cached_property
+    def settings_hash(self) -> str:
+        """Hash of all but ``with_ticks``, and of the version."""
+        which = self.topic, self.frame, self.relative_to, tuple(self.table.words())
+        return fingerprint((__version__, self.model_hash, which, tuple(self.wrench or ())))

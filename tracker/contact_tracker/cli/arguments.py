@@ -1,21 +1,29 @@
-"""Arguments shared by several commands, and their types; a bad value is a usage error before any work."""
+"""Arguments shared by several commands, and what they name.
+
+A bad value is a usage error before any work.
+"""
 
 import argparse
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from contact_tracker.atomic_file import why_not_replaceable
+from contact_tracker.cli.terminal import detail, fail, progress, say, warn
 from contact_tracker.config.quantities import LENGTHS
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.config.table_reading import AS_NAMED, TIME_UNIT_HELP, reading_of
-from contact_tracker.errors import UsageError
+from contact_tracker.errors import ChoiceError, InputError, UsageError
+from contact_tracker.exit_codes import INPUT, USAGE
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
+    from contact_tracker.landmarks.prior_map import PriorMap
+    from contact_tracker.recording import PoseLog
+    from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
 LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
@@ -23,49 +31,20 @@ _MOST: Final = 1e9
 """Longest time in seconds, about 30 years; more is taken for a mistake."""
 
 
-def add_recording(parser: argparse.ArgumentParser) -> None:
-    """``LOG`` and the selection of its poses."""
-    parser.add_argument("log", metavar="LOG", help=LOG_HELP)
-    _add_choice(parser)
-
-
-def add_recordings(parser: argparse.ArgumentParser) -> None:
-    """``LOG...`` and the selection of their poses."""
-    parser.add_argument("logs", metavar="LOG", nargs="+", help=LOG_HELP)
-    _add_choice(parser)
-
-
-def _add_choice(parser: argparse.ArgumentParser) -> None:
-    add_source(parser)
-    add_interval(parser)
-
-
-def add_interval(parser: argparse.ArgumentParser) -> None:
-    """``--start`` and ``--duration``."""
-    parser.add_argument(
-        "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"
-    )
-    parser.add_argument("--duration", type=positive, metavar="S", help="take S seconds (default: all)")
-
-
-def add_source(parser: argparse.ArgumentParser) -> None:
+def add_source(
+    parser: argparse.ArgumentParser,
+    topic: str = "take the poses of this topic: TOPIC or TOPIC:TYPE",
+    frame: str = "take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
+) -> None:
     """``--topic``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
-    parser.add_argument("--topic", help="take the poses of this topic: TOPIC or TOPIC:TYPE")
-    parser.add_argument(
-        "--frame",
-        help="take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
-    )
-    add_relative_to(parser)
-    add_table_reading(parser)
-
-
-def add_relative_to(parser: argparse.ArgumentParser) -> None:
-    """``--relative-to``."""
+    parser.add_argument("--topic", help=topic)
+    parser.add_argument("--frame", help=frame)
     parser.add_argument(
         "--relative-to",
         metavar="TOPIC|FRAME",
         help="poses in this frame, or relative to the body of this topic or name, which may move",
     )
+    _add_table_reading(parser)
 
 
 class _Stated(argparse.Action):
@@ -81,7 +60,7 @@ class _Stated(argparse.Action):
             raise argparse.ArgumentError(self, str(error)) from error
 
 
-def add_table_reading(parser: argparse.ArgumentParser) -> None:
+def _add_table_reading(parser: argparse.ArgumentParser) -> None:
     """What the columns of a table are, where their names do not say it."""
     group = parser.add_argument_group("columns of a table, where their names do not say what they are")
 
@@ -105,8 +84,23 @@ def add_table_reading(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_interval(parser: argparse.ArgumentParser) -> None:
+    """``--start`` and ``--duration``."""
+    text = "skip the first S seconds (default: 0)"
+    parser.add_argument("--start", type=seconds, default=0.0, metavar="S", help=text)
+    parser.add_argument("--duration", type=positive, metavar="S", help="take S seconds (default: all)")
+
+
+def open_poses(args: argparse.Namespace, log: str, *live: Any) -> "PoseLog":
+    """The poses that ``add_source`` selects in a recording; ``live`` as of ``recording.open_log``."""
+    from contact_tracker.recording import open_log
+
+    chosen = {"relative_to": args.relative_to, "table": args.table}
+    return open_log(log, args.topic, args.frame, *live, **chosen)
+
+
 def add_model(parser: argparse.ArgumentParser) -> None:
-    """``--model``."""
+    """``--model``, ``--noise`` and ``--accuracy``."""
     parser.add_argument(
         "--model",
         default="default",
@@ -129,14 +123,13 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def model_of(args: argparse.Namespace) -> "Model":
+def load_model(args: argparse.Namespace) -> "Model":
     """The model of ``--model``, ``--noise`` and ``--accuracy``; raises ModelError."""
-    from contact_tracker.cli.terminal import detail
-    from contact_tracker.config.loading import load_model, model_file
+    from contact_tracker.config import loading
     from contact_tracker.hypotheses import compiled
 
-    detail(f"model {model_file(args.model)}, {compiled.described()}")
-    model = load_model(args.model)
+    detail(f"model {loading.model_file(args.model)}, {compiled.described()}")
+    model = loading.load_model(args.model)
     if args.noise is not None:
         model = model.with_noise(*args.noise)
     return model if args.accuracy is None else model.with_systematic_errors(*args.accuracy)
@@ -150,6 +143,182 @@ def _deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
         return deviations(text, may_be_zero)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def add_known(parser: argparse.ArgumentParser) -> None:
+    """``--known`` for all prior knowledge, and shortcuts for common parts."""
+    group = parser.add_argument_group(
+        "what is known", "in metres; a value that begins with a minus is written as --plane=-1,0,0,0.5"
+    )
+    group.add_argument("--known", metavar="FILE", help="a TOML file that says what is known and how exactly")
+    group.add_argument(
+        "--up",
+        type=_numbers("0,0,1", 3, 4),
+        metavar="X,Y,Z[,DEG]",
+        help="faces of the surroundings look along this direction, within DEG degrees (default: 2)",
+    )
+    group.add_argument(
+        "--plane",
+        type=_numbers("0,0,1,0.75", 4),
+        action="append",
+        default=[],
+        metavar="NX,NY,NZ,H",
+        help="a face n . x = H of the surroundings, its normal on the free side; may be repeated",
+    )
+    group.add_argument(
+        "--box",
+        type=_numbers("0.2,0.1,0.1", 3),
+        metavar="A,B,C",
+        help="the object is a box with edges of A, B and C metres about the body frame's origin",
+    )
+
+
+def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "PriorMap":
+    """The map of ``add_known``, with a ``note`` of what is doubtful in it; raises KnowledgeError."""
+    from contact_tracker.prior_map_files.loading import knowledge_from, merged, read_table
+
+    tables: list[dict[str, Any]] = [] if args.known is None else [read_table(args.known)]
+    if args.up is not None:
+        spread = {"spread_deg": args.up[3]} if len(args.up) > 3 else {}
+        tables.append({"up": {"direction": args.up[:3], **spread}})
+    if args.plane:
+        planes = [{"normal": plane[:3], "offset_m": plane[3]} for plane in args.plane]
+        tables.append({"environment": {"plane": planes}})
+    if args.box is not None:
+        tables.append({"object": {"box": {"size_m": args.box}}})
+    return knowledge_from(merged(tables), Path(args.known or "").parent, note)
+
+
+def add_wrench(parser: argparse.ArgumentParser) -> None:
+    """``--wrench`` and ``--mass``."""
+    group = parser.add_argument_group("force")
+    group.add_argument(
+        "--wrench",
+        metavar="TOPIC",
+        help="WrenchStamped messages on TOPIC are the wrench of the hand or robot on the object: they "
+        "decide where motion cannot tell contacts apart",
+    )
+    text = "mass of the object, if known (default: from free motion)"
+    group.add_argument("--mass", type=positive, metavar="KG", help=text)
+
+
+def require_wrench_for_mass(args: argparse.Namespace) -> None:
+    """Raise UsageError where ``--mass`` is without ``--wrench``."""
+    if args.wrench is None and args.mass is not None:
+        raise UsageError("--mass is of use with --wrench only")
+
+
+def load_wrenches(
+    name: str,
+    args: argparse.Namespace,
+    model: "Model",
+    prior_map: "PriorMap",
+    note: Callable[[str], None] = warn,
+) -> "WrenchEvidence | None":
+    """What the wrenches say that ``--wrench`` names; None without, or where they say nothing, with a
+    ``note``.
+
+    Raises
+    ------
+    UsageError
+        The topic is not there or cannot be used, or the recording cannot be read twice.
+    """
+    require_wrench_for_mass(args)
+    if args.wrench is None:
+        return None
+    if name == "-":
+        raise UsageError("--wrench reads the recording twice, which standard input does not allow")
+    from contact_tracker.recording.wrench_evidence import recorded_evidence
+
+    log = open_poses(args, name)
+    with progress(f"{name}: load", "poses", log.source.messages) as set_done:
+        found = recorded_evidence(name, args.wrench, log, model, prior_map, args.mass, set_done)
+    if found is None:
+        return None  # the command itself says so
+    if not found.is_warning:
+        say(f"{name}: {found.text}")
+    for line in found.warnings:
+        note(f"{name}: {line}")
+    return found.evidence
+
+
+def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **more: Any) -> None:
+    """``--output`` with one of ``suffixes``, and ``--overwrite``."""
+    parser.add_argument("-o", "--output", type=output_file(*suffixes), metavar="FILE", help=text, **more)
+    add_overwrite(parser)
+
+
+def add_overwrite(parser: argparse._ActionsContainer) -> None:
+    """``--overwrite``."""
+    parser.add_argument("--overwrite", action="store_true", help="replace FILE even if it is a recording")
+
+
+def output_file(*suffixes: str) -> Callable[[str], Path | None]:
+    """The type of an output file with one of ``suffixes`` (in any case) in an existing folder; devices are
+    refused. With ``-`` among the suffixes that is None, standard output."""
+
+    def check(text: str) -> Path | None:
+        path = Path(text)
+        if text == "-" and "-" in suffixes:
+            return None
+        if path.suffix.lower() not in suffixes:
+            named = " or ".join(suffix for suffix in suffixes if suffix != "-")
+            raise UsageError(f"cannot write {text}: its name must end in {named}")
+        refusal = why_not_replaceable(path)
+        folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
+        if not os.path.isdir(folder):
+            refusal = f"there is no folder {folder}"
+        elif refusal is None and not os.access(folder, os.W_OK | os.X_OK):
+            refusal = f"the folder {folder} is not writable"
+        if refusal is not None:
+            raise UsageError(f"cannot write {text}: {refusal}")
+        return path
+
+    return check
+
+
+def files_read(logs: Iterable[str], model: str, known: str | None) -> list[str]:
+    """The files that a command reads: all parts of ``logs``, the model, the prior map with its meshes.
+
+    Raises
+    ------
+    UnreadableRecording, KnowledgeError
+        A recording or the prior-map file cannot be read.
+    """
+    from contact_tracker.config.loading import model_file
+    from contact_tracker.prior_map_files.loading import files_named
+    from contact_tracker.recording import parts_of
+
+    parts = [part for log in logs for part in parts_of(log)]
+    return [*parts, str(model_file(model)), *map(str, files_named(known) if known is not None else ())]
+
+
+def add_processes(parser: argparse._ActionsContainer, most: int, default: int | None, text: str) -> None:
+    """``--processes``."""
+    kind = partial(whole_number, least=1, most=most)
+    parser.add_argument("--processes", type=kind, default=default, metavar="N", help=text)
+
+
+def recordings_in(logs: Iterable[str], command: str) -> list[str]:
+    """Files as given, folders replaced by the recordings in them; each once."""
+    from contact_tracker.batch import finding
+
+    if "-" in logs:
+        raise UsageError(f"{command} reads a recording twice: name a file, not -")
+    return list(dict.fromkeys(name for log in logs for name in finding.recordings_in(log)))
+
+
+def run_each(works: Iterable[Callable[[], int]], is_only_one: bool = False) -> Iterator[int]:
+    """The exit code of each piece of work; one that cannot be done is reported, and the others go on, unless
+    it ``is_only_one``."""
+    for work in works:
+        try:
+            yield work()
+        except (InputError, ChoiceError) as error:
+            if is_only_one:
+                raise
+            fail(str(error))
+            yield INPUT if isinstance(error, InputError) else USAGE
 
 
 def seconds(text: str) -> float:
@@ -168,6 +337,13 @@ def positive(text: str) -> float:
     return value
 
 
+def whole_number(text: str, least: int, most: int) -> int:
+    """A whole number in a range."""
+    if not text.isdecimal() or not least <= int(text) <= most:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} to {most}")
+    return int(text)
+
+
 def _number(text: str) -> float:
     try:
         value = float(text)
@@ -180,22 +356,17 @@ def _number(text: str) -> float:
     return value
 
 
-def output_file(*suffixes: str) -> Callable[[str], Path]:
-    """The type of an output file with one of ``suffixes`` (in any case) in an existing folder; devices are
-    refused."""
+def _numbers(example: str, *counts: int) -> Callable[[str], list[float]]:
+    """The type of a list of finite numbers, one of ``counts`` of them, as in ``example``."""
 
-    def check(text: str) -> Path:
-        path = Path(text)
-        if path.suffix.lower() not in suffixes:
-            raise UsageError(f"cannot write {text}: its name must end in {' or '.join(suffixes)}")
-        refusal = why_not_replaceable(path)
-        folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
-        if not os.path.isdir(folder):
-            refusal = f"there is no folder {folder}"
-        elif refusal is None and not os.access(folder, os.W_OK | os.X_OK):
-            refusal = f"the folder {folder} is not writable"
-        if refusal is not None:
-            raise UsageError(f"cannot write {text}: {refusal}")
-        return path
+    def parse(text: str) -> list[float]:
+        try:
+            values = [float(part) for part in text.split(",")]
+        except ValueError:
+            values = []
+        if len(values) not in counts or not all(map(math.isfinite, values)):
+            wanted = " or ".join(map(str, counts))
+            raise argparse.ArgumentTypeError(f"{text!r} is not a list of {wanted} numbers, such as {example}")
+        return values
 
-    return check
+    return parse

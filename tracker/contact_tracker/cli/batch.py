@@ -7,15 +7,12 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_source, model_of
-from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.replacement import files_read
+from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
-from contact_tracker.cli.wrench import add_wrench, asked_for_wrenches
 from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT
+from contact_tracker.exports.formats import require_library
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.exports.suffixes import require_library
 from contact_tracker.extras import extra
 
 if TYPE_CHECKING:
@@ -48,29 +45,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ticks", action="store_true", help="write the beliefs of all ticks, too: some ten times as much"
     )
-    add_source(parser)
-    add_model(parser)
-    add_known(parser)
-    add_wrench(parser)
+    arguments.add_source(parser)
+    arguments.add_model(parser)
+    arguments.add_known(parser)
+    arguments.add_wrench(parser)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--processes",
-        type=_processes,
-        metavar="N",
-        help="recordings at once (default: as many as there are cores)",
-    )
+    arguments.add_processes(where, 1024, None, "recordings at once (default: as many as there are cores)")
     where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
     parser.add_argument(
         "--rehash",
         action="store_true",
         help="read all recordings to see whether they have changed, also where size, time and inode have not",
     )
-
-
-def _processes(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 1024")
-    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -83,20 +69,21 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.batch.dataset import OWN_FILES, open_dataset
     from contact_tracker.batch.finding import find
     from contact_tracker.batch.run import Batch
-    from contact_tracker.batch.settings import WrenchSettings, settings_of
+    from contact_tracker.batch.settings import Settings, WrenchSettings
 
-    settings = settings_of(
-        model_of(args),
-        knowledge_of(args),
+    arguments.require_wrench_for_mass(args)
+    settings = Settings(
+        arguments.load_model(args),
+        arguments.load_map(args),
         args.topic,
         args.frame,
         args.relative_to,
         args.ticks,
         args.table,
-        WrenchSettings(args.wrench, args.mass) if asked_for_wrenches(args) else None,
+        None if args.wrench is None else WrenchSettings(args.wrench, args.mass),
     )
     recordings = list(find(_names(args.logs)))
-    read = [*(one.name for one in recordings), *files_read([], args.model, args.known)]
+    read = [*(one.name for one in recordings), *arguments.files_read([], args.model, args.known)]
     for name in OWN_FILES:
         check_output(args.output / name, True, read)
     shown = 0
@@ -112,17 +99,17 @@ def run(args: argparse.Namespace) -> int:
         progress("batch", "recordings", len(recordings)) as set_done,
     ):
         batch = Batch(settings, dataset, report, set_done, args.rehash)
-        outcome = batch.run(recordings, lambda: _workers(args))
+        batch.run(recordings, lambda: _workers(args))
     if shown > _MOST_SHOWN:
         warn(f"{shown - _MOST_SHOWN} more cannot be used or are damaged: the summary names them")
     say(
-        f"recordings: {outcome.total}, of which {outcome.done} new or changed, "
-        f"{outcome.unchanged} unchanged; {outcome.bad} unusable, {outcome.damaged} damaged; "
+        f"recordings: {batch.total}, of which {batch.done} new or changed, "
+        f"{batch.unchanged} unchanged; {batch.bad} unusable, {batch.damaged} damaged; "
         f"{args.output / 'summary.parquet'}"
     )
-    if outcome.warned:
-        say(f"warnings: {outcome.warned} of the new ones have some: see the column warnings of the summary")
-    return DAMAGED if outcome.bad or outcome.damaged else DONE
+    if batch.warned:
+        say(f"warnings: {batch.warned} of the new ones have some: see the column warnings of the summary")
+    return DAMAGED if batch.bad or batch.damaged else DONE
 
 
 def _names(logs: list[str]) -> list[str]:

@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import LOG_HELP, add_relative_to, add_table_reading
+from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import show, warn
 from contact_tracker.errors import NoPoses, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE
@@ -29,15 +29,13 @@ MOST_UPDATES: Final = 1300
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", metavar="LOG", help=LOG_HELP)
-    parser.add_argument("--topic", help="the sources on this topic only")
-    parser.add_argument(
-        "--frame",
-        help="the sources of this frame only: CHILD, or 'PARENT->CHILD'; composed along all transforms "
-        "between if nothing is published between these two",
+    parser.add_argument("log", metavar="LOG", help=arguments.LOG_HELP)
+    arguments.add_source(
+        parser,
+        "the sources on this topic only",
+        "the sources of this frame only: CHILD, or 'PARENT->CHILD'; composed along all transforms between if "
+        "nothing is published between these two",
     )
-    add_relative_to(parser)
-    add_table_reading(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
 
 
@@ -77,12 +75,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _composed(args: argparse.Namespace) -> "SourceSummary":
     """The source that is not published as it was asked for; raises ChoiceError where there is none."""
-    from contact_tracker.recording import open_log, summarise_log
+    from contact_tracker.recording import summarise_log
 
     if args.log == "-":
         raise UsageError(f"no pose source is published with this topic and frame; {_ONCE}")
-    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, table=args.table)
-    return summarise_log(log)
+    return summarise_log(arguments.open_poses(args, args.log))
 
 
 def _is_chosen(source: "SourceSummary", args: argparse.Namespace) -> bool:

@@ -1,57 +1,49 @@
 """``contact-tracker live``: the present contact, from the data up to now."""
 
 import argparse
-import sys
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import (
-    add_model,
-    add_recording,
-    model_of,
-    output_file,
-    positive,
-    seconds,
-)
-from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.replacement import add_overwrite, files_read
+from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import UsageError
 from contact_tracker.exit_codes import DONE, INTERRUPTED
+from contact_tracker.exports.formats import TICKS, require_library
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.exports.suffixes import TICKS, require_library
 from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.tracking.belief import Belief
-    from contact_tracker.viewer.null_viewer import LiveView
+    from contact_tracker.viewer import LiveView
     from contact_tracker.viewer.sinks import Sink
 
 HELP: Final = "what holds now: a line per change while poses stream in"
 DESCRIPTION: Final = """\
 Follow the contacts in a recording or a stream of poses; each answer uses the data up to its
 time only. A line per change goes to stdout: time, contact, probability, onset and where the
-contact lies. Times are seconds since the recording's first pose."""
+contact lies. Times are arguments.seconds since the recording's first pose."""
 EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
-
-_TOGETHER: Final = 256
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    add_recording(parser)
-    add_model(parser)
-    add_known(parser)
+    parser.add_argument("log", metavar="LOG", help=arguments.LOG_HELP)
+    arguments.add_source(parser)
+    arguments.add_interval(parser)
+    arguments.add_model(parser)
+    arguments.add_known(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
-    parser.add_argument("--rate", type=positive, metavar="X", help="replay at X times the recorded speed")
+    parser.add_argument(
+        "--rate", type=arguments.positive, metavar="X", help="replay at X times the recorded speed"
+    )
     parser.add_argument(
         "--lag",
-        type=seconds,
+        type=arguments.seconds,
         default=0.0,
         metavar="S",
-        help="report the state of S seconds ago, using the poses since then (default: 0)",
+        help="report the state of S arguments.seconds ago, using the poses since then (default: 0)",
     )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument(
@@ -68,14 +60,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="show it in a browser on this machine as well, until interrupted",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=output_file(*TICKS),
-        metavar="FILE",
-        help="write all ticks to FILE.jsonl or FILE.parquet as well; it is there when the stream has ended",
-    )
-    add_overwrite(parser)
+    text = "write all ticks to FILE.jsonl or FILE.parquet as well; it is there when the stream has ended"
+    arguments.add_output(parser, TICKS, text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -90,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     if not args.web:
         return _follow(args, None)
-    from contact_tracker.viewer.web import WebViewer
+    from contact_tracker.viewer.sinks import WebViewer
 
     with WebViewer() as web:
         say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
@@ -104,32 +90,31 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     """Follow a stream; ``sink`` is that of a live view other than the viewer's window."""
     from contact_tracker import adaptation
     from contact_tracker.cli.source import Source, paced
-    from contact_tracker.recording import Follow, open_log
+    from contact_tracker.recording import Follow
 
-    model, knowledge = model_of(args), knowledge_of(args)
+    model, prior_map = arguments.load_model(args), arguments.load_map(args)
     if args.lag > model.search.window_s:
         raise UsageError(
             f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
         )
     if args.state is not None and (args.start or args.duration is not None):
         raise UsageError("--state carries on with all that comes: without --start and --duration")
-    read = files_read([args.log], args.model, args.known)
+    read = arguments.files_read([args.log], args.model, args.known)
     check_output(args.state, True, read)
     check = check_output(args.output, args.overwrite, read, written=[args.state])
     if args.output is not None:
         require_library(args.output)
     follow = Follow() if args.follow else None
-    log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to, args.table)
-    state = adaptation.start(model, args.lag, knowledge, log.source.frame_moves)
+    log = arguments.open_poses(args, args.log, follow, True)
+    state = adaptation.start(model, args.lag, prior_map, log.source.frame_moves)
     source = Source(log, args.log, args)
-    with _viewer(args, source, sink) as viewer, StatusLine() as status, _Ticks(args.output, check) as ticks:
+    with _viewer(args, source, sink) as viewer, StatusLine() as status, _ticks(args.output, check) as write:
         printer = _Printer(args.json, source, status)
         saved = None
         if args.state is not None:
             from contact_tracker.cli.saved_stream import SavedStream
 
-            shown = printer.changes, printer.formation
-            saved = SavedStream(args.state, state, log, source, shown, follow)
+            saved = SavedStream(args.state, state, log, source, printer.changes, follow)
             state = saved.state
 
         def report(beliefs: "list[Belief]") -> None:
@@ -137,7 +122,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)
                     viewer.belief(belief)
-                    ticks.add(belief)
+                    write([belief])
 
         def has_to_end() -> bool:
             return saved is not None and saved.signal > 0
@@ -170,67 +155,42 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
 
 
 def _viewer(args: argparse.Namespace, source: "Source", sink: "Sink | None") -> "LiveView":
-    from contact_tracker.viewer.null_viewer import NoViewer
+    from contact_tracker.viewer import LiveView
 
     if sink is None and not args.rerun:
-        return NoViewer()
+        return LiveView()
     from contact_tracker.recording import read_metadata
-    from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.live import LiveViewer
+    from contact_tracker.viewer.scene import vertices_from_metadata
 
     vertices_m = vertices_from_metadata(read_metadata(args.log))
     return LiveViewer(vertices_m, sink, lambda: source.origin_ns)
 
 
-class _Ticks:
-    """The output file of all ticks, if there is one."""
+def _ticks(
+    path: Path | None, check: Callable[[], None]
+) -> "AbstractContextManager[Callable[[list[Belief]], None]]":
+    """The function that writes beliefs to the output file of all ticks, if there is one."""
+    if path is None:
+        return nullcontext(lambda _: None)
+    from contact_tracker.exports.formats import open_ticks
 
-    def __init__(self, path: Path | None, check: Callable[[], None]) -> None:
-        self._path, self._check = path, check
-        self._open = ExitStack()
-        self._new: list[Belief] = []
-        self._append: Callable[[Iterable[Belief]], None] | None = None
-
-    def __enter__(self) -> Self:
-        if self._path is not None:
-            from contact_tracker.exports.writing import open_ticks
-
-            self._append = self._open.enter_context(open_ticks(self._path, self._check))
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        if self._append is not None and error[0] is None:
-            try:
-                self._append(self._new)
-            except BaseException:
-                self._open.__exit__(*sys.exc_info())
-                raise
-        self._open.__exit__(*error)
-
-    def add(self, belief: "Belief") -> None:
-        """Append a belief."""
-        if self._append is None:
-            return
-        self._new.append(belief)
-        if len(self._new) == _TOGETHER:
-            self._append(self._new)
-            self._new = []
+    return open_ticks(path, check)
 
 
 class _Printer:
     """Prints each belief as JSON, or a line where the contact changes or becomes settled."""
 
     def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
-        from contact_tracker.outputs.changes import Changes, FormationChanges
+        from contact_tracker.outputs.changes import Changes
 
         self.changes = Changes()
         self._as_json = as_json
-        self.formation = FormationChanges()
         self._source = source
         self._status = status
 
     def show(self, belief: "Belief") -> None:
-        from contact_tracker.outputs.tables import json_line
+        from contact_tracker.exports.formats import json_line
         from contact_tracker.outputs.text import (
             CHANGES_HEADER,
             change_line,
@@ -240,14 +200,13 @@ class _Printer:
         )
 
         is_first = self.changes.label is None
-        is_news = self.changes.takes(belief)
+        is_news, joins, leaves = self.changes.update(belief)
         if self._as_json:
             self._status.print(json_line(belief))
         elif is_news:
             if is_first:
                 self._status.print(CHANGES_HEADER)
             self._status.print(change_line(belief, self._source.origin_ns))
-        joins, leaves = self.formation.update(belief)
         if not self._as_json:
             for one in leaves:
                 self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))

@@ -9,22 +9,27 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib import import_module
 from typing import Any, Final, NoReturn
 
 from contact_tracker import __version__, viewer
-from contact_tracker.cli import batch, calibrate, evaluate, info, live, segment, simulate, view
-from contact_tracker.cli.completion import SHELLS, PrintCompletion
-from contact_tracker.cli.option_suggestions import option_suggestion
+from contact_tracker.cli import batch, info, live, segment, view
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
+from contact_tracker.extras import extra
 from contact_tracker.interrupts import end_in_order, exit_code_of
 from contact_tracker.suggestions import suggestion
 
 _ENDING: Final = ("SIGTERM", "SIGHUP")
 _SIGNALLED: Final = "".join(f", {code} by {name}" for name in _ENDING if (code := exit_code_of(name)))
-COMMANDS: Final = (live, segment, batch, view, info, simulate, evaluate, calibrate)
+COMMANDS: Final = (live, segment, batch, view, info)
+LAB_COMMANDS: Final = ("simulate", "evaluate", "calibrate")
+"""Modules of ``contact_tracker_lab.cli``, which imports this package and is found by name only."""
+SHELLS: Final = ("bash", "zsh", "tcsh")
+_FILES: Final = ("LOG", "FILE", "NAME|FILE")
+"""Metavariables of file arguments."""
 
 DESCRIPTION: Final = """\
 Tell from the poses of one rigid object how it touches its world: which principal contact holds
@@ -65,6 +70,50 @@ class Version(argparse.Action):
         parser.exit()
 
 
+class PrintCompletion(argparse.Action):
+    """Prints the completion of the whole parser and exits."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: Any, shell: Any, *__: Any) -> NoReturn:
+        with extra("completion", "completion"):
+            import shtab
+
+        for action in _actions(parser):
+            if action.metavar in _FILES:
+                action.complete = shtab.FILE  # type: ignore[attr-defined]
+        show(shtab.complete(parser, shell=shell))
+        parser.exit()
+
+
+def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """Actions of the parser and of its commands' parsers."""
+    for action in parser._actions:
+        yield action
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                yield from _actions(command)
+
+
+def option_suggestion(
+    words: Iterable[str], parser: argparse.ArgumentParser, commands: Mapping[str, argparse.ArgumentParser]
+) -> str:
+    """``; did you mean OPTION?`` for the first word that resembles an option of ``parser``; or of which
+    commands it is an option."""
+    for word in words:
+        if word.startswith("-"):
+            option = word.partition("=")[0]
+            others = [name for name, other in commands.items() if option in _options(other)]
+            if others:
+                *most, last = others
+                named = f"{', '.join(most)} and {last}" if most else last
+                return f"; {option} is an option of {named}"
+            return suggestion(option, _options(parser))
+    return ""
+
+
+def _options(parser: argparse.ArgumentParser) -> list[str]:
+    return [name for action in parser._actions for name in action.option_strings]
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands; each command's file configures its own part."""
     parser = Parser(prog="contact-tracker", description=DESCRIPTION, epilog=EPILOG)
@@ -75,7 +124,8 @@ def build_parser() -> argparse.ArgumentParser:
         "--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL", help=about_completion
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
-    for command in COMMANDS:
+    lab = (import_module(f"contact_tracker_lab.cli.{name}") for name in LAB_COMMANDS)
+    for command in (*COMMANDS, *lab):
         sub = commands.add_parser(
             command.__name__.rpartition(".")[2],
             help=command.HELP,

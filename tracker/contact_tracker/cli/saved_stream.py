@@ -12,12 +12,17 @@ from contact_tracker.cli.source import Source
 from contact_tracker.cli.terminal import say
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS, repeat_unless
-from contact_tracker.outputs.changes import Changes, FormationChanges
+from contact_tracker.outputs.changes import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.stamping import Stamping
-from contact_tracker.saved_state import Progress, is_same, load, save
+from contact_tracker.saved_state import is_same, load, save
 
 EVERY_S: Final = 10.0
+_SAVED: Final = ("initial", "state", "source", "first", "taken", "gate", "stamping", "span", "reported")
+"""What is saved, between the arrivals of two poses: the initial state, which model, lag and prior map
+determine, and the present one; topic, type and frames of the poses; the first pose of the log with its log
+time (ns), and how many were read, with the gate and the stamping (``recording.stamping``); the stamps of the
+first pose, of the first and last that were used, and their number; what was reported (``Changes``)."""
 _WAIT_S: Final = 0.5
 """Longer than it takes to decode a pose, which must not be interrupted."""
 
@@ -30,7 +35,7 @@ class SavedStream:
     ----------
     path : of the file; without one the stream starts from the beginning.
     initial : the state before the first pose.
-    log, source, shown : the log, source and reported changes, to be resumed.
+    log, source, changes : the log, its source and what was reported, to be resumed.
 
     Raises
     ------
@@ -47,14 +52,14 @@ class SavedStream:
         initial: AdaptiveState,
         log: PoseLog,
         source: Source,
-        shown: tuple[Changes, FormationChanges],
+        changes: Changes,
         follow: Follow | None,
     ) -> None:
         self.signal = 0
         self._waits = False
         self.state = initial
         self._path, self._initial, self._log, self._source = path, initial, log, source
-        self._shown, self._follow = shown, follow
+        self._changes, self._follow = changes, follow
         self._saved_s = time.monotonic()
         if path.exists():
             self._carry_on(load(path))
@@ -83,26 +88,13 @@ class SavedStream:
     def save(self, state: AdaptiveState) -> None:
         """Write the file."""
         self._waits = False
-        log, source = self._log, self._source
-        changes, formation = self._shown
-        progress = Progress(
-            self._initial,
-            state,
-            self._names,
-            log.first,
-            log.taken,
-            log.gate,
-            log.stamping.values,
-            source.origin_ns,
-            source.first_ns,
-            source.last_ns,
-            source.used,
-            changes.label,
-            changes.settled,
-            changes.open,
-            formation.before,
+        log, source, changes = self._log, self._source, self._changes
+        values = (
+            *(self._initial, state, self._names, log.first, log.taken, log.gate, log.stamping.values),
+            (source.origin_ns, source.first_ns, source.last_ns, source.used),
+            (changes.label, changes.settled, changes.open, changes.further),
         )
-        save(self._path, progress)
+        save(self._path, dict(zip(_SAVED, values, strict=True)))
 
     @property
     def _names(self) -> tuple[str, str, str, str]:
@@ -110,32 +102,30 @@ class SavedStream:
         return source.topic, source.type, source.frame_id, source.child_frame_id
 
     def _carry_on(self, saved: object) -> None:
-        if not isinstance(saved, Progress):
+        if not isinstance(saved, dict) or tuple(saved) != _SAVED:
             raise StateError(f"{self._path}: it is no state of a stream")
-        if not is_same(saved.initial, self._initial):
+        initial, self.state, names, first, taken, gate, stamping, span, reported = saved.values()
+        if not is_same(initial, self._initial):
             raise UsageError(
                 f"{self._path} was saved with another model, --lag or known geometry: give the same, or "
                 "another file"
             )
         log, name, is_stdin = self._log, self._source.name, self._source.is_stdin
-        if saved.source != self._names:
+        if names != self._names:
             raise UsageError(
-                f"{self._path} is of {PoseSource(*saved.source)}, not of {log.source}: name another file"
+                f"{self._path} is of {PoseSource(*names)}, not of {log.source}: name another file"
             )
-        is_same_log = is_same(saved.first, log.first) and not is_stdin
-        first_ns = log.first_stamp_ns + saved.gate.shift_ns
-        if not is_same_log and not is_stdin and first_ns <= saved.last_ns:
+        is_same_log = is_same(first, log.first) and not is_stdin
+        first_ns = log.first_stamp_ns + gate.shift_ns
+        if not is_same_log and not is_stdin and first_ns <= span[2]:
             raise UsageError(
                 f"{self._path} is of another recording, which does not end before {name} begins: name "
                 "another file"
             )
-        stamping = Stamping.of(saved.stamping)
-        log.carry_on(saved.gate, stamping, saved.taken, is_same_log)
-        self._source.carry_on(saved.origin_ns, saved.first_ns, saved.last_ns, saved.used)
-        changes, formation = self._shown
-        changes.label, changes.settled, changes.open = saved.label, saved.settled, saved.open
-        formation.before = saved.further
-        self.state = saved.now
+        log.carry_on(gate, Stamping.of(stamping), taken, is_same_log)
+        self._source.carry_on(*span)
+        changes = self._changes
+        changes.label, changes.settled, changes.open, changes.further = reported
 
     def _stop(self, number: int, _: FrameType | None) -> None:
         if self.signal:

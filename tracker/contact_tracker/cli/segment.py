@@ -2,23 +2,22 @@
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recordings, model_of, output_file
-from contact_tracker.cli.jobs import PLACE, jobs_of
-from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.terminal import detail, fail, progress, show
-from contact_tracker.cli.workers import add_processes, workers
-from contact_tracker.cli.wrench import add_wrench, evidence_of
+from contact_tracker.cli import arguments
+from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.config.table_reading import AS_NAMED
-from contact_tracker.errors import ChoiceError, InputError
-from contact_tracker.exit_codes import DONE, INPUT, USAGE
+from contact_tracker.errors import ChoiceError, NoPoses, UsageError
+from contact_tracker.exit_codes import DONE
+from contact_tracker.exports.formats import SUFFIXES, format_of, require_library
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -42,75 +41,171 @@ table goes to stdout."""
 EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o out.csv"
 
 
+PLACE: Final = "{}"
+"""Placeholder for the name of a recording, and of an object, in an output's name."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One recording and source. ``name`` is unique among the jobs; ``output`` None is stdout, and
+    ``other_outputs`` are those of the other jobs."""
+
+    log: str
+    topic: str | None
+    frame: str | None
+    name: str
+    output: Path | None
+    other_outputs: tuple[Path, ...] = ()
+
+    def applied_to(self, args: argparse.Namespace) -> argparse.Namespace:
+        """``args`` for this job alone."""
+        return argparse.Namespace(**{**vars(args), **vars(self)})
+
+
+def list_jobs(args: argparse.Namespace) -> list[Job]:
+    """A job for each of ``args.logs``, with ``args.all`` for each source of poses in each of them.
+
+    Raises
+    ------
+    UsageError
+        Two jobs have the same output, or a recording that can be read only once is needed twice.
+    InputError
+        With ``args.all``, a recording cannot be read or has no source of poses.
+    """
+    if len(args.logs) > 1 and "-" in args.logs:
+        raise UsageError("standard input is read alone, without other recordings")
+    found = [job for log in args.logs for job in (_objects(log, args) if args.all else _whole(log, args))]
+    outputs = [job.output for job in found if job.output is not None]
+    if len(found) > 1 and args.output is not None and PLACE not in str(args.output):
+        raise UsageError(
+            f"{len(found)} outputs cannot all be {args.output}: write {PLACE} where the name of each goes, "
+            f"as in {args.output.with_stem(PLACE)}"
+        )
+    if doubled := {str(output) for output in outputs if outputs.count(output) > 1}:
+        raise UsageError(f"several recordings would be written to {min(doubled)}: take them one by one")
+    return [
+        replace(one, other_outputs=tuple(each for each in outputs if each != one.output)) for one in found
+    ]
+
+
+def _whole(log: str, args: argparse.Namespace) -> Iterator[Job]:
+    yield Job(log, args.topic, args.frame, log, _named(args.output, [_stem(log)]))
+
+
+def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
+    from contact_tracker.recording import list_sources
+
+    if log == "-":
+        raise UsageError("--all reads a recording twice: name a file, not -")
+    sources = [s for s in list_sources(log, args.table) if args.topic is None or s.topic == args.topic]
+    sources = [s for s in sources if args.frame is None or s.is_named(args.frame)]
+    if not sources:
+        fault = NoPoses if args.topic is None and args.frame is None else ChoiceError
+        raise fault(f"{log}: no such source of poses; contact-tracker info shows what is in it")
+    for source in sources:
+        body = source.child_frame_id or source.topic
+        output = _named(args.output, [_stem(log), body])
+        yield Job(log, f"{source.topic}:{source.type}", source.frames or None, f"{log} {source}", output)
+
+
+def _stem(log: str) -> str:
+    return "stdin" if log == "-" else Path(os.path.realpath(log)).stem
+
+
+def _named(pattern: Path | None, names: Iterable[str]) -> Path | None:
+    if pattern is None:
+        return None
+    plain = "-".join(re.sub(r"[^\w.-]+", "_", name).strip("_") for name in names)
+    return Path(str(pattern).replace(PLACE, plain))
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
-    add_recordings(parser)
+    parser.add_argument("logs", metavar="LOG", nargs="+", help=arguments.LOG_HELP)
+    arguments.add_source(parser)
+    arguments.add_interval(parser)
     parser.add_argument(
         "--all", action="store_true", help="every source of poses in turn, instead of the one that is chosen"
     )
-    add_model(parser)
-    add_known(parser)
-    add_wrench(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=_output,
-        metavar="FILE",
-        help=f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout "
-        f"(the default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
+    arguments.add_model(parser)
+    arguments.add_known(parser)
+    arguments.add_wrench(parser)
+    arguments.add_output(
+        parser,
+        ("-", *SUFFIXES),
+        f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout (the "
+        f"default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
     )
-    add_overwrite(parser)
-    add_processes(parser)
-
-
-def _output(text: str) -> Path | None:
-    return None if text == "-" else output_file(*SUFFIXES)(text)
+    several = "processes that fit segments in parallel; helps with recordings of many minutes (default: 1)"
+    arguments.add_processes(parser, 64, 1, several)
 
 
 def run(args: argparse.Namespace) -> int:
-    jobs = jobs_of(args)
+    jobs = list_jobs(args)
     if args.output is not None:
         require_library(args.output)
-    model, knowledge = model_of(args), knowledge_of(args)
-    with workers(args.processes) as executor:
-        if len(jobs) == 1:
-            return _segment(jobs[0].arguments(args), model, knowledge, executor)
-        code = DONE
-        for job in jobs:
-            if job.output is None:
+    notes = list[str]()
+    model, prior_map = arguments.load_model(args), arguments.load_map(args, _noting(notes))
+    with _workers(args.processes) as executor:
+
+        def segment(job: Job) -> int:
+            if job.output is None and len(jobs) > 1:
                 show(job.name)
-            try:
-                done = _segment(job.arguments(args), model, knowledge, executor)
-            except (InputError, ChoiceError) as error:  # continue with the others
-                fail(str(error))
-                done = INPUT if isinstance(error, InputError) else USAGE
-            code = code or done
-    return code
+            return _segment(job.applied_to(args), model, prior_map, executor, notes)
+
+        codes = list(arguments.run_each((partial(segment, job) for job in jobs), len(jobs) == 1))
+    return next(filter(None, codes), DONE)
+
+
+def _workers(processes: int) -> "AbstractContextManager[Executor | None]":
+    """One process less than ``processes``, as this one works, too."""
+    if processes == 1:
+        return nullcontext()
+    from contact_tracker.processes import Workers
+
+    return Workers(processes - 1, take_over_warnings)
+
+
+def _noting(notes: list[str]) -> Callable[[str], None]:
+    """``warn``, with a copy of each line in ``notes``."""
+
+    def note(line: str) -> None:
+        warn(line)
+        notes.append(line)
+
+    return note
 
 
 def _segment(
-    args: argparse.Namespace, model: "Model", knowledge: "PriorMap", executor: "Executor | None"
+    args: argparse.Namespace,
+    model: "Model",
+    prior_map: "PriorMap",
+    executor: "Executor | None",
+    before: Iterable[str],
 ) -> int:
+    """Segment one recording; ``before`` are the warnings so far."""
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
-    from contact_tracker.recording import open_log
     from contact_tracker.tracking.belief import Detail
 
-    read = [*args.logs, *files_read([args.log], args.model, args.known)]
+    read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
-    wrenches = evidence_of(args.log, args, model, knowledge)
-    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, table=args.table)
+    notes = [*before]
+    wrenches = arguments.load_wrenches(args.log, args, model, prior_map, _noting(notes))
+    log = arguments.open_poses(args, args.log)
     source = Source(log, args.log, args)
-    tracker = OfflineTracker(model, knowledge, executor, wrenches, log.source.frame_moves)
+    tracker = OfflineTracker(model, prior_map, executor, wrenches, log.source.frame_moves)
     with progress("segment", "poses", source.expected) as set_done:
         if args.output is None:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]
         else:
-            _write(source, log, tracker, set_done, args, check)
-            detail(f"wrote {args.output}")
+            _write(source, log, tracker, set_done, args, check, notes)
     if args.output is None:
         _print(segments, source.origin_ns, wrenches is not None)
-    return source.finish(tracker.report)
+    code = source.finish(tracker.report)
+    if args.output is not None:
+        say(f"wrote {args.output}")
+    return code
 
 
 def _print(segments: "Iterable[Segment]", origin_ns: int, with_wrenches: bool) -> None:
@@ -128,9 +223,10 @@ def _write(
     set_done: Callable[[int], None],
     args: argparse.Namespace,
     check: Callable[[], None],
+    notes: Iterable[str],
 ) -> None:
     """Write incrementally where the format allows it, to save memory."""
-    from contact_tracker.exports.writing import write_outcome, write_pieces
+    from contact_tracker.exports.formats import write_outcome, write_pieces
     from contact_tracker.motion.poses import Poses
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import with_pose_callback
@@ -139,12 +235,12 @@ def _write(
     def pieces(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
         return source.counted(tracker.pieces(poses, set_done, Detail.WEIGHTS))
 
-    if args.output.suffix.lower() not in WHOLE:
+    if format_of(args.output).rows != "whole":
         write_pieces(pieces(source), args.output, lambda: source.origin_ns, check)
         return
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
-    outcome = source.outcome(Poses.join(kept), found, tracker.report)
+    outcome = source.outcome(Poses.join(kept), found, tracker.report, notes)
     is_readable = not source.is_stdin and os.path.exists(args.log) and args.table == AS_NAMED
     read = args.log if is_readable else None
     write_outcome(outcome, args.output, read, log.stamping.log_offset_ns, check)

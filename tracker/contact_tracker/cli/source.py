@@ -153,11 +153,13 @@ class Source:
         kinds = {**self._log.counts, "late": self.late, "outlier": self.outliers}
         return {kind: count for kind, count in kinds.items() if count}
 
-    def outcome(self, poses: Poses, found: "Segmentation", adapted: "Report | None") -> "Outcome":
-        """The outcome for outputs of a whole recording."""
+    def outcome(
+        self, poses: Poses, found: "Segmentation", adapted: "Report | None", notes: Iterable[str]
+    ) -> "Outcome":
+        """The outcome for outputs of a whole recording; ``notes`` are warnings from before the first pose."""
         from contact_tracker.exports.outcome import Outcome
         from contact_tracker.recording import read_metadata
-        from contact_tracker.viewer.hull import vertices_from_metadata
+        from contact_tracker.viewer.scene import vertices_from_metadata
 
         return Outcome(
             "standard input" if self.is_stdin else Path(self._name).name or self._name,
@@ -165,7 +167,7 @@ class Source:
             found,
             self.origin_ns,
             self.counts,
-            (*self._log.warnings, *(() if adapted is None else warnings(adapted))),
+            (*notes, *self._log.warnings, *(() if adapted is None else warnings(adapted))),
             "" if adapted is None else noise_text(adapted),
             self._log.source.frame_id,
             self._log.source.child_frame_id,

@@ -3,15 +3,14 @@
 import argparse
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import LOG_HELP, add_interval, add_model, add_source, model_of, output_file
-from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.terminal import fail, progress, say
-from contact_tracker.errors import ChoiceError, InputError, UsageError
-from contact_tracker.exit_codes import DONE, INPUT, USAGE
+from contact_tracker.cli import arguments
+from contact_tracker.cli.terminal import progress, say
+from contact_tracker.errors import UsageError
+from contact_tracker.exit_codes import DONE
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
@@ -31,15 +30,15 @@ EXAMPLE: Final = "contact-tracker view recordings/all_states.mcap"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOG_HELP)
-    add_source(parser)
-    add_interval(parser)
-    add_model(parser)
-    add_known(parser)
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOG_HELP)
+    arguments.add_source(parser)
+    arguments.add_interval(parser)
+    arguments.add_model(parser)
+    arguments.add_known(parser)
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--save",
-        type=output_file(".rrd"),
+        type=arguments.output_file(".rrd"),
         metavar="FILE",
         help="write FILE.rrd, which rerun opens later, instead of opening the viewer",
     )
@@ -48,26 +47,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="serve it to a browser on this machine, without a window, until interrupted",
     )
-    add_overwrite(parser)
+    arguments.add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     logs = list(dict.fromkeys(args.logs))
     if args.save is not None and len(logs) > 1:
         raise UsageError(f"{args.save} can hold one recording: save each LOG of its own; rerun opens several")
-    check = check_output(args.save, args.overwrite, files_read(logs, args.model, args.known))
-    model, knowledge = model_of(args), knowledge_of(args)
-    code = DONE
+    check = check_output(args.save, args.overwrite, arguments.files_read(logs, args.model, args.known))
+    model, prior_map = arguments.load_model(args), arguments.load_map(args)
     with _shower(args, check, len(logs) > 1) as show:
-        for log in logs:
-            try:
-                code = _view(log, args, model, knowledge, show) or code
-            except (InputError, ChoiceError) as error:  # continue with the others
-                if len(logs) == 1:
-                    raise
-                fail(str(error))
-                code = INPUT if isinstance(error, InputError) else USAGE
-    return code
+        works = (partial(_view, log, args, model, prior_map, show) for log in logs)
+        codes = list(arguments.run_each(works, len(logs) == 1))
+    return next(filter(None, reversed(codes)), DONE)
 
 
 @contextmanager
@@ -76,13 +68,11 @@ def _shower(
 ) -> "Iterator[Callable[[Shown], None]]":
     """The function that shows a recording in a file, a window or a browser, by the arguments."""
     from contact_tracker.viewer.offline import show, write_rrd
-    from contact_tracker.viewer.sinks import to_viewer
+    from contact_tracker.viewer.sinks import WebViewer, to_viewer
 
     if args.save is not None:
         yield lambda shown: write_rrd(args.save, shown, check)
     elif args.web:
-        from contact_tracker.viewer.web import WebViewer
-
         with WebViewer() as web:
             say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
             yield lambda shown: show(shown, web.sink, are_several)
@@ -93,16 +83,16 @@ def _shower(
 
 
 def _view(
-    log: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap", show: "Callable[[Shown], None]"
+    log: str, args: argparse.Namespace, model: "Model", prior_map: "PriorMap", show: "Callable[[Shown], None]"
 ) -> int:
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
-    from contact_tracker.recording import open_log, read_metadata, read_truth
-    from contact_tracker.viewer.hull import vertices_from_metadata
+    from contact_tracker.recording import read_metadata, read_truth
     from contact_tracker.viewer.offline import Shown
+    from contact_tracker.viewer.scene import vertices_from_metadata
 
-    poses = open_log(log, args.topic, args.frame, relative_to=args.relative_to, table=args.table)
-    tracker = OfflineTracker(model, knowledge, frame_moves=poses.source.frame_moves)
+    poses = arguments.open_poses(args, log)
+    tracker = OfflineTracker(model, prior_map, frame_moves=poses.source.frame_moves)
     source = Source(poses, log, args)
     truth, vertices_m = read_truth(log), vertices_from_metadata(read_metadata(log))
     with progress("segment", "poses", source.expected) as set_done:
@@ -112,4 +102,7 @@ def _view(
 
         name = None if source.is_stdin else Path(log).name or log
         show(Shown(source, found, truth, vertices_m, True, name, lambda: source.origin_ns))
-    return source.finish(tracker.report)
+    code = source.finish(tracker.report)
+    if args.save is not None:
+        say(f"wrote {args.save}")
+    return code

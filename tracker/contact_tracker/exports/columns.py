@@ -1,14 +1,19 @@
-"""Beliefs and segments as flat columns of one schema for all contacts (docs/conventions.md)."""
+"""Beliefs and segments as flat columns of one schema for all contacts (docs/conventions.md), also as a
+DataFrame of pandas, whose types do not depend on the values (an extra)."""
 
 from collections.abc import Iterable
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
+from contact_tracker.exports.formats import decided
+from contact_tracker.extras import extra
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.flat import NONE, VERTEX, flat
 from contact_tracker.joints.geometry import Joint
-from contact_tracker.outputs.tables import decided
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
+
+if TYPE_CHECKING:
+    import pandas
 
 Kind = Literal["integer", "number", "text"]
 Columns = dict[str, list[Any]]
@@ -122,3 +127,12 @@ def _geometry_cells(geometry: ContactGeometry | None) -> dict[str, Any]:
             for axis, value in zip(_AXES, values[f"{name}{unit}"], strict=True):
                 cells[f"{side}_{name}_{axis}{unit}"] = value
     return cells
+
+
+def to_pandas(columns: Columns, kinds: dict[str, Kind]) -> "pandas.DataFrame":
+    """The columns as a DataFrame of pandas; raises MissingExtra."""
+    with extra("pandas", "a DataFrame of pandas"):
+        from pandas import DataFrame, Series
+
+    types = {"integer": "int64", "number": "float64", "text": "string"}
+    return DataFrame({name: Series(columns[name], dtype=types[kind]) for name, kind in kinds.items()})

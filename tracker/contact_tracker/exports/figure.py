@@ -12,7 +12,7 @@ from contact_tracker.exports.outcome import Outcome
 from contact_tracker.paper.window_curves import WindowCurves
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.palette import COLOUR, Colour
+from contact_tracker.viewer.scene import COLOUR, Colour
 
 _NAMED: Final = 0.03
 """Smallest share of the recording for which a segment is named."""

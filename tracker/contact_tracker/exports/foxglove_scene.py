@@ -9,12 +9,10 @@ from heapq import merge
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from foxglove import messages as fox
 
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.outcome import Outcome
-from contact_tracker.outputs.tables import json_line
 from contact_tracker.recording import (
     BELIEF_TOPIC,
     FRAMES_TOPIC,
@@ -25,10 +23,18 @@ from contact_tracker.recording import (
 )
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
-from contact_tracker.viewer.hull import Hull, hull
-from contact_tracker.viewer.palette import COLOUR, GREY, OBJECT, Colour
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw_all
-from contact_tracker.viewer.shapes import Mesh
+from contact_tracker.viewer.scene import (
+    COLOUR,
+    GREY,
+    OBJECT,
+    UNKNOWN_EXTENT,
+    Colour,
+    Hull,
+    Mesh,
+    draw_all,
+    hull,
+    poses_within,
+)
 
 WORLD: Final = "world"
 BODY: Final = "object"
@@ -102,7 +108,7 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
     encoded = json.dumps(schema).encode()
     channel = Channel(BELIEF_TOPIC, "json", "contact_tracker.Belief", "jsonschema", encoded)
     for belief in outcome.found.beliefs:
-        yield RawMessage(channel, belief.stamp_ns, json_line(belief).encode())
+        yield RawMessage(channel, belief.stamp_ns, json.dumps(belief.to_json(), allow_nan=False).encode())
 
 
 def _frames(outcome: Outcome) -> Iterator[RawMessage]:
@@ -143,7 +149,7 @@ def _entities(
         mesh = Mesh(solid.vertices, solid.triangles, solid.vertices)
         entities.append(_entity(outcome, segment, part, "body", [_triangles(mesh, GREY, _PALE)]))
     extent = UNKNOWN_EXTENT if solid is None else solid.extent
-    drawing = draw_all(part.geometries, _poses_of(outcome, part), extent)
+    drawing = draw_all(part.geometries, poses_within(outcome.poses, part.start_ns, part.end_ns), extent)
     if drawing is not None:
         colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
         colours = (OBJECT, OBJECT, colour, colour)
@@ -162,14 +168,6 @@ def _entities(
 
 def _kinds(segment: Segment, part: SegmentPart) -> str:
     return " + ".join((segment.contact, *(one.contact for one in part.further)))
-
-
-def _poses_of(outcome: Outcome, part: SegmentPart) -> Any:
-    """The poses of a part of a segment, at least one."""
-    stamps_ns = outcome.poses.stamp_ns
-    first = min(int(np.searchsorted(stamps_ns, part.start_ns)), len(stamps_ns) - 1)
-    last = int(np.searchsorted(stamps_ns, part.end_ns, side="right"))
-    return outcome.poses[first : max(last, first + 1)]
 
 
 def _entity(

@@ -21,9 +21,17 @@ from contact_tracker.outputs.text import describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.camera import EYE, Camera
-from contact_tracker.viewer.hull import Hull, hull
-from contact_tracker.viewer.palette import COLOUR, GREY, Colour
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, draw_all
+from contact_tracker.viewer.scene import (
+    COLOUR,
+    GREY,
+    UNKNOWN_EXTENT,
+    Colour,
+    Drawing,
+    Hull,
+    draw_all,
+    hull,
+    poses_within,
+)
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
@@ -113,7 +121,7 @@ def _geometry(outcome: Outcome) -> Figure:
     longest = sorted(segments, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
     for segment in sorted(longest, key=lambda s: s.start_ns):
         if segment.geometry is not None:
-            within = _poses_in(poses, segment)
+            within = poses_within(poses, segment.start_ns, segment.end_ns)
             drawing = draw_all(_touching(segment, within), within, extent, camera.up)
             assert drawing is not None
             camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns)
@@ -138,13 +146,6 @@ def _camera(camera: Camera) -> dict[str, Any]:
         "eye": dict(zip("xyz", map(float, eye), strict=True)),
         "up": dict(zip("xyz", map(float, camera.up), strict=True)),
     }
-
-
-def _poses_in(poses: Poses, segment: Segment) -> Poses:
-    """The poses of a segment, at least one."""
-    first, last = np.searchsorted(poses.stamp_ns, [segment.start_ns, segment.end_ns + 1])
-    first = min(int(first), len(poses) - 1)
-    return poses[first : max(int(last), first + 1)]
 
 
 def _touching(segment: Segment, within: Poses) -> tuple[ContactGeometry, ...]:

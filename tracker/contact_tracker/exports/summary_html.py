@@ -5,10 +5,10 @@ from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
-from contact_tracker.outputs.text import JOINT, describe, describe_joint, is_open
+from contact_tracker.outputs.text import segment_rows
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import FurtherContact, Segment
-from contact_tracker.viewer.palette import COLOUR
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.viewer.scene import COLOUR
 
 MOST_ROWS: Final = 200
 _BANNER: Final = "border-left:4px solid #e08000;margin:3px 0;padding:2px 8px"
@@ -64,25 +64,14 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
     ``origin_ns``."""
     titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
     head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
-    rows = []
-    for s in segments[:MOST_ROWS]:
-        start_s, end_s = ((t - origin_ns) * 1e-9 for t in (s.start_ns, s.end_ns))
-        texts = (f"{start_s:.2f}", f"{end_s:.2f}", s.contact.value, f"{s.probability:.2f}")
-        where = printable(describe(s.geometry, s.inseparable))
-        rows.append(_row((*texts, where)))
-        rows += [_further_row(one, s, origin_ns) for one in s.further]
-        if s.joint is not None:
-            name, p = f"{JOINT}{s.joint.kind.value}", f"{s.joint.probability:.2f}"
-            rows.append(_row((*texts[:2], name, p, printable(describe_joint(s.joint, is_open(s))))))
+    shown = (row for segment in segments[:MOST_ROWS] for row in segment_rows(segment, origin_ns))
+    rows = [
+        _row((f"{r.start_s:.2f}", f"{r.end_s:.2f}", r.kind, f"{r.probability:.2f}", printable(r.where)))
+        for r in shown
+    ]
     more = len(segments) - MOST_ROWS
     note = f"<p>and {more} more segments</p>" if more > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
-
-
-def _further_row(one: FurtherContact, segment: Segment, origin_ns: int) -> str:
-    start_s, end_s = ((t - origin_ns) * 1e-9 for t in (one.start_ns, one.end_ns or segment.end_ns))
-    where = printable(describe(one.geometry, one.inseparable))
-    return _row((f"{start_s:.2f}", f"{end_s:.2f}", f"+ {one.contact.value}", f"{one.probability:.2f}", where))
 
 
 def _row(texts: Sequence[str]) -> str:

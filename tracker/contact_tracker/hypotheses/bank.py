@@ -63,7 +63,6 @@ class Bank(Table):
     known_pair_index : (H,) index of the pair of elements of the prior map that it assumes.
     elements_known : (H,) whether that pair gives both elements completely.
     needs_search : (H,) whether the prior leaves directions open, so that global search is needed.
-    from_landmark : (H,) whether it assumes remembered elements.
     x : (H, S) estimated geometry.
     row_weight : (H, K) precision of the residuals relative to that of the position.
     log_prior : (H,) log prior probability of its elements and of its run length.
@@ -81,7 +80,6 @@ class Bank(Table):
     known_pair_index = Column(np.int64)
     elements_known = Column(np.bool_)
     needs_search = Column(np.bool_)
-    from_landmark = Column(np.bool_)
     log_birth_weight = Column(np.float64)
     protected_until = Column(np.float64)
     prior_mean = Column(np.float64, "S")

@@ -142,10 +142,9 @@ def _update_contact(
 ) -> Bank:
     if not len(bank) and not birth.proposals.count:
         return bank
-    due, old = is_due(model, birth.onset), len(bank)
+    due = is_due(model, birth.onset)
     bank = add(bank, model, birth)
-    # a birth at a remembered element has its geometry already, and its first tick carries no evidence
-    unchanged = is_deferred(bank) & (not due) | bank.from_landmark & (np.arange(len(bank)) >= old)
+    unchanged = is_deferred(bank) & (not due)
     was = bank.log_weight
     bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, unchanged)
     bank = recover_fallen(bank, was, model, window, scales)

@@ -55,7 +55,6 @@ def make_proposals(
     log_share: Sequence[float],
     known_pair_index: Sequence[int],
     elements_known: Sequence[bool],
-    from_landmark: Sequence[bool],
 ) -> BirthProposals:
     """One proposal for each of the ``pairs`` of elements.
 
@@ -67,18 +66,17 @@ def make_proposals(
     if near_m is not None:
         prior, pivot = by_feet(model, prior, pivot, near_m)
     both = np.array(elements_known, bool)
-    return with_prior(model, prior, pivot, log_share, known_pair_index, both, both, from_landmark)
+    return with_prior(model, prior, pivot, np.array(log_share), np.array(known_pair_index), both, both)
 
 
 def with_prior(
     model: ContactModel,
     prior: ElementPrior,
     line_anchor: Array,
-    log_share: Sequence[float],
-    known_pair_index: Sequence[int],
+    log_share: Array,
+    known_pair_index: NDArray[np.int64],
     are_both_known: Bools,
     elements_known: Bools,
-    from_landmark: Sequence[bool],
 ) -> BirthProposals:
     """One proposal for each of n priors (n, ...) on x, with the points (n, 6) of its known lines.
 
@@ -88,19 +86,18 @@ def with_prior(
     needs_search = np.asarray(
         ~given[:, directions(model.family.FORM)].all(axis=1)
     )  # the rest is a linear problem
-    is_informed = prior.information.any(axis=(1, 2)) | np.array(from_landmark, bool)
+    is_informed = prior.information.any(axis=(1, 2))
     rows = blank(model, len(given)).replace_columns(
         prior_index=np.where(is_informed, 1 + np.arange(len(given)), 0),
-        known_pair_index=np.array(known_pair_index, np.int64),
+        known_pair_index=known_pair_index,
         elements_known=np.array(elements_known, np.int64),
         needs_search=needs_search,
-        from_landmark=np.array(from_landmark, np.int64),
         protected_until=np.where(needs_search, burn_in_ticks(model.needed), 0.0),
         prior_mean=prior.mean,
         prior_information=prior.information,
         line_anchor=line_anchor,
-        log_prior=np.array(log_share),
-        log_likelihood=np.array(log_share),
+        log_prior=log_share,
+        log_likelihood=log_share,
         onset=0,
     )
     return BirthProposals(replace(rows, onsets=none.onsets), given, are_both_known)
@@ -109,4 +106,4 @@ def with_prior(
 @lru_cache(maxsize=16)
 def uninformed_proposal(model: ContactModel) -> BirthProposals:
     """A proposal without prior knowledge."""
-    return make_proposals(model, [(None, None)], None, [0.0], [0], [False], [False])
+    return make_proposals(model, [(None, None)], None, [0.0], [0], [False])

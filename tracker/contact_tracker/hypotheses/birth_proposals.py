@@ -1,13 +1,11 @@
-"""Which elements a new contact may assume: those of the prior map, remembered landmarks, or none."""
+"""Which elements a new contact may assume: those that are known, those of the map, or new ones."""
 
-import math
 from dataclasses import replace
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Pair, Plane, canonical
 from contact_tracker.hypotheses.birth import (
     BirthProposals,
@@ -15,12 +13,12 @@ from contact_tracker.hypotheses.birth import (
     uninformed_proposal,
     with_prior,
 )
-from contact_tracker.hypotheses.element_prior import ElementPrior
+from contact_tracker.hypotheses.element_prior import ElementPrior, by_feet, element_priors
 from contact_tracker.landmarks.element_pairs import ElementPair, element_pairs
-from contact_tracker.landmarks.landmark_memory import LandmarkMemory
 from contact_tracker.landmarks.prior_map import NamedElement, PriorMap, Up
-from contact_tracker.map.pairs import map_pairs
-from contact_tracker.map.world_map import MapView
+from contact_tracker.map.pairs import MapPair, map_pairs
+from contact_tracker.map.view import Key, MapView
+from contact_tracker.map.world_map import Map
 
 CELL_M: Final = 0.25
 """Known lines are parametrised again when the body has moved to another cell of this size."""
@@ -41,21 +39,64 @@ class Frame(NamedTuple):
 
 
 class CachedProposals(NamedTuple):
-    """Proposals with what they were computed from: the landmark memory and the frame."""
+    """Proposals with what they were computed from: the map without the sightings ``left_out``, the pair that
+    touches already, and the frame."""
 
-    memory: LandmarkMemory
+    map: Map
+    left_out: tuple[int, ...]
+    current: tuple[Key, Key] | None
     frame: Frame | None
     proposals: BirthProposals
 
 
 def propose_births(
-    model: ContactModel, knowledge: PriorMap, memory: LandmarkMemory, recognised: float, frame: Frame
+    model: ContactModel, knowledge: PriorMap, view: MapView | None, incident_share: float, frame: Frame
 ) -> BirthProposals:
     """Proposals of a contact for the next tick. Their shares add up to one, unless there are none.
 
-    ``recognised`` is the share of the proposals from the landmark memory, if there are any.
+    Where the ``knowledge`` leaves both elements open, they may be of the map. The elements of the map were
+    estimated from the motion at other times, so all that is known of them is in the prior, and free motion is
+    as predictable as for a new contact. ``incident_share`` is the prior probability that they are those of
+    the last contact, or incident with these, where the contact needs elements of other kinds.
     """
-    return _propose_births(model, knowledge, memory, recognised, frame.origin_m, _near_lines(model, frame))
+    known, near = element_pairs(knowledge, model), _near_lines(model, frame)
+    if not known:
+        return uninformed_proposal(model).pick(np.zeros(0, np.int64))
+    near_m = np.array(frame.near_m)
+    pairs, log_share = [one.pair(frame.origin_m) for one in known], [one.log_share for one in known]
+    number, is_known = list(range(len(known))), [one.certain for one in known]
+    found, is_open = list[MapPair](), [one.object is None and one.environment is None for one in known]
+    if view is not None and any(is_open):
+        whole, first = log_share[is_open.index(True)], is_open.index(True)
+        beside = view.incident_pair(model, near_m)
+        if beside is not None and incident_share:
+            pairs.append(beside)
+            number.append(first)
+            is_known.append(False)
+            log_share.append(whole + np.log(incident_share))
+            whole += np.log1p(-incident_share)
+        log_p_new, found = map_pairs(view, model, near_m)
+        log_share[first] = whole + log_p_new
+        log_share += [whole + one.log_share for one in found]
+        number += [first] * len(found)
+    prior, points_m = element_priors(model, pairs)
+    if near is not None:
+        prior, points_m = by_feet(model, prior, points_m, near_m)
+    if found:
+        prior = ElementPrior(
+            np.concatenate([prior.mean, [one.mean for one in found]]),
+            np.concatenate([prior.information, [one.information for one in found]]),
+        )
+        points_m = np.concatenate([points_m, [one.line_points_m for one in found]])
+    return with_prior(
+        model,
+        prior,
+        points_m,
+        np.array(log_share),
+        np.array(number),
+        np.array([*is_known, *(one.is_known for one in found)]),
+        np.array([*is_known, *(False for _ in found)]),
+    )
 
 
 def _near_lines(model: ContactModel, frame: Frame) -> tuple[float, ...] | None:
@@ -82,29 +123,6 @@ def propose_measured(
         [one.log_share for one in known],
         range(len(known)),
         [one.certain for one in known],
-        [False] * len(known),
-    )
-
-
-@lru_cache(maxsize=2 * len(CONTACT_MODELS))  # the map as other contacts know it rarely changes
-def propose_from_map(model: ContactModel, view: MapView, near_m: tuple[float, ...]) -> BirthProposals:
-    """Proposals of a contact between elements of the map, or new ones at their price.
-
-    The elements of the map were estimated from the motion at other times, so all that is known of them is in
-    the prior, and free motion is as predictable as for a new contact. ``near_m`` as in ``Frame``.
-    """
-    pairs = map_pairs(view, model, np.array(near_m))
-    prior = ElementPrior(np.array([one.mean for one in pairs]), np.array([one.information for one in pairs]))
-    nothing = np.zeros(len(pairs), bool)
-    return with_prior(
-        model,
-        prior,
-        np.array([one.line_points_m for one in pairs]),
-        [one.log_share for one in pairs],
-        [0] * len(pairs),
-        np.array([one.is_known for one in pairs]),
-        nothing,
-        nothing.tolist(),
     )
 
 
@@ -114,55 +132,6 @@ def _is_surer_than_up(measured: NamedElement, up: Up) -> bool:
     if not isinstance(element, Plane) or element.covariance is None:
         return True
     return bool(np.trace(element.covariance[:3, :3]) < 2.0 * up.spread_rad**2)
-
-
-@lru_cache(maxsize=64)  # memory and frame rarely change
-def _propose_births(
-    model: ContactModel,
-    knowledge: PriorMap,
-    memory: LandmarkMemory,
-    recognised: float,
-    origin_m: tuple[float, ...],
-    near_m: tuple[float, ...] | None,
-) -> BirthProposals:
-    rows = _assumed(model, knowledge, memory, recognised)
-    if not rows:
-        return uninformed_proposal(model).pick(np.zeros(0, np.int64))
-    assumed, log_share, known_pair_index, remembered = zip(*rows, strict=True)
-    certain = [
-        one.certain and not is_remembered for one, is_remembered in zip(assumed, remembered, strict=True)
-    ]
-    near = None if near_m is None else np.array(near_m)
-    return make_proposals(
-        model, [one.pair(origin_m) for one in assumed], near, log_share, known_pair_index, certain, remembered
-    )
-
-
-def _assumed(
-    model: ContactModel, knowledge: PriorMap, memory: LandmarkMemory, recognised: float
-) -> list[tuple[ElementPair, float, int, bool]]:
-    """The pairs that may be assumed: (pair, log share, index of the known pair, whether from a landmark)."""
-    remembered, rows = memory.assumptions(model), []
-    for number, known in enumerate(element_pairs(knowledge, model)):
-        filled = [merged for other in remembered if (merged := _filled(known, other)) is not None]
-        rows.append((known, known.log_share + (math.log1p(-recognised) if filled else 0.0), number, False))
-        if filled:
-            whole = math.log(sum(math.exp(other.log_share) for other in filled))
-            share = known.log_share + math.log(recognised) - whole
-            rows += [(other, share + other.log_share, number, True) for other in filled]
-    return rows
-
-
-def _filled(known: ElementPair, remembered: ElementPair) -> ElementPair | None:
-    """``known`` with remembered elements where it leaves them open; None if both give the same side."""
-    if (
-        (known.object and remembered.object)
-        or (known.environment and remembered.environment)
-        or known.certain
-    ):
-        return None
-    filled = _with(known, remembered.object, remembered.environment)
-    return filled._replace(log_share=remembered.log_share)
 
 
 def _with(known: ElementPair, object: NamedElement | None, environment: NamedElement | None) -> ElementPair:

@@ -12,7 +12,7 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import NOISE_MARGIN, information_spectrum, observed_geometry
 from contact_tracker.hypotheses.pruning import anchors_of
 from contact_tracker.hypotheses.systematic_errors import systematic_covariance
-from contact_tracker.landmarks.landmark_memory import LOOSE_M, LOOSE_RAD
+from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
 from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
@@ -52,9 +52,9 @@ def element_estimate(
     model: ContactModel,
     scales: EvidenceParameters,
     window: Window,
-    information: Array,
+    information: Array | None = None,
 ) -> ElementEstimate:
-    """What a refined fit, a ``bank`` of one, says about both its elements together; arguments as above.
+    """What a fit, a ``bank`` of one, says about both its elements together; arguments as above.
 
     Real elements are not exactly the same at the next touch, so the information is that of a little looser
     elements.

@@ -18,7 +18,6 @@ from contact_tracker.hypotheses.schedule import (
     FITTING_RMS,
     FOLLOWED_STARTS,
     IS_SEARCH_AGE,
-    LANDMARK_BURN_IN_SHARE,
     LEAST_GAIN,
     RELAXATION_RIDGE,
     ROUNDS,
@@ -89,8 +88,7 @@ def accepts_donor(bank: Bank) -> Bools:
 
 def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
     """Which hypotheses (H,) search and donate whatever their weight: their minimum may not be found yet."""
-    share = np.where(bank.from_landmark, LANDMARK_BURN_IN_SHARE, 1.0)
-    return (bank.effective_ticks <= share * burn_in_ticks(model.needed)) & bank.needs_search
+    return (bank.effective_ticks <= burn_in_ticks(model.needed)) & bank.needs_search
 
 
 def search(

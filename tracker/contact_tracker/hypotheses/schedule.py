@@ -50,9 +50,6 @@ FITTING_RMS: Final = 1.2
 might gain some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
-LANDMARK_BURN_IN_SHARE: Final = 0.5
-"""Burn-in of hypotheses from landmarks, as a share of the usual: part of their geometry is known, and there
-are many of them."""
 UNTHINNED_TICKS: Final = 24
 """Up to this age in ticks every onset keeps a hypothesis; older onsets are thinned."""
 

@@ -69,14 +69,16 @@ class TickWeights(NamedTuple):
 
 
 class StopCondition(NamedTuple):
-    """Condition on which an update of several ticks stops: a contact is this probable, and its onset is
-    due."""
+    """Condition on which an update of several ticks stops: a contact is this probable, and its onset is due;
+    or the most probable state is not the current one any more."""
 
     probability: float
     posterior_power: float
     """Power of the posterior (T31)."""
     due_ns: Mapping[int, int]
     """By onset (ns), the time from which it is due again."""
+    current_ns: int = -1
+    """Onset of the current contact if it is one of these; else -1."""
 
 
 class BankUpdate(NamedTuple):

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.inspection import turning_point
-from contact_tracker.inspection.alternation import is_of_two_bodies
-from contact_tracker.inspection.recurrence import ALARM, BACK, page_sum, returned
 from contact_tracker.inspection.turning_point import NO_TURNING_POINTS, TurningPoints
+from contact_tracker.inspection.two_bodies import ALARM, BACK, is_of_two_bodies, page_sum, returned
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE
@@ -77,42 +76,25 @@ class Inspection(NamedTuple):
     like inverse poses of that body, and are right.
     """
 
-    recent: Poses
-    first: Poses
-    total: int
-    repeats: int
-    blocks: int
-    moved: tuple[bool, bool]
-    noise: Array
-    top_m_per_s: float
-    page: float
-    share: float
-    whiteness: Whiteness
-    turning: TurningPoints
-    units: bool
-    bodies: bool
-    filtered: bool
-    frame_moves: bool
+    recent: Poses = NO_POSES
+    first: Poses = NO_POSES
+    total: int = 0
+    repeats: int = 0
+    blocks: int = 0
+    moved: tuple[bool, bool] = (False, False)
+    noise: Array = np.zeros((2, BINS))
+    top_m_per_s: float = 0.0
+    page: float = 0.0
+    share: float = 0.0
+    whiteness: Whiteness = NOTHING_COMPARED
+    turning: TurningPoints = NO_TURNING_POINTS
+    units: bool = False
+    bodies: bool = False
+    filtered: bool = False
+    frame_moves: bool = False
 
 
-NOTHING_INSPECTED: Final = Inspection(
-    recent=NO_POSES,
-    first=NO_POSES,
-    total=0,
-    repeats=0,
-    blocks=0,
-    moved=(False, False),
-    noise=np.zeros((2, BINS)),
-    top_m_per_s=0.0,
-    page=0.0,
-    share=0.0,
-    whiteness=NOTHING_COMPARED,
-    turning=NO_TURNING_POINTS,
-    units=False,
-    bodies=False,
-    filtered=False,
-    frame_moves=False,
-)
+NOTHING_INSPECTED: Final = Inspection()
 
 
 def inspect(inspection: Inspection, poses: Poses) -> Inspection:

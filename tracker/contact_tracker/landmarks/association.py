@@ -1,5 +1,4 @@
-"""Data association of two estimated elements, and the fusion of those that are the same (docs/theory.md,
-T28)."""
+"""Whether two estimated elements may be the same (docs/theory.md, T28)."""
 
 from dataclasses import replace
 from math import inf, sqrt
@@ -10,15 +9,12 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.elements import Element, Line, Plane, Point, by_foot, numbers
-from contact_tracker.geometry.vectors import EYE, sphere_tangent, unit
+from contact_tracker.geometry.vectors import EYE, sphere_tangent
 
 Array = NDArray[np.float64]
 
 SAME: Final = 4.0
 """Gate in standard deviations within which two estimates may be of one element."""
-VAGUER: Final = 2.0
-"""The earlier estimate is kept in a direction if the later one's standard deviation is this many times
-larger."""
 _LOST: Final = 1e-12
 """Eigenvalues below this share of the largest are rounding errors."""
 
@@ -52,42 +48,6 @@ def distance_of_planes_m(first: Plane, second: Plane) -> float:
     place = np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3]
     off = (first.normal - sense * second.normal) @ place - (first.offset_m - sense * second.offset_m)
     return abs(float(off))
-
-
-def fuse(later: Element, earlier: Element) -> Element:
-    """Fuse two estimates of one element whose correlation is unknown.
-
-    The later estimate may have assumed the earlier one, so information must not be added. Along each joint
-    eigenvector of the covariances the later one is kept, unless the earlier one is far more certain (as in
-    ellipsoidal intersection: Sijs, Lazar and van den Bosch, ACC 2010). The result has the point and the sense
-    of direction of the later line. Neither covariance may be zero in a free direction.
-    """
-    first, second = _better_first(later, earlier)
-    free = _free(first)
-    ours, theirs = _along(free, first), _along(free, second)
-    # shares: of the variance of both, that of the second
-    share, eigenvectors = linalg.eigenvectors(theirs, ours + theirs)
-    was, now = (share, 1.0 - share) if first is later else (1.0 - share, share)
-    of_second = (now > VAGUER**2 * was) == (first is later)
-    back = free @ (ours + theirs) @ eigenvectors
-    off = back @ np.where(of_second, eigenvectors.T @ (free.T @ (numbers(second) - numbers(first))), 0.0)
-    covariance = (back * np.where(of_second, share, 1.0 - share)) @ back.T
-    covariance = 0.5 * (covariance + covariance.T)
-    match first:
-        case Point(point_m):
-            return replace(first, point_m=point_m + off, covariance=covariance)
-        case Plane(normal, offset_m):
-            normal = _turned(normal, off[:3])
-            return replace(first, normal=normal, offset_m=offset_m + float(off[3]), covariance=covariance)
-        case Line(direction, point_m):
-            direction = _turned(direction, off[:3])
-            found = replace(first, direction=direction, point_m=point_m + off[3:], covariance=covariance)
-            return _aligned(found, later)
-
-
-def _turned(direction: Array, by: Array) -> Array:
-    """A unit vector turned such that its component perpendicular to ``direction`` is ``by`` (3,)."""
-    return unit(direction * np.sqrt(max(1.0 - float(by @ by), 0.0)) + by)
 
 
 def _better_first(first: Element, second: Element) -> tuple[Element, Element]:

@@ -10,12 +10,15 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.contacts import ContactModel, face_face
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.vectors import EYE, sphere_tangent, unit
 
 TURNS: Final = {"f": 2, "e": 2, "v": 0}
 SHIFTS: Final = {"f": 1, "e": 2, "v": 3}
 """Free coordinates of an element of each kind: angles (rad), then lengths (m)."""
+LOOSE_M: Final = 0.3e-3
+LOOSE_RAD: Final = 2e-3
+"""Standard deviations by which real elements differ from one touch to the next."""
 ANY_DIRECTION_RAD: Final = 1.0
 """Standard deviation at which a Gaussian on the tangent has the density of a uniform direction without
 sense, 1 / (2 pi)."""
@@ -44,6 +47,39 @@ class MapElement:
         across, turn, shift = sphere_tangent(self.direction), change[:2], change[2:]
         moved_m = self.place_m + (across @ shift if self.kind == "e" else shift)
         return MapElement(self.kind, unit(self.direction + across @ turn), moved_m)
+
+    def change_to(self, other: "MapElement") -> Array:
+        """Change (P,) of the free coordinates from this element to another one nearby."""
+        if self.kind == "v":
+            return np.asarray(other.place_m - self.place_m)
+        across, sense = sphere_tangent(self.direction), 1.0
+        if self.direction @ other.direction < 0.0:
+            sense = -1.0
+        turn = across.T @ (sense * other.direction)
+        if self.kind == "f":
+            return np.append(turn, sense * other.place_m - self.place_m)
+        apart = other.place_m - self.place_m
+        apart = apart - other.direction * (other.direction @ apart)
+        return np.concatenate([turn, across.T @ apart])
+
+    def with_covariance(self, covariance: Array) -> Element:
+        """The element with a covariance (P, P) of its free coordinates."""
+        across = None if self.kind == "v" else sphere_tangent(self.direction)
+        if across is None:
+            return Point(self.place_m, covariance)
+        size = 4 if self.kind == "f" else 6
+        onto = np.zeros((size, self.size))
+        onto[:3, :2] = across
+        onto[3:, 2:] = across if self.kind == "e" else 1.0
+        spread = onto @ covariance @ onto.T
+        if self.kind == "f":
+            return Plane(self.direction, float(self.place_m[0]), spread)
+        return Line(self.direction, self.place_m, spread)
+
+
+def loose_variance(kind: str) -> Array:
+    """Variance (P,) by which real elements differ from one touch to the next."""
+    return np.repeat([LOOSE_RAD**2, LOOSE_M**2], [TURNS[kind], SHIFTS[kind]])
 
 
 def prior_variance(kind: str, reach_m: float) -> Array:

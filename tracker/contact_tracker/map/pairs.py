@@ -7,15 +7,14 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.geometry.elements import Array
-from contact_tracker.landmarks.landmark_memory import LOOSE_M, LOOSE_RAD
-from contact_tracker.map.elements import SHIFTS, TURNS, MapElement, kinds_of, stacked
-from contact_tracker.map.world_map import Key, MapView
+from contact_tracker.map.elements import MapElement, kinds_of, loose_variance, stacked
+from contact_tracker.map.view import Key, MapView
 
 _SOME_DIRECTION: Final = np.array([0.0, 0.0, 1.0])
 
 
 class MapPair(NamedTuple):
-    """A Gaussian prior on x: ``mean`` (S,), ``information`` (S, S), both zero where the pair is new.
+    """A Gaussian prior on x: ``mean`` (S,), ``information`` (S, S), both zero where an element is new.
 
     ``line_points_m`` (6,) are points on the known lines in frames 1 and 2, NaN elsewhere; ``is_known`` says
     whether both elements are of the map, and ``log_share`` is the log prior probability of the pair.
@@ -28,20 +27,27 @@ class MapPair(NamedTuple):
     log_share: float
 
 
-def map_pairs(view: MapView, model: ContactModel, near_m: Array) -> list[MapPair]:
-    """All pairs that a contact may touch; ``near_m`` (3,) is the body's place in the world.
+def map_pairs(view: MapView, model: ContactModel, near_m: Array) -> tuple[float, list[MapPair]]:
+    """All pairs with an element of the map that a contact may touch, and the log probability of a new pair.
 
-    Two faces of the map may face each other or look the same way, which their normals do not say.
+    ``near_m`` (3,) is the body's place in the world. Two faces of the map may face each other or look the
+    same way, which their normals do not say.
     """
     ours, theirs = kinds_of(model)
-    out = list[MapPair]()
+    log_p_new, out = 0.0, list[MapPair]()
     for one, our_log_p in view.choices(0, ours):
         for other, their_log_p in view.choices(1, theirs):
+            log_p = our_log_p + their_log_p
+            if one is None and other is None:
+                log_p_new = log_p
+                continue
+            if (one, other) == view.current:
+                continue
             both = one is not None and other is not None
             ways = (1.0, -1.0) if both and model.family is face_face else (1.0,)
-            log_share = our_log_p + their_log_p - float(np.log(len(ways)))
-            out += [_pair(view, model, (one, other), near_m, way, log_share) for way in ways]
-    return out
+            log_p -= float(np.log(len(ways)))
+            out += [_pair(view, model, (one, other), near_m, way, log_p) for way in ways]
+    return log_p_new, out
 
 
 def _pair(
@@ -52,19 +58,13 @@ def _pair(
     way: float,
     log_share: float,
 ) -> MapPair:
-    size, known = model.family.SIZE, [key for key in keys if key is not None]
-    if not known:
-        return MapPair(np.zeros(size), np.zeros((size, size)), np.full(6, np.nan), False, log_share)
     kinds, anchors = kinds_of(model), model.anchors(near_m)
     # the element of the other side stands in for a new one, of which nothing is read
     elements = [
         _stand_in(kind) if key is None else view.elements[key] for key, kind in zip(keys, kinds, strict=True)
     ]
     x, derivative = stacked(model, (elements[0], elements[1]), anchors, np.array([way, 1.0]), 1.0)
-    loose = [
-        np.repeat([LOOSE_RAD**2, LOOSE_M**2], [TURNS[kind], SHIFTS[kind]])
-        for key, kind in zip(keys, kinds, strict=True)
-    ]
+    loose = [loose_variance(kind) for kind in kinds]
     covariance = view.joint(keys, kinds, 1.0) + np.diag(np.concatenate(loose))
     is_known = np.repeat([key is not None for key in keys], [len(part) for part in loose])
     by_known = derivative[:, is_known]
@@ -79,7 +79,7 @@ def _pair(
         side = i if model.body_in_1 else 1 - i
         if keys[side] is not None and kinds[side] == "e":
             points_m[3 * i : 3 * i + 3] = x[point : point + 3]
-    return MapPair(np.where(mine, x, 0.0), information, points_m, len(known) == 2, log_share)
+    return MapPair(np.where(mine, x, 0.0), information, points_m, None not in keys, log_share)
 
 
 def _stand_in(kind: str) -> MapElement:

@@ -1,7 +1,9 @@
 """What one contact of a recording says about the pair of elements that touch in it."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +13,10 @@ from contact_tracker.map.elements import MapElement, kinds_of, split, stacked, w
 from contact_tracker.states import Contact
 
 Pair = tuple[MapElement, MapElement]
+MAP_INSERTION_PROBABILITY: Final = 0.9
+"""Least probability of a contact that tells something about its elements."""
+LONGER: Final = 1.5
+"""A contact is estimated again when it has lasted this many times as long."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +47,25 @@ class ElementEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """The ``estimate`` of the elements that touched in the ticks from ``first`` to ``end`` (excluded)."""
+    """The ``estimate`` of the elements that touched in the ticks from ``first`` to ``end`` (excluded).
+
+    Online the contact began at ``onset_ns`` and was estimated at ``stamp_ns``.
+    """
 
     first: int
     end: int
     estimate: ElementEstimate
+    onset_ns: int = 0
+    stamp_ns: int = 0
+
+    @property
+    def due_ns(self) -> int:
+        """Time from which the contact, if it lasts, is estimated again."""
+        return self.onset_ns + math.ceil(LONGER * (self.stamp_ns - self.onset_ns))
+
+    def gain(self, reach_m: float) -> float:
+        """Information (nats) relative to about what is known before."""
+        return float(np.linalg.slogdet(np.eye(len(self.information)) + reach_m**2 * self.information)[1])
 
     @property
     def kinds(self) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.motion.free_motion import NOW_TICKS, STILL
 from contact_tracker.motion.lifted_pose import R, T
-from contact_tracker.motion.window import SlidingWindow
+from contact_tracker.motion.window import SlidingWindow, Window
 
 Bools = NDArray[np.bool_]
 
@@ -27,19 +27,34 @@ def at_rest(ticks: SlidingWindow, tick_s: float) -> Bools:
     The excess of single ticks does not show it: noise has some now and then, and steady motion has none. A
     tick without frames belongs to a rest if it lies within one.
     """
-    window, count = ticks.window, rest_ticks(tick_s)
-    resting, filled = np.zeros(len(window), bool), np.flatnonzero(ticks.frames)
+    count = rest_ticks(tick_s)
+    resting, filled = np.zeros(len(ticks.window), bool), np.flatnonzero(ticks.frames)
+    for first in np.flatnonzero(_still(ticks.window, filled, count)):
+        resting[filled[first] : filled[first + count - 1] + 1] = True
+    return resting
+
+
+def _still(window: Window, filled: NDArray[np.intp], count: int) -> Bools:
+    """In which spans of ``count`` consecutive ticks with frames, whose rows are ``filled``, the object stays
+    where it is."""
     if len(filled) < count:
-        return resting
+        return np.zeros(0, bool)
     pose, variance = window.zeta[filled, _POSE], window.variance[filled]
     spans = [slice(first, len(filled) - count + 1 + first) for first in range(count)]
     mean, of_noise = (np.sum([values[span] for span in spans], axis=0) / count for values in (pose, variance))
     scatter = np.sum([np.square(pose[span] - mean) for span in spans], axis=0) / (count - 1.0)
     still = scatter[:, T].sum(axis=1) / 3.0 <= STILL * of_noise[:, 0]
-    still &= scatter[:, R].sum(axis=1) / 6.0 <= STILL * of_noise[:, 1]
-    for first in np.flatnonzero(still):
-        resting[filled[first] : filled[first + count - 1] + 1] = True
-    return resting
+    return np.asarray(still & (scatter[:, R].sum(axis=1) / 6.0 <= STILL * of_noise[:, 1]))
+
+
+def completes_rest(ticks: SlidingWindow, tick_s: float) -> bool:
+    """Whether the newest tick completes the first ``REST_S`` of a rest."""
+    count, newest = rest_ticks(tick_s), len(ticks.frames) - 1
+    if not ticks.frames[newest]:
+        return False
+    filled = np.flatnonzero(ticks.frames[-2 * count :]) + max(newest + 1 - 2 * count, 0)
+    still = _still(ticks.window, filled, count)
+    return bool(still[-1:].any() and not still[:-1].any())
 
 
 def rests_now(ticks: SlidingWindow, tick_s: float) -> bool:

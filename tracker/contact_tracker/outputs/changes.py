@@ -11,36 +11,32 @@ SAME_NS: Final = 1_000_000_000
 
 
 class Changes:
-    """The last reported ``label``, and whether it was ``settled``, or ``open`` among all states."""
+    """What was reported last: the ``label``, whether it was ``settled``, or ``open`` among all states, and
+    the ``further`` contacts."""
 
     def __init__(self) -> None:
         self.label: Contact | None = None
         self.settled = False
         self.open = False
+        self.further: tuple[FurtherContact, ...] = ()
 
-    def takes(self, belief: Belief) -> bool:
-        """Whether the next belief is reported: a new label, one that settles, and free motion that is open
-        among all states, as at rest; updates the last one."""
-        changed, settles = belief.contact is not self.label, is_settled(belief)
-        opens = belief.contact is Contact.FREE and is_open(belief) and not self.open
+    def update(self, belief: Belief) -> tuple[bool, list[FurtherContact], list[FurtherContact]]:
+        """Whether the next belief is reported, the further contacts that begin with it, and those that end.
+
+        A new label is reported, one that settles, and free motion that is open among all states, as at rest.
+        While all states are open, any label is as good as the last.
+        """
+        opened, settles = is_open(belief), is_settled(belief)
+        changed = belief.contact is not self.label and not (self.open and opened)
+        opens = belief.contact is Contact.FREE and opened and not self.open
         is_news = changed or opens or (settles and not self.settled)
-        self.label, self.settled = belief.contact, settles or (self.settled and not changed and not opens)
-        self.open = is_open(belief) if is_news else self.open
-        return is_news
-
-
-class FormationChanges:
-    """Finds further contacts that begin or end from belief to belief; ``before`` are the last ones."""
-
-    def __init__(self) -> None:
-        self.before: tuple[FurtherContact, ...] = ()
-
-    def update(self, belief: Belief) -> tuple[list[FurtherContact], list[FurtherContact]]:
-        """The further contacts that begin with a belief, and those that end."""
-        before, self.before = self.before, belief.further
+        if is_news:
+            self.label, self.open = belief.contact, opened
+        self.settled = settles or (self.settled and not changed and not opens)
+        before, self.further = self.further, belief.further
         joins = [one for one in belief.further if not any(_is_same(one, other) for other in before)]
         leaves = [one for one in before if not any(_is_same(one, other) for other in belief.further)]
-        return joins, leaves
+        return is_news, joins, leaves
 
 
 def _is_same(one: FurtherContact, other: FurtherContact) -> bool:

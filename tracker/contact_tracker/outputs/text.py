@@ -1,7 +1,7 @@
 """Text of beliefs and segments: lines of fixed width, geometry in words."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -30,20 +30,22 @@ def is_settled(belief: Belief) -> bool:
 
 def change_line(belief: Belief, origin_ns: int) -> str:
     """A line on a new or settled contact; times in seconds after ``origin_ns``."""
-    return (
-        f"{_seconds(belief.stamp_ns, origin_ns):8.2f}  {belief.contact.value:<7} "
-        f"{belief.probability[belief.contact.column]:5.2f}  {_seconds(belief.onset_ns, origin_ns):8.2f}  "
-        f"{describe(belief.geometry, belief.inseparable)}"
-    ).rstrip()
+    probability = belief.probability[belief.contact.column]
+    return _line(belief.contact.value, probability, belief.stamp_ns, belief.onset_ns, origin_ns, belief)
 
 
 def join_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
     """A line on a further contact that begins, like ``change_line``."""
     kind = JOINS + further.contact.value
-    return (
-        f"{_seconds(stamp_ns, origin_ns):8.2f}  {kind:<7} {further.probability:5.2f}  "
-        f"{_seconds(further.start_ns, origin_ns):8.2f}  {describe(further.geometry, further.inseparable)}"
-    ).rstrip()
+    return _line(kind, further.probability, stamp_ns, further.start_ns, origin_ns, further)
+
+
+def _line(
+    kind: str, p: float, stamp_ns: int, since_ns: int, origin_ns: int, one: Belief | FurtherContact
+) -> str:
+    at_s, since_s = _seconds(stamp_ns, origin_ns), _seconds(since_ns, origin_ns)
+    where = describe(one.geometry, one.inseparable)
+    return f"{at_s:8.2f}  {kind:<7} {p:5.2f}  {since_s:8.2f}  {where}".rstrip()
 
 
 def leave_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
@@ -60,6 +62,31 @@ def status_text(belief: Belief, origin_ns: int) -> str:
     return f"{at_s:8.2f} s  {belief.contact.value} for {duration_s:.1f} s   {likely}"
 
 
+class Row(NamedTuple):
+    """A segment, further contact or joint in a table of segments; ``where`` has its elements in words."""
+
+    start_s: float
+    end_s: float
+    kind: str
+    probability: float
+    where: str
+
+
+def segment_rows(segment: Segment, origin_ns: int) -> Iterator[Row]:
+    """A segment, its further contacts (``+``) and its joint (``=``); times in seconds after ``origin_ns``."""
+    span = _seconds(segment.start_ns, origin_ns), _seconds(segment.end_ns, origin_ns)
+    where = describe(segment.geometry, segment.inseparable)
+    yield Row(*span, segment.contact.value, segment.probability, where)
+    for one in segment.further:
+        end_s = span[1] if one.end_ns is None else _seconds(one.end_ns, origin_ns)
+        where = describe(one.geometry, one.inseparable)
+        start_s = _seconds(one.start_ns, origin_ns)
+        yield Row(start_s, end_s, JOINS + one.contact.value, one.probability, where)
+    if segment.joint is not None:
+        where = describe_joint(segment.joint, is_open(segment))
+        yield Row(*span, JOINT + segment.joint.kind.value, segment.joint.probability, where)
+
+
 def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = False) -> Iterator[str]:
     """A line per segment, per further contact (``+``) and joint (``=``), and the total ambiguous time.
 
@@ -68,25 +95,13 @@ def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = Fal
     yield TABLE_HEADER
     total_s = ambiguous_s = 0.0
     for segment in segments:
-        start, end = (_seconds(t, origin_ns) for t in (segment.start_ns, segment.end_ns))
-        yield (
-            f"{start:8.2f}  {end:8.2f}  {segment.contact.value:<7} {segment.probability:5.2f}  "
-            f"{describe(segment.geometry, segment.inseparable)}"
-        ).rstrip()
-        for one in segment.further:
-            begin = _seconds(one.start_ns, origin_ns)
-            last = end if one.end_ns is None else _seconds(one.end_ns, origin_ns)
+        for row in segment_rows(segment, origin_ns):
             yield (
-                f"{begin:8.2f}  {last:8.2f}  {JOINS + one.contact.value:<7} {one.probability:5.2f}  "
-                f"{describe(one.geometry, one.inseparable)}"
+                f"{row.start_s:8.2f}  {row.end_s:8.2f}  {row.kind:<7} {row.probability:5.2f}  {row.where}"
             ).rstrip()
-        if segment.joint is not None:
-            yield (
-                f"{start:8.2f}  {end:8.2f}  {JOINT + segment.joint.kind.value:<7} "
-                f"{segment.joint.probability:5.2f}  {describe_joint(segment.joint, is_open(segment))}"
-            ).rstrip()
-        total_s += end - start
-        ambiguous_s += end - start if segment.inseparable else 0.0
+        duration_s = _seconds(segment.end_ns, segment.start_ns)
+        total_s += duration_s
+        ambiguous_s += duration_s if segment.inseparable else 0.0
     if ambiguous_s:
         leave = "Motion and wrenches leave" if with_wrenches else "The motion leaves"
         yield f"{leave} the contact open for {ambiguous_s:.2f} of {total_s:.2f} s."

@@ -17,7 +17,6 @@ from mcap.summary import Summary
 
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.bytestream import ByteStream
-from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.file_index import Place
 from contact_tracker.recording.items import (
     MAGIC,
@@ -25,6 +24,7 @@ from contact_tracker.recording.items import (
     PARSE_ERRORS,
     RECORD_HEAD,
     Channel,
+    DamageReport,
     Item,
     Metadata,
     RawMessage,

@@ -7,9 +7,8 @@ from typing import IO, Final
 
 from mcap.writer import Writer
 
-from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
+from contact_tracker.recording.items import RESULT_TOPICS, Attachment, Channel, Item, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
-from contact_tracker.recording.result_topics import RESULT_TOPICS
 
 _CHUNK_SIZE: Final = 1024 * 1024
 _LIBRARY: Final = "contact-tracker"

@@ -1,18 +1,28 @@
 """Decoding of messages to observed poses, by the library of each channel's encoding."""
 
+import json
 import struct
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from contextlib import redirect_stderr
+from io import StringIO
+from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
 
 from contact_tracker.errors import MissingExtra
+from contact_tracker.extras import module_of_extra
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
-from contact_tracker.recording.definition_work import DecodingWork, work_of
-from contact_tracker.recording.definitions import Definition, known_definition, parse_definition
-from contact_tracker.recording.foxglove import decode_json, protobuf_reading
+from contact_tracker.recording.definitions import (
+    DecodingWork,
+    Definition,
+    known_definition,
+    parse_definition,
+    work_of,
+)
 from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 from contact_tracker.recording.limits import BYTES_PER_RECORD, TooMuchWork, WorkBudget
@@ -23,7 +33,6 @@ from contact_tracker.recording.message_types import (
     observations,
     typed,
 )
-from contact_tracker.recording.ros import cdr_decoder
 from contact_tracker.recording.ros1 import ros1_decoder
 
 MESSAGE_LIMIT: Final = 2**22
@@ -40,7 +49,14 @@ class Undecodable(Exception):
     """A message does not match its schema."""
 
 
-_Decoder = tuple[Callable[[bytes], Any], DecodingWork]
+class _Decoder(NamedTuple):
+    """A library's decoder, the work of its messages, and whether its definition is the known one of CDR."""
+
+    decode: Callable[[bytes], Any]
+    work: DecodingWork = DecodingWork()
+    is_known: bool = False
+
+
 _Definition = tuple[str, str, str, bytes]
 """Encoding, type, encoding of the schema, and schema."""
 
@@ -91,7 +107,7 @@ class MessageDecoder:
             decoder = self._reading(channel).defined.decoder
             if decoder is None:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
-            decode, work = decoder
+            decode, work, _ = decoder
             if data.startswith(ZSTD_MAGIC):
                 self._count_work(message, 1)  # before and after: its size is not known
                 data = inflate_zstd(data, MESSAGE_LIMIT)
@@ -127,8 +143,7 @@ class MessageDecoder:
             self._count_work(message, (len(found) - 1) // POSES_PER_RECORD)
             return found
         found = self._observe(message)
-        with suppress(Undecodable):
-            layouts.learn(message.data, lambda data: self._observe(message._replace(data=data)))
+        layouts.learn(message.data, found)
         return found
 
     def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
@@ -161,12 +176,12 @@ class MessageDecoder:
         return reading
 
     def _new_reading(self, channel: Channel) -> _Reading:
-        layouts = Layouts(canonical(channel.type) if channel.encoding == "cdr" else "")
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
         defined = self._defined.get(key)
         if defined is None:
             defined = self._defined[key] = self._new_definition(channel)
-        return _Reading(defined, layouts)
+        has_layouts = defined.decoder is not None and defined.decoder.is_known
+        return _Reading(defined, Layouts(canonical(channel.type) if has_layouts else ""))
 
     def _new_definition(self, channel: Channel) -> _Defined:
         decoder: _Decoder | None = None
@@ -271,12 +286,12 @@ def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
                     return decoder, lacks
             case "ros1":
                 definition = parse_definition(channel.schema.decode(), channel.type)
-                return (ros1_decoder(definition), work_of(definition)), None
+                return _Decoder(ros1_decoder(definition), work_of(definition)), None
             case "protobuf":
                 decode = protobuf_reading(channel)
-                return None if decode is None else (decode, DecodingWork()), None
+                return None if decode is None else _Decoder(decode), None
             case "json":
-                return (decode_json, DecodingWork()), None
+                return _Decoder(decode_json), None
     except MissingExtra:
         raise
     except Exception:  # an invalid schema can raise anything
@@ -286,4 +301,32 @@ def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
 
 def _cdr(definition: Definition) -> _Decoder | None:
     decode = cdr_decoder(definition)
-    return None if decode is None else (decode, work_of(definition))
+    known = known_definition(definition.type)
+    is_known = known is not None and known.fields == definition.fields
+    return None if decode is None else _Decoder(decode, work_of(definition), is_known)
+
+
+Decoder = Callable[[bytes], Any]
+
+
+def cdr_decoder(definition: Definition) -> Decoder | None:
+    """The decoder of messages; an invalid definition can raise any error of the library."""
+    text = definition.ros2msg.encode()
+    schema = Schema(id=1, name=definition.type, encoding="ros2msg", data=text)
+    with redirect_stderr(StringIO()):  # the parser also prints its errors
+        decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
+    return decoder
+
+
+def protobuf_reading(channel: Channel) -> Callable[[bytes], Any] | None:
+    """The decoder of a protobuf channel; an invalid schema can raise any error of the library."""
+    factory = module_of_extra("mcap_protobuf.decoder", "foxglove", "protobuf").DecoderFactory()
+    decoder: Callable[[bytes], Any] | None = factory.decoder_for(
+        channel.encoding, Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
+    )
+    return decoder
+
+
+def decode_json(data: bytes) -> Any:
+    """A JSON object; raises ValueError."""
+    return json.loads(data, object_hook=lambda values: SimpleNamespace(**values))

@@ -2,9 +2,11 @@
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from io import BytesIO
+from itertools import count
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -198,3 +200,60 @@ def attachment_of(payload: bytes) -> Attachment:
 
 def payload_stream(payload: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(payload))
+
+
+_SHOWN: Final = 3
+
+
+class DamageReport:
+    """The first damages as text, further ones counted."""
+
+    def __init__(self) -> None:
+        self._shown: list[str] = []
+        self._more = 0
+
+    def add(self, text: str) -> None:
+        if len(self._shown) < _SHOWN:
+            self._shown.append(text)
+        else:
+            self._more += 1
+
+    def add_all(self, other: "DamageReport", prefix: str = "") -> None:
+        """Add another report, with ``prefix`` before each text."""
+        for text in other._shown:
+            self.add(prefix + text)
+        self._more += other._more
+
+    @property
+    def text(self) -> str | None:
+        """The line, or None without damage."""
+        return "; ".join(self._shown) + (f"; and {self._more} more" if self._more else "") or None
+
+
+_PENDING_BYTES: Final = 8 * BUFFER_BYTES
+
+
+def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMessage]:
+    """The messages of all chunks by log time.
+
+    Each chunk comes with a lower bound of its log times (ns), in the order of these bounds. Messages are
+    buffered as long as later chunks may have earlier ones, up to 64 MB.
+    """
+    pending, pending_bytes, number = list[tuple[int, int, RawMessage]](), 0, count()
+    for begin_ns, items in chunks:
+        while pending and (pending[0][0] < begin_ns or pending_bytes > _PENDING_BYTES):
+            _, _, earliest = heappop(pending)
+            pending_bytes -= len(earliest.data)
+            yield earliest
+        for item in items:
+            if isinstance(item, RawMessage):
+                heappush(pending, (item.log_time_ns, next(number), item))
+                pending_bytes += len(item.data)
+    while pending:
+        yield heappop(pending)[2]
+
+
+BELIEF_TOPIC: Final = "/contact/belief"
+FRAMES_TOPIC: Final = "/contact/frames"
+SCENE_TOPIC: Final = "/contact/scene"
+RESULT_TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC})

@@ -1,13 +1,12 @@
 """Poses read at fixed offsets in CDR messages, several times faster than decoding by field.
 
 With constant frame names, the messages of a channel differ only in stamps and seven numbers per pose, at the
-same offsets, which follow from the message type. As the schema in the file may define that type differently,
-a layout is used only after the library's decoder has read back test values written at these offsets.
-Messages that fit no layout are left to the library.
+same offsets, which follow from the definition of the message type. Layouts are those of known definitions: if
+a file defines the type of a channel differently, its messages are left to the library.
 """
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -16,16 +15,15 @@ import numpy as np
 from contact_tracker.motion.poses import Pose, Poses
 
 _ENCAPSULATION: Final = 4
+_PLAIN: Final = (b"\0\0", b"\0\1")
+"""How messages of the first version of CDR begin, in big and little endian."""
 _STAMP: Final = 8
 _NUMBERS: Final = 56
 _COVARIANCE: Final = 288
 _TWIST: Final = 48 + _COVARIANCE
 _PER_SIZE: Final = 8
-_TRIALS: Final = 64
-"""Most layouts of one size, and most trials: some channels have endlessly many frame names."""
-# None equals another one read with another sign, width, byte order or offset.
-_TEST_STAMP: Final = (3_012_345_678, 4_023_456_789)
-_TEST_NUMBERS: Final = (1.7, -2.75e-3, 3.1e9, 0.1, -0.2, 0.3, -0.9)
+_MOST: Final = 64
+"""Most layouts of one size, and in all: some channels have endlessly many frame names."""
 
 
 class Observation(NamedTuple):
@@ -79,7 +77,6 @@ class _Layout(NamedTuple):
     fixed: tuple[tuple[int, int, bytes], ...]
     blocks: tuple[_Block, ...]
     order: str
-    sec: str
     values: struct.Struct
     frames: tuple[tuple[str, str], ...]
 
@@ -112,11 +109,10 @@ class _Layout(NamedTuple):
 
     def _columns(self, block: _Block) -> np.dtype[np.void]:
         """The structured dtype of a message."""
-        sec = "i" if self.sec == "i" else "u"
         return np.dtype(
             {
                 "names": ["sec", "nanosec", "numbers"],
-                "formats": [f"{self.order}{sec}4", f"{self.order}u4", (f"{self.order}f8", (7,))],
+                "formats": [f"{self.order}i4", f"{self.order}u4", (f"{self.order}f8", (7,))],
                 "offsets": [block.stamp_at, block.stamp_at + 4, block.numbers_at],
                 "itemsize": self.values.size,
             }
@@ -129,7 +125,7 @@ class Layouts:
     def __init__(self, message_type: str) -> None:
         self._type = _TYPES.get(message_type)
         self._by_size: dict[int, list[_Layout]] = {}
-        self._trials = _TRIALS
+        self._left = _MOST
 
     def read(self, data: bytes) -> list[Observation] | None:
         """The poses in a message; None if no layout fits."""
@@ -147,21 +143,20 @@ class Layouts:
         found = (layout.read_all(messages) for layout in self._by_size.get(size, ()))
         return next((columns for columns in found if columns is not None), None)
 
-    def learn(self, data: bytes, decode: Callable[[bytes], list[Observation]]) -> None:
-        """Add the layout of a message, if ``decode`` reads back the values of test messages."""
-        if self._type is None or not self._trials or len(self._by_size.get(len(data), ())) >= _PER_SIZE:
+    def learn(self, data: bytes, found: Sequence[Observation]) -> None:
+        """Add the layout of a message, in which the library has ``found`` these poses."""
+        if self._type is None or not self._left or len(self._by_size.get(len(data), ())) >= _PER_SIZE:
             return
-        self._trials -= 1
         blocks = _blocks(data, self._type)
-        for sec in "iI" if blocks else "":
-            if (layout := _tried(data, self._type, blocks, sec, decode)) is not None:
-                self._by_size.setdefault(len(data), []).append(layout)
-                return
+        if blocks and len(blocks) == len(found):
+            self._left -= 1
+            layout = _layout(data, self._type, blocks, found)
+            self._by_size.setdefault(len(data), []).append(layout)
 
 
 def _blocks(data: bytes, kind: _Type) -> tuple[_Block, ...]:
     """The blocks of a message; empty unless its size is that of its type and names."""
-    if len(data) < max(kind.stamp_at, _ENCAPSULATION + 4):
+    if len(data) < max(kind.stamp_at, _ENCAPSULATION + 4) or data[:2] not in _PLAIN:
         return ()
     order = _order(data)
     count = struct.unpack_from(f"{order}I", data, _ENCAPSULATION)[0] if kind.repeats else 1
@@ -183,29 +178,14 @@ def _order(data: bytes) -> str:
     return "<" if data[1] & 1 else ">"
 
 
-def _tried(
-    data: bytes,
-    kind: _Type,
-    blocks: tuple[_Block, ...],
-    sec: str,
-    decode: Callable[[bytes], list[Observation]],
-) -> _Layout | None:
-    """The layout, if the library reads back test values at its offsets."""
-    order, test = _order(data), bytearray(data)
+def _layout(data: bytes, kind: _Type, blocks: tuple[_Block, ...], found: Sequence[Observation]) -> _Layout:
+    order = _order(data)
     fields, fixed, at = [order], list[tuple[int, int, bytes]](), 0
-    for i, (stamp_at, numbers_at) in enumerate(blocks):
+    for stamp_at, numbers_at in blocks:
         names_at = stamp_at + _STAMP
-        struct.pack_into(f"{order}II", test, stamp_at, *(part + i for part in _TEST_STAMP))
-        struct.pack_into(f"{order}7d", test, numbers_at, *(number + i for number in _TEST_NUMBERS))
         fixed += [(at, stamp_at, data[at:stamp_at]), (names_at, numbers_at, data[names_at:numbers_at])]
-        fields.append(f"{stamp_at - at}x{sec}I{numbers_at - names_at}x7d")
+        fields.append(f"{stamp_at - at}xiI{numbers_at - names_at}x7d")
         at = numbers_at + _NUMBERS + kind.tail
     fields.append(f"{kind.tail}x")
-    if len(blocks) > 1 and kind.tail:
-        return None
-    found = decode(bytes(test))
-    if len(found) != len(blocks):
-        return None
     frames = tuple((frame_id, child_frame_id) for frame_id, child_frame_id, _ in found)
-    layout = _Layout(tuple(fixed), blocks, order, sec, struct.Struct("".join(fields)), frames)
-    return layout if layout.read(bytes(test)) == found else None
+    return _Layout(tuple(fixed), blocks, order, struct.Struct("".join(fields)), frames)

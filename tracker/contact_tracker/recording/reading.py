@@ -12,14 +12,11 @@ from mcap.summary import Summary
 
 from contact_tracker.config.table_reading import AS_NAMED, NO_TABLE, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
-from contact_tracker.recording.bags import is_bag, read_bag
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
-from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.file_index import place_of, summary_of
-from contact_tracker.recording.items import MAGIC, Channel, Item, RawMessage
+from contact_tracker.recording.items import MAGIC, Channel, DamageReport, Item, RawMessage, in_log_order
 from contact_tracker.recording.limits import WorkBudget
-from contact_tracker.recording.log_order import in_log_order
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
 
 STDIN: Final = "-"
@@ -365,3 +362,39 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 def _shown(part: str) -> str:
     return "standard input" if part == STDIN else part
+
+
+_SQLITE: Final = b"SQLite format 3\0"
+_BAG: Final = b"#ROSBAG V"
+
+
+def is_bag(begin: bytes) -> bool:
+    """Whether a file with these first bytes is a ``.db3`` or a ``.bag`` file."""
+    return begin.startswith((_SQLITE, _BAG))
+
+
+def read_bag(
+    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+) -> Iterator[RawMessage]:
+    """The messages of a ``.bag`` or a ``.db3`` file by log time.
+
+    Parameters
+    ----------
+    wanted : messages of other channels are skipped unread.
+    report : called with one line for each part that cannot be read.
+    budget : bounds the decompressed size and the work.
+
+    Raises
+    ------
+    UnreadableRecording
+        It is not a valid bag.
+    """
+    with open(path, "rb") as file:
+        is_sqlite = file.read(len(_SQLITE)) == _SQLITE
+    if is_sqlite:
+        from contact_tracker.recording.sqlite_bag import read_sqlite
+
+        return read_sqlite(path, wanted, report, budget)
+    from contact_tracker.recording.rosbag1 import read_rosbag1
+
+    return read_rosbag1(path, wanted, report, budget)

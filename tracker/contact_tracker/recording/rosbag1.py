@@ -12,9 +12,8 @@ from typing import Final, NamedTuple
 
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.bytestream import ByteStream, open_stream
-from contact_tracker.recording.items import PARSE_ERRORS, Channel, RawMessage, inflate_lz4
+from contact_tracker.recording.items import PARSE_ERRORS, Channel, RawMessage, in_log_order, inflate_lz4
 from contact_tracker.recording.limits import BYTES_PER_RECORD, RECORD_LIMIT, WorkBudget
-from contact_tracker.recording.log_order import in_log_order
 
 BAG_MAGIC: Final = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7

@@ -22,11 +22,18 @@ from contact_tracker.recording.bytestream import open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.decoding import READ, MessageDecoder, Undecodable, is_readable, may_have_poses
 from contact_tracker.recording.file_index import place_of, summary_of
-from contact_tracker.recording.items import BUFFER_BYTES, Channel, Item, RawMessage, channel_of
+from contact_tracker.recording.items import (
+    BUFFER_BYTES,
+    FRAMES_TOPIC,
+    RESULT_TOPICS,
+    Channel,
+    Item,
+    RawMessage,
+    channel_of,
+)
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.message_types import USUAL, canonical
 from contact_tracker.recording.reading import parts_of
-from contact_tracker.recording.result_topics import FRAMES_TOPIC, RESULT_TOPICS
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged
 from contact_tracker.suggestions import suggestion
 

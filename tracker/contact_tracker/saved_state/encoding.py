@@ -9,16 +9,21 @@ import json
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, Final
+from typing import Any, Final, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import StateError
 from contact_tracker.hypotheses.bank import Bank, Onsets
 from contact_tracker.hypotheses.row_layout import Layout, layout
-from contact_tracker.saved_state.classes import EMPTY_OBJECTS, VALUES
+from contact_tracker.motion.default_poses import DefaultPoseFilter
+from contact_tracker.motion.excursions import ExcursionFilter
+from contact_tracker.motion.pose_steps import Step
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.stamp_order import Ordered, Periods, StampOrder
 
 KINDS: Final = "biuf"
 """Allowed kinds of arrays: flags and numbers."""
@@ -28,10 +33,32 @@ _LAYOUTS: Final = {
     for table in (Bank, Onsets)
     for model in CONTACT_MODELS
 }
-_CLASSES: Final[Mapping[str, type]] = {
-    one.__name__: one for one in (*VALUES, *(type(empty()) for empty in EMPTY_OBJECTS))
+_EMPTY: Final[Mapping[str, Callable[[], Any]]] = {
+    "PoseGate": PoseGate,
+    "StampOrder": lambda: StampOrder(Counter()),
+    "Periods": Periods,
+    "DefaultPoseFilter": lambda: DefaultPoseFilter(Counter()),
+    "ExcursionFilter": lambda: ExcursionFilter(Counter()),
 }
-_EMPTY: Final[Mapping[str, Callable[[], Any]]] = {type(empty()).__name__: empty for empty in EMPTY_OBJECTS}
+"""Functions that make empty mutable objects, whose fields are then restored."""
+
+
+def _classes_in(*roots: type) -> dict[str, type]:
+    """The classes of this package in the fields of the given ones, and in theirs, by name."""
+    found, waiting = dict[str, type](), list[Any](roots)
+    while waiting:
+        one = waiting.pop()
+        waiting += get_args(one)
+        if isinstance(one, type) and one.__module__.startswith("contact_tracker.") and one is not Layout:
+            if found.setdefault(one.__name__, one) is not one:
+                raise TypeError(f"two classes of a state are called {one.__name__}")
+            waiting += (hint for hint in get_type_hints(one).values() if hint not in found.values())
+    return found
+
+
+_CLASSES: Final[Mapping[str, type]] = _classes_in(
+    AdaptiveState, Ordered, Step, *(type(empty()) for empty in _EMPTY.values())
+)
 
 
 def field_names(one: type) -> tuple[str, ...]:

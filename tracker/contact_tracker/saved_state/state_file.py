@@ -30,7 +30,7 @@ _HEAD: Final = "head.json"
 
 
 def save(path: Path, value: Any) -> None:
-    """Write a value of the classes in ``classes``, atomically.
+    """Write a value of the classes of a stream, atomically.
 
     Raises
     ------

@@ -42,7 +42,8 @@ CHANGED_AT_REST: Final = 0.5
 """Probability that the contact has changed where the object came to rest: on 54 s of rests in recordings with
 truth (42 s everyday, 12 s pressed by a hand) the log-loss is 2.6 nats with 0.5 to 0.7, 2.8 with 0.12 and 3.2
 with 0, that is with the label of the motion beside it."""
-ALMOST: Final = 1.0 - 1e-9
+SHORT_OF_TIE: Final = 1.0 - 1e-9
+"""Share of the change that would make two states tie: with less the one ahead stays ahead."""
 LEAST_SHARE: Final = 1e-300
 """Share of a state that wrenches rule out: above zero, as it still has a share in what is divided."""
 LEAST_MOTION_TICKS: Final = 10.0
@@ -183,7 +184,7 @@ def redistribute(
     change = probability[giver] * (share - (np.arange(len(STATES)) == giver))
     # as far as the giver, and the most probable state, stay ahead of those that are behind them
     most = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
-    return np.asarray(probability + min(p_restricted, ALMOST * most) * change)
+    return np.asarray(probability + min(p_restricted, SHORT_OF_TIE * most) * change)
 
 
 def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...]) -> Array:
@@ -204,7 +205,7 @@ def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...])
     own = float(probability[label.column])
     # it stays ahead of the states that are behind it
     behind = np.max(probability, where=~alike & (probability <= own), initial=0.0)
-    beyond = ALMOST * (own - max(float(least[label.column]), float(behind)))
+    beyond = SHORT_OF_TIE * (own - max(float(least[label.column]), float(behind)))
     missing = np.where(alike, np.maximum(least - probability, 0.0), 0.0)
     if beyond <= 0.0 or not missing.any():
         return probability

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.tick_update import LiveHypotheses, StopCondition
-from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
+from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import SlidingWindow, advance_windows
 from contact_tracker.tracking.belief import Detail
@@ -83,13 +83,15 @@ def _update_batch(
 ) -> tuple[TrackerState, list[TickResult]]:
     """Update by at least one tick, up to the first that stops the batch."""
     tick = ticks[0]
-    if is_uninformative(state, tick):
+    if is_uninformative(state, tick, windows[0]):
         state, _ = skip_update(state, tick, windows[0])
         return state, [TickResult.of(state, tick)]
     model, predictions = state.model, _predict_batch(state, ticks, windows)
     stop = None
-    if state.map is None:  # else nothing is added to the memory
-        stop = StopCondition(MAP_INSERTION_PROBABILITY, model.certainty.posterior_power, state.memory.due_ns)
+    if not state.uses_later_contacts:  # else nothing is added to the map
+        power, due_ns = model.certainty.posterior_power, state.map.due_ns
+        onset_ns = -1 if state.belief is None or state.current_pair is None else state.belief.onset_ns
+        stop = StopCondition(MAP_INSERTION_PROBABILITY, power, due_ns, onset_ns)
     inputs, extra_variance = [one.tick_input for one in predictions], model.noise.extra_contact_variance
     banks, updated = bank_update.update(
         state.banks, inputs, extra_variance, scales_of(model), model.search.margin_nats, stop
@@ -107,9 +109,11 @@ def _predict_batch(
     """Predictions for the first of the ticks: up to an uninformative one, or to that in which the elements of
     the present contact are due again for the landmark memory."""
     predictions = list[Prediction]()
-    due_ns = math.inf if state.belief is None else state.memory.due_ns.get(state.belief.onset_ns, math.inf)
+    due_ns = math.inf if state.belief is None else state.map.due_ns.get(state.belief.onset_ns, math.inf)
     for tick, window in zip(ticks, windows, strict=True):
-        if predictions and (is_uninformative(state, tick) or predictions[-1].tick_input.stamp_ns >= due_ns):
+        if predictions and (
+            is_uninformative(state, tick, window) or predictions[-1].tick_input.stamp_ns >= due_ns
+        ):
             break
         prediction = predict(state, tick, window)
         predictions.append(prediction)

@@ -16,6 +16,7 @@ from contact_tracker.hypotheses.pruning import Births
 from contact_tracker.hypotheses.tick_update import TickInput, TickWeights
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R
+from contact_tracker.motion.rests import completes_rest, rests_now
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import SlidingWindow, advance_window
 from contact_tracker.states import STATES, Contact
@@ -38,17 +39,17 @@ class Prediction(NamedTuple):
     """Input of the update of the hypothesis banks."""
 
 
-def is_uninformative(state: TrackerState, tick: Tick) -> bool:
+def is_uninformative(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> bool:
     """Whether neither this tick nor the one before carries information: at rest, in a gap, or before the
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
-    the posterior. With known elements every tick is informative, since it shows whether they touch."""
-    before = state.window.innovation_excess[-1:]
-    return (
-        not state.knows_elements
-        and bool(len(before))
-        and not before.any()
-        and tick.innovation_excess == NO_EXCESS
-    )
+    the posterior. With known elements every tick is informative, since it shows whether they touch, and with
+    those of the map each up to the one that completes a rest."""
+    before, tick_s = state.window.innovation_excess[-1:], state.model.tick_s
+    if state.knowledge or not len(before) or before.any() or tick.innovation_excess != NO_EXCESS:
+        return False
+    if state.knows_elements and tick.count:
+        return rests_now(sliding, tick_s) and not completes_rest(sliding, tick_s)
+    return not completes_rest(sliding, tick_s)
 
 
 def propagate_without_update(
@@ -94,7 +95,7 @@ def update_hypotheses(state: TrackerState, tick: Tick, sliding: SlidingWindow) -
 def predict(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> Prediction:
     """The prediction for the newest tick of the window ``sliding``."""
     window = sliding.window
-    ahead = predict_transitions(state, window)
+    ahead = predict_transitions(state, sliding)
     past = fixed_lag.inherited(state.lag_history, state.log_state_weight, ahead.log_transition)
     turn = tick.zeta[R].reshape(3, 3)
     births = Births(

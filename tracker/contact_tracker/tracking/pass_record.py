@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
-from contact_tracker.map.sighting import Sighting
+from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment

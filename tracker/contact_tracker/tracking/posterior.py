@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.birth_proposals import named
-from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
 from contact_tracker.landmarks.element_pairs import element_pairs
+from contact_tracker.map.sighting import Sighting
 from contact_tracker.motion.rests import rests_now
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -171,3 +172,14 @@ def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | Non
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
     where = contact_geometry(bank, row, contact, scales, window, origin_m, state.model.systematic)
     return named(where, pair)
+
+
+def label_sighting(state: TrackerState, label: Contact, stamp_ns: int) -> Sighting:
+    """What the best hypothesis of ``label``, a contact, says about its elements."""
+    bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
+    one = bank.single(int(state.best_rows[label.column]))
+    first, window = int(one.onset[0]), state.window
+    since = window.pick(slice(window.index.searchsorted(first), None))
+    since = since.with_error(state.model.noise.extra_contact_variance[label.column])
+    estimate = element_estimate(one, contact, scales_of(state.model), since)
+    return Sighting(first, state.ticks, estimate, int(one.onsets.onset_ns[0]), stamp_ns)

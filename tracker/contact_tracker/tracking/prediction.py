@@ -1,10 +1,12 @@
 """The prediction for a tick: birth proposals, and probabilities of changing and staying."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from contact_tracker import hmm
+from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import Array
 from contact_tracker.hypotheses.birth import BirthProposals
@@ -12,14 +14,17 @@ from contact_tracker.hypotheses.birth_proposals import (
     CachedProposals,
     Frame,
     propose_births,
-    propose_from_map,
 )
-from contact_tracker.hypotheses.global_search import is_due
 from contact_tracker.hypotheses.proximity_prior import proximity_evidence, reweight_transitions
 from contact_tracker.motion.lifted_pose import T
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.rests import completes_rest
+from contact_tracker.motion.window import SlidingWindow
 from contact_tracker.tracking.state import TrackerState, scales_of
-from contact_tracker.tracking.transition_model import hazard_exposure, tick_transitions
+from contact_tracker.tracking.transition_model import (
+    REST_LOG_LIKELIHOOD,
+    hazard_exposure,
+    tick_transitions,
+)
 
 
 class TransitionPrediction(NamedTuple):
@@ -39,8 +44,9 @@ class TransitionPrediction(NamedTuple):
     """(7,) log birth weights."""
 
 
-def predict_transitions(state: TrackerState, window: Window) -> TransitionPrediction:
+def predict_transitions(state: TrackerState, sliding: SlidingWindow) -> TransitionPrediction:
     """The prediction for the newest tick of ``window``, by which ``state`` has not been updated."""
+    window = sliding.window
     assert state.averaging is not None
     model = state.model
     first, frame = state.ticks == 0, Frame.around(state.averaging.origin_m, window.zeta[-1, T])
@@ -51,13 +57,13 @@ def predict_transitions(state: TrackerState, window: Window) -> TransitionPredic
     proposals = tuple(now.proposals for now in cached)
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
     if not state.knows_elements:
-        transition, survival = tick_transitions(model, exposed)
+        transition, survival = _with_rest(tick_transitions(model, exposed), sliding, model)
         birth_weight = (
             state.log_state_weight if first else hmm.birth_log_weights(state.log_state_weight, transition)
         )
         return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
-    # known elements come into contact by any displacement, however smooth
-    exposed = max(exposed, window.displacement_ratio)
+    if state.knowledge:  # known elements come into contact by any displacement, however smooth
+        exposed = max(exposed, window.displacement_ratio)
     scales, newest = scales_of(model), window.cut(-1, None)
     proximity = [
         proximity_evidence(
@@ -66,7 +72,8 @@ def predict_transitions(state: TrackerState, window: Window) -> TransitionPredic
         for column, (contact, some) in enumerate(zip(CONTACT_MODELS, proposals, strict=True))
     ]
     proposals = tuple(m.of(b) for m, b in zip(proximity, proposals, strict=True))
-    transition, survival = reweight_transitions(*tick_transitions(model, exposed), proximity)
+    usual = tick_transitions(model, exposed)
+    transition, survival = _with_rest(reweight_transitions(*usual, proximity), sliding, model)
     if not first:
         return TransitionPrediction(
             proposals,
@@ -82,16 +89,25 @@ def predict_transitions(state: TrackerState, window: Window) -> TransitionPredic
     )
 
 
+def _with_rest(transitions: tuple[Array, Array], sliding: SlidingWindow, model: Model) -> tuple[Array, Array]:
+    """Log probabilities of changing and staying, times those that the object has rested until now in each
+    state, if this tick completes a rest."""
+    change, stay = transitions
+    if not completes_rest(sliding, model.tick_s):
+        return change, stay
+    return change + REST_LOG_LIKELIHOOD[:, None], stay + REST_LOG_LIKELIHOOD
+
+
 def _proposals_of(
     contact: ContactModel, earlier: CachedProposals, state: TrackerState, frame: Frame
 ) -> CachedProposals:
-    """Birth proposals of a contact; a changed memory is used from the next tick in which the contact
-    searches."""
-    if state.map is not None:
-        proposals = propose_from_map(contact, state.map.at(state.ticks), frame.near_m)
-        return CachedProposals(state.memory, frame, proposals)
-    memory = state.memory if is_due(contact, state.ticks) else earlier.memory
-    if memory is earlier.memory and frame == earlier.frame:
+    """Birth proposals of a contact by the map as it is."""
+    left_out = state.map.near(state.ticks, state.model.tick_s) if state.uses_later_contacts else ()
+    current = None if state.uses_later_contacts else state.current_pair
+    key = state.map, left_out, current, frame
+    if earlier.map is state.map and earlier[1:-1] == key[1:]:
         return earlier
-    proposals = propose_births(contact, state.knowledge, memory, state.model.geometry.revisit_prior, frame)
-    return CachedProposals(memory, frame, proposals)
+    view = state.map.without(left_out) if left_out else state.map.whole
+    view = replace(view, current=current)
+    share = 0.0 if state.uses_later_contacts else state.model.geometry.revisit_prior
+    return CachedProposals(*key, propose_births(contact, state.knowledge, view, share, frame))

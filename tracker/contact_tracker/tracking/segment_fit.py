@@ -23,7 +23,6 @@ from contact_tracker.joints.evidence import find_joint
 from contact_tracker.joints.geometry import Joint, joint_of
 from contact_tracker.landmarks.association import is_same_element
 from contact_tracker.landmarks.element_pairs import element_pairs
-from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.free_motion import NOW_TICKS
@@ -225,7 +224,7 @@ def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence
     """The best hypothesis of a contact for each whole segment, if the contact is possible."""
     model, knowledge = segments[0].model, segments[0].knowledge
     proposals = [
-        propose_births(contact, knowledge, EMPTY_MEMORY, 0.0, _frame(one, window))
+        propose_births(contact, knowledge, None, 0.0, _frame(one, window))
         for one, window in zip(segments, windows, strict=True)
     ]
     error = model.noise.extra_contact_variance[contact.contact.column]

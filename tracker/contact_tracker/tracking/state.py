@@ -14,9 +14,9 @@ from contact_tracker.hypotheses.birth import uninformed_proposal
 from contact_tracker.hypotheses.birth_proposals import CachedProposals
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY, LandmarkMemory
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
-from contact_tracker.map.leave_one_out import LeaveOneOut
+from contact_tracker.map.view import Key
+from contact_tracker.map.world_map import Map
 from contact_tracker.motion.tick_grid import TickState
 from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
@@ -42,8 +42,8 @@ class TrackerState(NamedTuple):
     """The latest ticks by which the hypotheses have been updated."""
     banks: tuple[Bank, ...]
     """The hypothesis bank of each contact."""
-    memory: LandmarkMemory
-    """Landmarks: elements that have touched before."""
+    map: Map
+    """Elements that contacts have touched."""
     cached_proposals: tuple[CachedProposals, ...]
     """Birth proposals of each contact, as last computed."""
     log_state_weight: Array
@@ -85,8 +85,8 @@ class TrackerState(NamedTuple):
     """The latest belief."""
     formation: FormationState = EMPTY_FORMATION
     """Search for further contacts."""
-    map: LeaveOneOut | None = None
-    """Elements that the recording's contacts have touched, in a pass after the first."""
+    uses_later_contacts: bool = False
+    """Whether the map is that of the whole recording, which an earlier pass has made."""
 
     @property
     def log_evidence(self) -> float:
@@ -96,7 +96,15 @@ class TrackerState(NamedTuple):
     @property
     def knows_elements(self) -> bool:
         """Whether a pose shows if known elements touch."""
-        return bool(self.knowledge) or self.map is not None
+        return bool(self.knowledge or self.map.elements or self.map.contacts)
+
+    @property
+    def current_pair(self) -> tuple[Key, Key] | None:
+        """The pair of the map that touches now, if the label is a contact that has been added to it."""
+        if self.label is None or self.label is Contact.FREE:
+            return None
+        row = int(self.best_rows[self.label.column])
+        return self.map.pairs.get(int(self.banks[self.label.column].onset[row]))
 
     @property
     def window(self) -> Window:
@@ -113,16 +121,16 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
     length = lag + 1 if lag else 0
     banks = tuple(blank(contact, 0, length) for contact in CONTACT_MODELS)
     past = np.zeros((len(STATES), length, len(STATES)))
-    initial, states = log_initial(model), len(STATES)
+    initial, states, empty = log_initial(model), len(STATES), Map(model.geometry.reach_m)
     return TrackerState(
         model=model,
         knowledge=knowledge,
         averaging=None,
         sliding_window=EMPTY_WINDOW,
         banks=banks,
-        memory=EMPTY_MEMORY,
+        map=empty,
         cached_proposals=tuple(
-            CachedProposals(EMPTY_MEMORY, None, uninformed_proposal(contact)) for contact in CONTACT_MODELS
+            CachedProposals(empty, (), None, None, uninformed_proposal(contact)) for contact in CONTACT_MODELS
         ),
         log_state_weight=initial,
         residual=np.full(len(CONTACT_MODELS), np.nan),

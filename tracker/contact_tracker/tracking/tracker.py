@@ -6,9 +6,8 @@ pose -> tick -> window -> hypotheses (fit, evidence) -> weights of the states ->
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
+from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY
 from contact_tracker.motion import tick_grid
-from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import SlidingWindow, advance_windows, hold_window
@@ -20,6 +19,7 @@ from contact_tracker.tracking.posterior import (
     answer,
     flush_lag,
     label_geometry,
+    label_sighting,
     open_at_rest,
     share_among_indistinguishable,
     state_posterior,
@@ -150,7 +150,7 @@ def update_each(
     """``update`` by one tick after the other."""
     slidings = advance_windows(state.sliding_window, state.ticks, ticks, state.model)
     for tick, sliding in zip(ticks, slidings, strict=True):
-        if measurement_update.is_uninformative(state, tick):
+        if measurement_update.is_uninformative(state, tick, sliding):
             state, belief = skip_update(state, tick, sliding)
         else:
             state = measurement_update.update_hypotheses(state, tick, sliding)
@@ -173,10 +173,7 @@ def can_hold(state: TrackerState) -> bool:
     """
     newest = state.window.innovation_excess[-1:]
     return (
-        state.belief is not None
-        and not state.knows_elements
-        and not state.lag_history.size
-        and not newest.any()
+        state.belief is not None and not state.knowledge and not state.lag_history.size and not newest.any()
     )
 
 
@@ -221,11 +218,9 @@ def read_posterior(
         learns = learns and _should_update_map(state, shared)
     if detail >= Detail.SHARED:
         belief = shared
-    where = label_geometry(state, belief.contact) if learns or detail >= Detail.GEOMETRY else None
-    if learns and where is not None:
-        assert state.averaging is not None
-        position_m = state.window.zeta[-1, T] + state.averaging.origin_m
-        state = state._replace(memory=state.memory.insert(where, belief.onset_ns, tick.stamp_ns, position_m))
+    where = label_geometry(state, belief.contact) if detail >= Detail.GEOMETRY else None
+    if learns and not shared.inseparable:
+        state = state._replace(map=state.map.insert(label_sighting(state, belief.contact, tick.stamp_ns)))
     if where is not None and detail >= Detail.GEOMETRY:
         belief = replace(belief, geometry=where)
     if detail >= Detail.FORMATION:
@@ -249,9 +244,9 @@ def _record_belief(state: TrackerState, tick: Tick, belief: Belief) -> tuple[Tra
 def _should_update_map(state: TrackerState, belief: Belief) -> bool:
     """Whether the labelled contact is certain enough for the landmark memory, and due."""
     if (
-        state.map is not None
+        state.uses_later_contacts
         or belief.contact is Contact.FREE
         or belief.probability.max() < MAP_INSERTION_PROBABILITY
     ):
         return False
-    return state.memory.is_due(belief.onset_ns, belief.stamp_ns)
+    return belief.stamp_ns >= state.map.due_ns.get(belief.onset_ns, belief.stamp_ns)

@@ -8,15 +8,12 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.text import OPEN_OFFSET, alternatives
+from contact_tracker.outputs.text import OPEN_OFFSET, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
-from contact_tracker.viewer.hull import Hull
-from contact_tracker.viewer.palette import COLOUR, COLOURS, GREY, OBJECT
-from contact_tracker.viewer.scene import Drawing
-from contact_tracker.viewer.shapes import EMPTY, Mesh
+from contact_tracker.viewer.scene import COLOUR, COLOURS, EMPTY, GREY, OBJECT, Drawing, Hull, Mesh
 
 Stamps = NDArray[np.int64]
 
@@ -108,6 +105,7 @@ class Canvas:
         self.most_further = 0
         self._labelled: set[str] = set()
         self._named: list[str] = []
+        self._shown: dict[str, Contact | str | None] = {}
         if hull is not None:
             self._hull(hull)
 
@@ -138,9 +136,13 @@ class Canvas:
         self._send(TRAIL, stamp_ns, columns)
 
     def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
-        """The contact from each stamp on; None if unknown."""
-        names = [None if contact is None else contact.value for contact in contacts]
-        self._send(entity, stamp_ns, lambda rows: rr.StateChange.columns(state=_texts(names[rows])))
+        """The contact from each stamp on, written where it changes; None if unknown."""
+        before = [self._shown.get(entity, "none yet"), *contacts]
+        changes = [i for i, contact in enumerate(contacts) if contact is not before[i]]
+        self._shown[entity] = before[-1]
+        # for rerun an empty text ends a state
+        names = ["" if (contact := contacts[i]) is None else contact.value for i in changes]
+        self._send(entity, stamp_ns[changes], lambda rows: rr.StateChange.columns(state=names[rows]))
 
     def have_further(self, most: int) -> None:
         """Add lanes for up to ``most`` further contacts."""
@@ -284,6 +286,18 @@ def further_caption(one: FurtherContact) -> str:
     return f"+ {caption(one.contact, one.probability, one.inseparable)}"
 
 
-def _texts(names: Sequence[str | None]) -> list[str]:
-    """State texts; for rerun an empty text ends a state."""
-    return [name or "" for name in names]
+def event(
+    since_ns: int, probability: float, geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()
+) -> str:
+    """Time (``since_ns`` after the first pose), probability, geometry and alternatives of a contact.
+
+    The contact itself is the row's level.
+    """
+    return f"{since_ns * 1e-9:7.2f} s  p {probability:.2f}  {describe(geometry, inseparable)}".rstrip()
+
+
+def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
+    """The begin (``joins``) or end of a further contact."""
+    how = "joins " if joins else "leaves"
+    where = describe(further.geometry, further.inseparable) if joins else ""
+    return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {where}".rstrip()

@@ -11,6 +11,7 @@ from contact_tracker.viewer import camera, canvas
 PanelState = Literal["collapsed", "expanded"]
 TRAIL_S = 4.0
 LIVE_S = 10.0
+_RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
 
 
 def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
@@ -19,26 +20,14 @@ def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
     With several recordings their list is open.
     """
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
-    smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, top=1.05, legend=True)
-    filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, top=1.05)
-    minima = [
-        _plot(
-            canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", everything, top=3.0, legend=True
-        )
-    ]
+    smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, 1.05, legend=True)
+    filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, 1.05)
+    minima = [_plot(canvas.RESIDUAL, _RESIDUAL, everything, 3.0, legend=True)]
     if paper:
-        minima.append(
-            _plot(
-                canvas.PAPER,
-                "Paper's objectives, windows of 500 poses (normalised)",
-                everything,
-                top=1.0,
-                legend=True,
-            )
-        )
-    over_time = rrb.Vertical(
-        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[15, 14, 7, 12]
-    )
+        name = "Paper's objectives, windows of 500 poses (normalised)"
+        minima.append(_plot(canvas.PAPER, name, everything, 1.0, legend=True))
+    views = _states(everything), smoothed, filtered, rrb.Tabs(*minima)
+    over_time = rrb.Vertical(*views, row_shares=[15, 14, 7, 12])
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE)
     return _blueprint(over_time, panel, "expanded" if is_one_of_several else "collapsed")
 
@@ -51,8 +40,8 @@ def live() -> rrb.Blueprint:
     )
     over_time = rrb.Vertical(
         _states(recent),
-        _plot(canvas.P_FILTERED, "Probability", recent, top=1.05, legend=True),
-        _plot(canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", recent, top=3.0, legend=True),
+        _plot(canvas.P_FILTERED, "Probability", recent, 1.05, legend=True),
+        _plot(canvas.RESIDUAL, _RESIDUAL, recent, 3.0, legend=True),
         row_shares=[4, 4, 4],
     )
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE, play_state="following")

@@ -10,17 +10,14 @@ import numpy as np
 from contact_tracker.errors import ViewerError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.changes import Changes, FormationChanges
+from contact_tracker.outputs.changes import Changes
 from contact_tracker.outputs.text import is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.viewer import canvas, layout
+from contact_tracker.viewer import LiveView, canvas, layout
 from contact_tracker.viewer.camera import Camera
-from contact_tracker.viewer.canvas import Canvas, caption, further_caption
-from contact_tracker.viewer.events import event, further_event
-from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.null_viewer import SelfClosing
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
+from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw, hull
 from contact_tracker.viewer.sinks import Sink, close, to_viewer
 
 _CLOSE_S: Final = 5.0
@@ -28,7 +25,7 @@ _FRAME_NS: Final = 10_000_000
 _REDRAW_NS: Final = 500_000_000
 
 
-class LiveViewer(SelfClosing):
+class LiveViewer(LiveView):
     """A ``LiveView`` in the rerun viewer: the body at up to 100 Hz, everything else per belief.
 
     Parameters
@@ -61,8 +58,6 @@ class LiveViewer(SelfClosing):
         self._is_open = False
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
-        self._formation = FormationChanges()
-        self._further: dict[int, Contact | None] = {}
         (sink or to_viewer())(self._recording, layout.live())
 
     def pose(self, pose: Pose) -> None:
@@ -88,13 +83,12 @@ class LiveViewer(SelfClosing):
         sheet.trail(stamp, [tick.position_m], [contact])
         sheet.scalars(canvas.P_FILTERED, stamp, belief.probability[None])
         sheet.scalars(canvas.RESIDUAL, stamp, belief.residual[None])
-        if changed:
-            self._contact = contact
-            sheet.states(canvas.FILTERED, stamp, [contact])
-        if self._changes.takes(belief):
+        self._contact = contact
+        sheet.states(canvas.FILTERED, stamp, [contact])
+        is_news, joins, leaves = self._changes.update(belief)
+        if is_news:
             text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
             sheet.events(stamp, [contact], [text])
-        joins, leaves = self._formation.update(belief)
         for one, is_new in [*((one, True) for one in joins), *((one, False) for one in leaves)]:
             text = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
             sheet.events(stamp, [one.contact], [text])
@@ -108,17 +102,10 @@ class LiveViewer(SelfClosing):
         sheet.fade(stamp, [contact], np.array([p]), [text])
         for number, one in enumerate(belief.further, 1):
             sheet.fade(stamp, [one.contact], np.array([one.probability]), [further_caption(one)], number)
-        self._lanes(sheet, belief)
-
-    def _lanes(self, sheet: Canvas, belief: Belief) -> None:
-        """Draw changes of the further contacts."""
-        now = [one.contact for one in belief.further]
-        sheet.have_further(len(now))
+        sheet.have_further(len(belief.further))
+        now = dict(enumerate((one.contact for one in belief.further), 1))
         for number in range(1, sheet.most_further + 1):
-            contact = now[number - 1] if number <= len(now) else None
-            if self._further.get(number) is not contact:
-                self._further[number] = contact
-                sheet.states(canvas.further_lane(number), np.array([belief.stamp_ns], np.int64), [contact])
+            sheet.states(canvas.further_lane(number), stamp, [now.get(number)])
 
     def _draw(self, sheet: Canvas, belief: Belief, tick: Poses) -> None:
         geometry, up = belief.geometry, self._camera.up

@@ -1,18 +1,26 @@
-"""View of a whole recording with its segmentation, written to a file or shown in a viewer."""
+"""View of a whole recording with its segmentation, drawn while it is segmented."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+import rerun as rr
+
 from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.errors import NoPoses
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.ground_truth import Truth
-from contact_tracker.motion.poses import Pose
-from contact_tracker.tracking.pose_buffer import Pieces, with_pose_callback
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.paper.window_curves import Curves
+from contact_tracker.tracking.belief import FurtherContact, Segment, SegmentPart
+from contact_tracker.tracking.pose_buffer import Pieces, PoseBuffer, with_pose_callback
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas, layout
-from contact_tracker.viewer.segmentation_view import Painter
+from contact_tracker.viewer.camera import Camera
+from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
+from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw, hull, poses_within
 from contact_tracker.viewer.sinks import Sink, close, to_file
 
 
@@ -72,3 +80,178 @@ def show(shown: Shown, sink: Sink, is_one_of_several: bool = False) -> None:
         painter.piece(piece)
     painter.finish(shown.truth)
     close(recording)
+
+
+class OpenFaces(NamedTuple):
+    """Two faces of which only the distance is known, drawn below the object for the ``up`` (3,) of that
+    time."""
+
+    start_ns: int
+    geometry: ContactGeometry
+    poses: Poses
+    up: Array
+
+
+class Painter:
+    """Draws into ``recording``; times count from ``origin_ns``, the first pose of the recording.
+
+    ``vertices_m`` (V, 3) of the object, if known. ``paper``: with the paper's objective functions.
+    """
+
+    def __init__(
+        self, recording: rr.RecordingStream, origin_ns: int, vertices_m: Array | None, paper: bool
+    ) -> None:
+        solid = None if vertices_m is None else hull(vertices_m)
+        self._extent = UNKNOWN_EXTENT if solid is None else solid.extent
+        self._sheet = Canvas(recording, origin_ns, solid, self._extent.radius_m)
+        self._origin_ns = origin_ns
+        self._curves = Curves() if paper else None
+        self._pose_buffer = PoseBuffer()
+        self._camera = Camera(self._extent)
+        self._open: list[OpenFaces] = []
+        self._first_ns, self._last_ns = 2**63 - 1, -(2**63)
+
+    def poses(self, poses: Poses) -> None:
+        """Draw the next poses, before the segmentation of them."""
+        self._sheet.poses(poses)
+        self._pose_buffer.extend(poses)
+        if len(poses):
+            self._first_ns = min(self._first_ns, int(poses.stamp_ns[0]))
+            self._last_ns = int(poses.stamp_ns[-1])
+        self._sheet.follow(*self._camera.follow(poses))
+        if self._curves is not None:
+            self._curves.extend(poses)
+
+    def piece(self, found: Segmentation) -> None:
+        """Draw the next piece of the segmentation."""
+        filtered, beliefs = found.filtered, found.beliefs
+        self._sheet.scalars(canvas.P_FILTERED, filtered.stamp_ns, filtered.probability)
+        self._sheet.scalars(canvas.RESIDUAL, filtered.stamp_ns, filtered.residual)
+        self._sheet.states(canvas.FILTERED, filtered.stamp_ns, filtered.contacts)
+        if not len(beliefs):
+            return
+        self._sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
+        self._segments(found)
+        self._trail(beliefs)
+
+    def finish(self, truth: Truth | None) -> None:
+        """Draw what needs the whole recording."""
+        self._sheet.stand(self._camera.frame())
+        self._turn_over()
+        if truth is not None:
+            changes = truth.between(self._first_ns, self._last_ns).changes()
+            starts = np.array([start_ns for start_ns, _ in changes], np.int64)
+            self._sheet.states(canvas.TRUTH, starts, [contact for _, contact in changes])
+        if self._curves is not None:
+            curves = self._curves.finish()
+            self._sheet.scalars(canvas.PAPER, curves.stamp_ns, curves.normalised)
+
+    def _trail(self, beliefs: Beliefs) -> None:
+        """Draw a strip per tick, joined to the previous one: the last pose is kept for the next strip."""
+        poses = self._pose_buffer.poses
+        ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
+        starts = np.maximum(np.concatenate([[0], ends[:-1]]) - 1, 0)
+        strips = [poses.position_m[a:b] for a, b in zip(starts, ends, strict=True)]
+        long = [i for i, strip in enumerate(strips) if len(strip) > 1]
+        contacts = beliefs.contacts
+        self._sheet.trail(beliefs.stamp_ns[long], [strips[i] for i in long], [contacts[i] for i in long])
+        self._pose_buffer.drop(max(int(ends[-1]) - 1, 0))
+
+    def _segments(self, found: Segmentation) -> None:
+        """Draw the geometry of each segment from its start, and its event."""
+        poses, segments = self._pose_buffer.poses, found.segments
+        starts = np.array([s.start_ns for s in segments], np.int64)
+        drawings = [self._drawn(one, poses_within(poses, one.start_ns, one.end_ns)) for one in segments]
+        self._sheet.drawings(starts, drawings)
+        self._further(poses, segments)
+        self._joins_and_leaves(segments)
+        self._fade(found, [one is not None and one.is_open for one in drawings])
+        contacts, origin = [s.contact for s in segments], self._origin_ns
+        texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
+        self._sheet.events(starts, contacts, texts)
+        self._sheet.inseparable(starts, [s.inseparable for s in segments])
+        self._sheet.states(canvas.SMOOTHED, starts, contacts)
+
+    def _further(self, poses: Poses, segments: Sequence[Segment]) -> None:
+        """Draw, label and plot each further contact from its start to its end."""
+        self._sheet.have_further(max((len(segment.further) for segment in segments), default=0))
+        parts = [(segment, part) for segment in segments for part in segment.parts]
+        starts = np.array([part.start_ns for _, part in parts], np.int64)
+        spans = [poses_within(poses, part.start_ns, part.end_ns) for _, part in parts]
+        for number in range(1, self._sheet.most_further + 1):
+            held = [_further_of(segment, part, number) for segment, part in parts]
+            drawings = [
+                None if one is None else draw(one.geometry, within, self._extent, self._camera.up)
+                for one, within in zip(held, spans, strict=True)
+            ]
+            self._sheet.drawings(starts, drawings, number)
+            named = [one for one in held if one is not None]
+            self._sheet.fade(
+                starts[[one is not None for one in held]],
+                [one.contact for one in named],
+                np.array([one.probability for one in named]),
+                [further_caption(one) for one in named],
+                number,
+            )
+            lane = canvas.further_lane(number)
+            self._sheet.states(lane, starts, [None if one is None else one.contact for one in held])
+
+    def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
+        """Add the events of further contacts."""
+        rows = [
+            (stamp_ns, one.contact, further_event(stamp_ns - self._origin_ns, one, joins))
+            for segment in segments
+            for one in segment.further
+            for stamp_ns, joins in ((one.start_ns, True), (one.end_ns, False))
+            if stamp_ns is not None
+        ]
+        if rows:
+            stamps, contacts, texts = zip(*sorted(rows, key=lambda row: row[0]), strict=True)
+            self._sheet.events(np.array(stamps, np.int64), contacts, texts)
+
+    def _drawn(self, segment: Segment, within: Poses) -> Drawing | None:
+        """``within`` are the poses of the segment."""
+        if segment.geometry is None:
+            return None
+        up = self._camera.up
+        drawing = draw(segment.geometry, within, self._extent, up)
+        if self._camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
+            self._sheet.stand(self._camera.frame())
+        if drawing.is_open:
+            few = within[:: 1 + len(within) // ENOUGH_POSES]
+            self._open.append(OpenFaces(segment.start_ns, segment.geometry, few, up))
+        return drawing
+
+    def _turn_over(self) -> None:
+        """Redraw faces that were drawn on what has turned out to be the upper side of the object."""
+        up = self._camera.up
+        wrong = [faces for faces in self._open if faces.up @ up < 0.0]
+        stamps = np.array([faces.start_ns for faces in wrong], np.int64)
+        drawings = [draw(faces.geometry, faces.poses, self._extent, up) for faces in wrong]
+        if drawings:
+            self._sheet.drawings(stamps, drawings)
+
+    def _fade(self, found: Segmentation, is_open: Sequence[bool]) -> None:
+        """Draw each tick's probability; a segment begins with that of its first tick."""
+        beliefs, segments = found.beliefs, found.segments
+        stamps = beliefs.stamp_ns
+        begins = np.array([s.start_ns for s in segments], np.int64)
+        first = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
+        contacts = [*(s.contact for s in segments), *beliefs.contacts]
+        rows = np.concatenate([first, np.arange(len(beliefs))])
+        probability = beliefs.probability[rows, [c.column for c in contacts]]
+        times = np.concatenate([begins, stamps])
+        number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
+        captions = [
+            caption(contact, p, segments[i].inseparable, is_open[i])
+            for contact, p, i in zip(contacts, probability, number, strict=True)
+        ]
+        order = np.argsort(times, kind="stable")
+        self._sheet.fade(
+            times[order], [contacts[i] for i in order], probability[order], [captions[i] for i in order]
+        )
+
+
+def _further_of(segment: Segment, part: SegmentPart, number: int) -> FurtherContact | None:
+    """Further contact ``number`` (from 1) of a segment, if it holds in this part."""
+    return next((one for one in segment.further[number - 1 : number] if one in part.further), None)

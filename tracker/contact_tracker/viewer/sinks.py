@@ -1,4 +1,4 @@
-"""Destinations of a rerun recording: a file, or a viewer on this machine."""
+"""Destinations of a rerun recording: a file, or a viewer in a window or a browser on this machine."""
 
 import os
 import signal
@@ -9,7 +9,8 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
+from urllib.parse import quote
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -19,6 +20,7 @@ from contact_tracker.viewer import SILENT
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 9876
+WEB_PORT: Final = 9090
 _PROGRAM: Final = (sys.executable, "-P", "-m", "rerun_cli")
 """Excludes modules in the current folder."""
 WINDOW: Final = ("--hide-welcome-screen",)
@@ -79,42 +81,37 @@ def answers(port: int) -> bool | None:
         return None
 
 
-def start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
+def start(port: int, options: Sequence[str], web_port: int | None = None) -> "subprocess.Popen[bytes]":
     """Start a viewer for this machine only, which outlives this process.
 
-    It is ended if it does not start or the wait for it is interrupted.
+    rerun's own functions to start one let other machines connect. It is ended if it does not start or the
+    wait for it is interrupted.
 
     Raises
     ------
-    ViewerError : it does not accept recordings at ``port`` in time.
+    ViewerError : it does not accept recordings at ``port``, and serve its page at ``web_port``, in time.
     """
-    command = [
-        *_PROGRAM,
-        "--bind",
-        HOST,
-        "--port",
-        str(port),
-        *options,
-    ]
-    quiet = subprocess.DEVNULL
+    quiet, local = subprocess.DEVNULL, ("--bind", HOST, "--port", str(port))
     viewer = subprocess.Popen(
-        command, stdin=quiet, stdout=quiet, stderr=quiet, env=_environment(), start_new_session=True
+        (*_PROGRAM, *local, *options),
+        stdin=quiet,
+        stdout=quiet,
+        stderr=quiet,
+        env=_environment(),
+        start_new_session=True,
     )
     try:
-        _wait_for(viewer, port)
+        give_up = time.monotonic() + _START_S
+        while not answers(port) or (web_port is not None and answers(web_port) is None):
+            if viewer.poll() is not None or time.monotonic() > give_up:
+                raise ViewerError(
+                    "the rerun viewer did not start: is there a screen? view --save writes a file"
+                )
+            time.sleep(_POLL_S)
     except BaseException:
         end(viewer)
         raise
     return viewer
-
-
-def _wait_for(viewer: "subprocess.Popen[bytes]", port: int) -> None:
-    """Wait until the viewer accepts recordings."""
-    give_up = time.monotonic() + _START_S
-    while not answers(port):
-        if viewer.poll() is not None or time.monotonic() > give_up:
-            raise ViewerError("the rerun viewer did not start: is there a screen? view --save writes a file")
-        time.sleep(_POLL_S)
 
 
 def end(viewer: "subprocess.Popen[bytes]") -> None:
@@ -159,3 +156,37 @@ def close(recording: rr.RecordingStream, timeout_s: float = 60.0) -> None:
         raise ViewerError(f"the rerun viewer or file did not take all data: {error}") from error
     finally:
         recording.disconnect()
+
+
+class WebViewer:
+    """Serves the viewer's page at ``url`` and its data to this machine only, until it is closed.
+
+    Parameters
+    ----------
+    port : for recordings.
+    web_port : for the page.
+
+    Raises
+    ------
+    ViewerError : it does not start, or a port is in use.
+    """
+
+    def __init__(self, port: int = PORT, web_port: int = WEB_PORT) -> None:
+        for taken in (port, web_port):
+            if answers(taken) is not None:
+                raise ViewerError(f"port {taken} is taken: end what listens there, perhaps another viewer")
+        options = ("--serve-web", "--web-viewer-port", str(web_port))
+        self._server = start(port, options, web_port)
+        self.url = f"http://{HOST}:{web_port}/?url={quote(address(port), safe='')}"
+        self.sink: Sink = to_viewer(port)
+
+    def wait_until_interrupted(self) -> None:
+        """Serve until Ctrl-C, or until the server ends."""
+        with suppress(KeyboardInterrupt):
+            self._server.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        end(self._server)

@@ -79,18 +79,32 @@ def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
 
     Each takes the pose nearest in time; ``poses`` are in order of time, and there is one at least.
     """
+    nearest = _nearest(wrenches, poses)
+    moment = wrenches.moment_nm - cross(nearest.position_m, wrenches.force_n)
+    return _turned_to(nearest, Wrenches(wrenches.stamp_ns, wrenches.force_n, moment))
+
+
+def turned_to_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
+    """Wrenches that are given about the body's origin in the axes of the world, in the body's own axes; as
+    ``about_body``."""
+    return _turned_to(_nearest(wrenches, poses), wrenches)
+
+
+def _nearest(wrenches: Wrenches, poses: Poses) -> Poses:
+    """The pose nearest in time to each wrench."""
     after = np.clip(poses.stamp_ns.searchsorted(wrenches.stamp_ns), 1, max(len(poses) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(poses) - 1)
     is_nearer = poses.stamp_ns[after] - wrenches.stamp_ns < wrenches.stamp_ns - poses.stamp_ns[before]
-    nearest = poses[np.where(is_nearer, after, before)]
-    moment = wrenches.moment_nm - cross(nearest.position_m, wrenches.force_n)
-    turned = nearest.rotation
-    return Wrenches(
-        wrenches.stamp_ns,
-        np.einsum("tji,tj->ti", turned, wrenches.force_n),
-        np.einsum("tji,tj->ti", turned, moment),
+    return poses[np.where(is_nearer, after, before)]
+
+
+def _turned_to(poses: Poses, wrenches: Wrenches) -> Wrenches:
+    """Wrenches in the axes of the bodies that have these poses, one for each."""
+    force_n, moment_nm = (
+        np.einsum("tji,tj->ti", poses.rotation, values) for values in (wrenches.force_n, wrenches.moment_nm)
     )
+    return Wrenches(wrenches.stamp_ns, force_n, moment_nm)
 
 
 def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:

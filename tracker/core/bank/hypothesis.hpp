@@ -14,9 +14,9 @@ namespace kernels {
 
 // First word of each column of `bank.Bank` in a row.
 struct BankLayout {
-    int onset, number, prior_index, known_pair_index, elements_known, needs_search, from_landmark,
-        log_birth_weight, protected_until, log_prior, llr_before_window, gain_before_window, log_likelihood,
-        rms, prior_mean, prior_information, line_anchor, x, row_weight;
+    int onset, number, prior_index, known_pair_index, elements_known, needs_search, log_birth_weight,
+        protected_until, log_prior, llr_before_window, gain_before_window, log_likelihood, rms, prior_mean,
+        prior_information, line_anchor, x, row_weight;
 };
 
 // First word of each column of `bank.Onsets` in a row.
@@ -123,9 +123,7 @@ inline bool is_protected(const Kind& kind, const Hypothesis& one) {
 
 // Reference: `global_search.in_burn_in`.
 inline bool in_burn_in(const Kind& kind, const Hypothesis& one) {
-    const double share =
-        whole(one.own, kind.where.from_landmark) != 0 ? settings.landmark_burn_in_share : 1.0;
-    return one.since[kind.since.effective_ticks] <= share * kind.burn_in_ticks &&
+    return one.since[kind.since.effective_ticks] <= kind.burn_in_ticks &&
            whole(one.own, kind.where.needs_search) != 0;
 }
 

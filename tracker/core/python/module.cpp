@@ -17,11 +17,11 @@ BankLayout bank_layout(const Words& bank) {
     BankLayout to;
     read_fields(bank.second, "onset", to.onset, "number", to.number, "prior_index", to.prior_index,
                 "known_pair_index", to.known_pair_index, "elements_known", to.elements_known, "needs_search",
-                to.needs_search, "from_landmark", to.from_landmark, "log_birth_weight", to.log_birth_weight,
-                "protected_until", to.protected_until, "log_prior", to.log_prior, "llr_before_window",
-                to.llr_before_window, "gain_before_window", to.gain_before_window, "log_likelihood",
-                to.log_likelihood, "rms", to.rms, "prior_mean", to.prior_mean, "prior_information",
-                to.prior_information, "line_anchor", to.line_anchor, "x", to.x, "row_weight", to.row_weight);
+                to.needs_search, "log_birth_weight", to.log_birth_weight, "protected_until",
+                to.protected_until, "log_prior", to.log_prior, "llr_before_window", to.llr_before_window,
+                "gain_before_window", to.gain_before_window, "log_likelihood", to.log_likelihood, "rms",
+                to.rms, "prior_mean", to.prior_mean, "prior_information", to.prior_information, "line_anchor",
+                to.line_anchor, "x", to.x, "row_weight", to.row_weight);
     return to;
 }
 
@@ -96,8 +96,8 @@ PYBIND11_MODULE(kernels, module) {
         }));
     py::class_<StopCondition>(module, "StopCondition")
         .def(py::init([](double probability, double posterior_power,
-                         std::vector<std::pair<std::int64_t, std::int64_t>> due) {
-            return StopCondition{probability, posterior_power, std::move(due)};
+                         std::vector<std::pair<std::int64_t, std::int64_t>> due, std::int64_t current) {
+            return StopCondition{probability, posterior_power, std::move(due), current};
         }));
     module.def("update", &update_in_batch);
     parts::add(module.def_submodule("parts"));

@@ -29,9 +29,8 @@ inline void configure(const pybind11::dict& values) {
                 "edge_ridge", to.edge_ridge, "vertex_ridge", to.vertex_ridge, "first_ticks", to.first_ticks,
                 "rest_weight", to.rest_weight, "defer_nats", to.defer_nats, "far_nats", to.far_nats,
                 "drop_nats", to.drop_nats, "relaxation_ridge", to.relaxation_ridge, "fitting_rms",
-                to.fitting_rms, "least_gain", to.least_gain, "landmark_burn_in_share",
-                to.landmark_burn_in_share, "protection_nats", to.protection_nats, "protection_ticks",
-                to.protection_ticks, "residual_ticks", to.residual_ticks);
+                to.fitting_rms, "least_gain", to.least_gain, "protection_nats", to.protection_nats,
+                "protection_ticks", to.protection_ticks, "residual_ticks", to.residual_ticks);
     read_fields(values, "refine_steps", to.refine_steps, "first_steps", to.first_steps, "recovery_steps",
                 to.recovery_steps, "followed_starts", to.followed_starts, "search_refits", to.search_refits,
                 "unthinned_ticks", to.unthinned_ticks, "search_ages", to.search_ages, "is_search_age",

@@ -9,10 +9,12 @@
 
 namespace kernels {
 
-// Reference: `tick_update.StopCondition`; `due` are pairs of an onset and its due time (ns).
+// Reference: `tick_update.StopCondition`; `due` are pairs of an onset and its due time (ns), `current` is the
+// onset among them of the most probable contact, or -1.
 struct StopCondition {
     double probability, posterior_power;
     std::vector<std::pair<std::int64_t, std::int64_t>> due;
+    std::int64_t current;
 };
 
 // Like `numpy.logaddexp`.
@@ -37,27 +39,29 @@ inline Floats birth_log_weights(const Floats& log_left, const Floats& change) {
     return entry;
 }
 
-// Whether the stop condition holds after a tick: a contact is this probable, and its onset is due.
+// Whether the stop condition holds after a tick: a contact is this probable, and its onset is due; or the
+// most probable state is not the current one any more.
 inline bool must_stop(const StopCondition& until, const std::vector<const Model*>& models,
                       std::vector<GrowingBank>& growing, const BankUpdate& updated, std::int64_t stamp_ns) {
     const double* log_left = updated.log_left.data();
     const std::size_t contacts = models.size(),
                       best = std::max_element(log_left, log_left + contacts + 1) - log_left;
-    if (best == contacts) return false;
-    double sum = 0.0;
-    for (std::size_t i = 0; i <= contacts; ++i)
-        sum += std::exp(until.posterior_power * (log_left[i] - log_left[best]));
-    constexpr double nearly = 1.0 - 1e-9;  // the caller evaluates the condition exactly
-    if (1.0 / sum < nearly * until.probability) return false;
+    if (best == contacts) return until.current != -1;
     const KeptHypotheses& left = updated.left[best];
     if (left.leader < 0) return true;  // the weights are NaN
     const Bank bank(models[best]->kind, growing[best].own(), growing[best].onsets());
     const std::int64_t onset_ns =
         whole(bank.since(static_cast<int>(left.leader)), models[best]->kind.since.onset_ns);
+    std::int64_t is_due_ns = stamp_ns, current = -1;
     for (const auto& [of, due_ns] : until.due) {
-        if (of == onset_ns) return stamp_ns >= due_ns;
+        if (of == onset_ns) is_due_ns = due_ns, current = of;
     }
-    return true;
+    if (current != until.current) return true;
+    double sum = 0.0;
+    for (std::size_t i = 0; i <= contacts; ++i)
+        sum += std::exp(until.posterior_power * (log_left[i] - log_left[best]));
+    constexpr double nearly = 1.0 - 1e-9;  // the caller evaluates the condition exactly
+    return 1.0 / sum >= nearly * until.probability && stamp_ns >= is_due_ns;
 }
 
 // Tables of the hypotheses of each contact and of their onsets.

@@ -125,12 +125,8 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     accumulate<F>(kind, bank, ticks, weights.lengths, motion_ratio, log_stay);
     for (int b = 0; b < bank.count(); ++b) {
         const double* row = bank[b].own;
-        const bool begins = b >= old;
         was[b] = log_weight_of(kind.where, row);
-        // births from landmarks begin with their elements: their first tick is given and changes no weight
-        const bool idle =
-            (is_deferred(kind, row) && !directions) || (begins && whole(row, kind.where.from_landmark) != 0);
-        if (!idle) queue.add(kind, bank[b], steps_of(kind, bank[b]));
+        if (!is_deferred(kind, row) || directions) queue.add(kind, bank[b], steps_of(kind, bank[b]));
     }
     queue.refit<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {

@@ -66,7 +66,8 @@ def update(
     """
     limit = None
     if until is not None:
-        limit = kernels.StopCondition(until.probability, until.posterior_power, list(until.due_ns.items()))
+        due, current_ns = list(until.due_ns.items()), until.current_ns
+        limit = kernels.StopCondition(until.probability, until.posterior_power, due, current_ns)
     arguments = words, inputs, number, entry, beyond, weights_of(scales), margin, limit
     return UpdatedRows(*kernels.update(_models(scales.reach_m), *arguments))
 
@@ -137,7 +138,6 @@ def _settings() -> dict[str, object]:
         ),
         *(
             "LEAST_GAIN",
-            "LANDMARK_BURN_IN_SHARE",
             "PROTECTION_NATS",
             "PROTECTION_TICKS",
             "RESIDUAL_TICKS",

@@ -90,7 +90,7 @@ class StopCondition:
     """A ``tick_update.StopCondition``."""
 
     def __init__(
-        self, probability: float, posterior_power: float, due: Sequence[tuple[int, int]]
+        self, probability: float, posterior_power: float, due: Sequence[tuple[int, int]], current: int
     ) -> None: ...
 
 def update(

@@ -1,0 +1,211 @@
+"""The formats of outputs, by suffix, and their writing. Importing this is cheap."""
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple, TextIO
+
+from contact_tracker.atomic_file import accept_any, whole_file
+from contact_tracker.errors import printable
+from contact_tracker.extras import extra
+
+if TYPE_CHECKING:
+    from contact_tracker.exports.outcome import Outcome
+    from contact_tracker.tracking.belief import Belief, Segment
+    from contact_tracker.tracking.segmentation import Segmentation
+
+CSV_COLUMNS: Final = (
+    *("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint"),
+    "decided",
+)
+OPEN: Final = "open"
+_TOGETHER: Final = 256
+"""Rows of Parquet that are written at a time, at least."""
+
+
+class Format(NamedTuple):
+    """An output with an entry per tick or segment (``rows``), or of a whole recording in memory.
+
+    ``module`` of this package needs a library of an ``extra`` for the ``purpose``.
+    """
+
+    rows: str
+    module: str = ""
+    extra: str = ""
+    purpose: str = ""
+
+
+FORMATS: Final = {
+    ".csv": Format("segments"),
+    ".jsonl": Format("ticks"),
+    ".parquet": Format("ticks"),
+    ".mcap": Format("whole", "foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
+    ".html": Format("whole", "report_html", "report", "a report"),
+    **dict.fromkeys((".png", ".pdf", ".svg"), Format("whole")),
+    ".srt": Format("segments"),
+}
+SUFFIXES: Final = tuple(FORMATS)
+TICKS: Final = tuple(suffix for suffix, one in FORMATS.items() if one.rows == "ticks")
+
+
+def format_of(path: Path) -> Format:
+    """The format that the suffix of a path selects, in any case."""
+    return FORMATS[path.suffix.lower()]
+
+
+def require_library(path: Path) -> None:
+    """Raise MissingExtra, before any work, if a library for writing ``path`` is not installed."""
+    one = FORMATS.get(path.suffix.lower())
+    if one is not None and one.module:
+        with extra(one.extra, one.purpose):
+            import_module(f"contact_tracker.exports.{one.module}")
+
+
+@contextmanager
+def open_ticks(
+    path: Path, check: Callable[[], None] = accept_any
+) -> "Iterator[Callable[[Iterable[Belief]], None]]":
+    """Give the function that appends beliefs to a file of JSON lines or Parquet, which is written atomically.
+
+    There is no file after a failure, or if an existing one does not pass ``check`` at the end.
+    """
+    require_library(path)
+    with whole_file(path, check) as temporary:
+        if path.suffix.lower() == ".jsonl":
+            with _text(temporary) as file:
+                yield lambda beliefs: write_jsonl(beliefs, file)
+            return
+        from contact_tracker.exports.columns import BELIEF_COLUMNS, belief_columns
+        from contact_tracker.exports.parquet import open_parquet
+
+        with open_parquet(BELIEF_COLUMNS, temporary) as append:
+            waiting = list["Belief"]()
+
+            def write(beliefs: "Iterable[Belief]") -> None:
+                waiting.extend(beliefs)
+                if len(waiting) >= _TOGETHER:
+                    append(belief_columns(waiting))
+                    waiting.clear()
+
+            yield write
+            append(belief_columns(waiting))
+
+
+def write_pieces(
+    found: "Iterable[Segmentation]",
+    path: Path,
+    origin_ns: Callable[[], int],
+    check: Callable[[], None] = accept_any,
+) -> None:
+    """Write a segmentation incrementally but atomically: formats with an entry per tick or segment.
+
+    Parameters
+    ----------
+    origin_ns : returns the stamp from which displayed times count, after the first piece.
+    check : of an existing file, as of ``whole_file``.
+    """
+    if format_of(path).rows == "ticks":
+        with open_ticks(path, check) as append:
+            for piece in found:
+                append(piece.beliefs)
+        return
+    with whole_file(path, check) as temporary, _text(temporary) as file:
+        segments = (one for piece in found for one in piece.segments)
+        if path.suffix.lower() == ".csv":
+            write_csv(segments, file)
+        else:
+            write_srt(segments, file, origin_ns)
+
+
+def write_outcome(
+    outcome: "Outcome",
+    path: Path,
+    log: str | None = None,
+    log_offset_ns: int = 0,
+    check: Callable[[], None] = accept_any,
+) -> None:
+    """Write an output of a whole recording atomically: MCAP for Foxglove, a report or a figure.
+
+    Parameters
+    ----------
+    log, log_offset_ns : as of ``foxglove_scene.write_mcap``.
+    check : of an existing file, as of ``whole_file``.
+    """
+    require_library(path)
+    with whole_file(path, check) as temporary:
+        suffix = path.suffix.lower()
+        if suffix == ".mcap":
+            from contact_tracker.exports.foxglove_scene import write_mcap
+
+            write_mcap(outcome, temporary, log, log_offset_ns)
+        elif suffix == ".html":
+            from contact_tracker.exports.report_html import write_report
+
+            write_report(outcome, temporary)
+        else:
+            from contact_tracker.exports.figure import write_figure
+
+            write_figure(outcome, temporary, suffix)
+
+
+def _text(path: Path) -> TextIO:
+    return open(path, "w", encoding="utf-8", newline="")
+
+
+def decided(one: "Belief | Segment") -> str:
+    """The contact, or ``open`` where the motion does not distinguish it from others."""
+    return OPEN if one.inseparable else one.contact.value
+
+
+def json_line(belief: "Belief") -> str:
+    """One belief as one JSON object, without newline."""
+    return json.dumps(belief.to_json(), allow_nan=False)
+
+
+def write_jsonl(beliefs: "Iterable[Belief]", file: TextIO) -> None:
+    for belief in beliefs:
+        file.write(json_line(belief) + "\n")
+
+
+def write_csv(segments: "Iterable[Segment]", file: TextIO) -> None:
+    """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks;
+    ``contacts`` is JSON text, a list of all contacts of the segment, and ``joint``, ``{}`` without one."""
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for one in segments:
+        geometry = one.geometry.to_json() if one.geometry else {}
+        joint = one.joint.to_json() if one.joint else {}
+        encoded = [json.dumps(value, allow_nan=False) for value in (geometry, one.contacts_json, joint)]
+        label = one.start_ns, one.end_ns, one.contact.value, one.probability
+        writer.writerow((*label, encoded[0], " ".join(one.inseparable), *encoded[1:], decided(one)))
+
+
+def write_srt(segments: "Iterable[Segment]", file: TextIO, origin_ns: Callable[[], int]) -> None:
+    """SubRip subtitles for a video that starts with the recording: one per segment, or per part between
+    changes of its further contacts; times count from the stamp that ``origin_ns`` returns.
+
+    Each lasts at least a millisecond.
+    """
+    parts = ((segment, part) for segment in segments for part in segment.parts)
+    for number, (segment, part) in enumerate(parts, start=1):
+        start_ms = max(part.start_ns - origin_ns(), 0) // 1_000_000
+        end_ms = max((part.end_ns - origin_ns()) // 1_000_000, start_ms + 1)
+        others = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
+        names = [printable(name) if name else "?" for name in segment.touching]
+        named = " on ".join(names) if any(segment.touching) else ""
+        lines = [f"{segment.contact.value} ({segment.probability:.2f}){others}", named]
+        lines += [f"+ {one.contact.value} ({one.probability:.2f})" for one in part.further]
+        if segment.joint is not None:
+            lines.append(f"= {segment.joint.kind.value} ({segment.joint.probability:.2f})")
+        text = "\n".join(filter(None, lines))
+        file.write(f"{number}\n{_subtitle_time(start_ms)} --> {_subtitle_time(end_ms)}\n{text}\n\n")
+
+
+def _subtitle_time(total_ms: int) -> str:
+    seconds, ms = divmod(total_ms, 1000)
+    minutes, second = divmod(seconds, 60)
+    hours, minute = divmod(minutes, 60)
+    return f"{hours:02d}:{minute:02d}:{second:02d},{ms:03d}"

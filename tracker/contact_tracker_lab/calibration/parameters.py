@@ -1,0 +1,179 @@
+"""The parameters that calibration learns: their table, values by key, direct search, and a model as TOML."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass, replace
+from enum import StrEnum
+from operator import attrgetter
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from contact_tracker.config.loading import limits
+from contact_tracker.config.parameters import ByChange, ByState, Model
+from contact_tracker.errors import UsageError
+from contact_tracker.states import STATES
+
+EVALUATIONS: Final = 7
+"""Evaluations of the loss per parameter; each is a pass over all recordings."""
+FACTOR: Final = 5.0
+"""A value is searched within this factor of where it was."""
+WORTH: Final = 1e-3
+"""A parameter is changed only if the loss falls by more than this share."""
+
+
+class How(StrEnum):
+    """How a parameter is learned."""
+
+    STREAM = "the sensor noise of the streams"
+    RESIDUALS = "residuals of contacts"
+    CONTACTS = "residuals of each contact"
+    COUNTS = "states that follow each other"
+    SEARCH = "search for the least log-loss"
+
+
+ONLY_IF_NAMED: Final = (How.SEARCH, How.CONTACTS)
+
+
+class Learned(NamedTuple):
+    """A parameter, by its key in the file."""
+
+    key: str
+    how: How
+
+
+LEARNED: Final = (
+    Learned("noise.sigma_position_m", How.STREAM),
+    Learned("noise.sigma_rotation_rad", How.STREAM),
+    Learned("noise.floor_position_m", How.RESIDUALS),
+    Learned("noise.floor_rotation_rad", How.RESIDUALS),
+    Learned("noise.contact_position_m", How.CONTACTS),
+    Learned("noise.contact_rotation_rad", How.CONTACTS),
+    Learned("transitions.counts", How.COUNTS),
+    Learned("motion.body_radius_m", How.SEARCH),
+    Learned("motion.prior_predictive_share", How.SEARCH),
+    Learned("motion.likelihood_exponent", How.SEARCH),
+    Learned("geometry.reach_m", How.SEARCH),
+    Learned("geometry.revisit_prior", How.SEARCH),
+    Learned("certainty.posterior_power", How.SEARCH),
+)
+
+
+def select(only: Sequence[str]) -> tuple[Learned, ...]:
+    """The parameters named in ``only`` by key or by table; without names, those that need not be named.
+
+    Raises
+    ------
+    UsageError
+        A name is neither a key nor a table.
+    """
+    names = {learned: {learned.key, learned.key.partition(".")[0]} for learned in LEARNED}
+    for name in only:
+        if not any(name in own for own in names.values()):
+            known = ", ".join(learned.key for learned in LEARNED)
+            raise UsageError(f"{name} is not learned; what is: {known}, or their tables")
+    if not only:
+        return tuple(learned for learned in LEARNED if learned.how not in ONLY_IF_NAMED)
+    return tuple(learned for learned, own in names.items() if own & set(only))
+
+
+def value_of(model: Model, key: str) -> Any:
+    """The value of ``key``."""
+    return attrgetter(key)(model)
+
+
+def with_value(model: Any, key: str, value: Any) -> Any:
+    """The model, or a table of it, with another value of ``key``."""
+    name, _, rest = key.partition(".")
+    return replace(model, **{name: with_value(getattr(model, name), rest, value) if rest else value})
+
+
+def rounded(value: float, digits: int = 3) -> float:
+    """Round to the significant digits of the file, so that the file has exactly the learned value."""
+    return float(f"{value:.{digits}g}")
+
+
+class Searched(NamedTuple):
+    """A parameter's loss (nats) before and after, and all (value, loss) that were tried."""
+
+    key: str
+    before: float
+    after: float
+    tried: tuple[tuple[float, float], ...]
+
+
+def coordinate_search(
+    model: Model, keys: Sequence[str], loss: Callable[[Model], float]
+) -> tuple[Model, tuple[Searched, ...]]:
+    """Lower ``loss`` along each of ``keys`` in turn, on a logarithmic scale; a parameter stays if the gain is
+    too small."""
+    searched = []
+    best = loss(model) if keys else 0.0
+    for key in keys:
+        start, before = float(value_of(model, key)), best
+        tried = _tried(model, key, loss)
+        value, least = min(tried, key=lambda pair: pair[1])
+        if least < best * (1.0 - WORTH):
+            model, best = with_value(model, key, value), least
+        searched.append(Searched(key, before, best, ((start, before), *tried)))
+    return model, tuple(searched)
+
+
+def _tried(model: Model, key: str, loss: Callable[[Model], float]) -> list[tuple[float, float]]:
+    start, (low, high) = float(value_of(model, key)), limits(key)
+    tried: list[tuple[float, float]] = []
+
+    def at(log_value: float) -> float:
+        value = rounded(float(np.exp(log_value)))
+        tried.append((value, loss(with_value(model, key, value))))
+        return tried[-1][1]
+
+    bounds = np.log([max(start / FACTOR, low * 1.01), min(start * FACTOR, high * 0.99)])
+    options = {"maxiter": EVALUATIONS, "xatol": 0.05}
+    minimize_scalar(at, bounds=bounds, method="bounded", options=options)
+    return tried
+
+
+def model_text(model: Model, header: Sequence[str] = ()) -> str:
+    """TOML text from which ``load_model`` makes ``model`` again, under comment lines ``header``."""
+    lines = [f"# {_printable(' '.join(line.split()))}".rstrip() for line in header]
+    return "\n".join([*lines, *_table(model, ""), ""])
+
+
+def _table(table: Any, name: str) -> list[str]:
+    """Lines of a table: its own keys, then the tables in it."""
+    lines = ["", f"[{name}]"] if name else []
+    for f in sorted(fields(table), key=lambda f: is_dataclass(f.type)):
+        value = getattr(table, f.name)
+        if is_dataclass(f.type):
+            lines += _table(value, f"{name}.{f.name}".lstrip("."))
+        else:
+            lines += _entry(f.name, f.type, value)
+    return lines
+
+
+def _entry(key: str, kind: Any, value: Any) -> list[str]:
+    if kind is str:
+        escaped = _printable(value).replace("\\", "\\\\").replace('"', '\\"')
+        return [f'{key} = "{escaped}"']
+    if kind is bool:
+        return [f"{key} = {str(value).lower()}"]
+    if kind == ByState:
+        return [f"{key} = {_inline(value)}"]
+    if kind == ByChange:
+        rows = zip(STATES, value, strict=True)
+        lines = [f"{key}.{state.value} = {_inline(row)}" for state, row in rows if any(row)]
+        return lines or [f"{key} = {{}}"]
+    return [f"{key} = {float(value)!r}"]
+
+
+def _inline(values: ByState) -> str:
+    """One line of a table; zeros are left out."""
+    pairs = zip(STATES, values, strict=True)
+    inside = ", ".join(f"{state.value} = {float(value)!r}" for state, value in pairs if value)
+    return f"{{ {inside} }}" if inside else "{}"
+
+
+def _printable(text: str) -> str:
+    """The text with characters that TOML or terminals do not take replaced by question marks."""
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -1,0 +1,273 @@
+"""Deviations of real contacts from ideal ones, from residuals of contacts fitted to segments of ticks.
+
+The floors of the noise explain residuals beyond the sensor's noise, of all contacts; further errors those of
+single contacts beyond the floors.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, least_squares
+from scipy.stats import chi2
+
+from contact_tracker.config.parameters import ZERO, Model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses.evidence import residual_noise
+from contact_tracker.hypotheses.window_fit import fit_window
+from contact_tracker.motion import tick_grid
+from contact_tracker.motion.poses import Pose, batches
+from contact_tracker.motion.tick_averaging import Tick, tick_variances
+from contact_tracker.motion.tick_grid import TickState
+from contact_tracker.motion.window import Window
+from contact_tracker.states import CONTACTS
+from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.calibration.parameters import rounded, value_of, with_value
+from contact_tracker_lab.calibration.transitions import runs
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOVING: Final = 0.5
+"""Activity above which a tick counts as motion."""
+SHORTEST_TICKS: Final = 15
+"""Least number of ticks with motion; fewer carry too little information beside the fitted geometry."""
+MARGIN_TICKS: Final = 1
+"""Ticks left out at either end, which may hold frames of both sides of a change."""
+CLIP: Final = 3.0
+"""Standard deviations beyond which the weight of a residual falls, since a bounce is no contact."""
+_MEAN: Final = float(chi2.cdf(CLIP**2, 3) + CLIP**2 * chi2.sf(CLIP**2, 1))
+"""Mean square of a standard normal variable clipped at ``CLIP``."""
+FEWEST: Final = 100
+"""Least number of residuals; with fewer a floor stays as it was."""
+LEAST: Final = 1e-6
+"""Floors (m, rad) below this count as zero."""
+MOST: Final = 0.1
+ROUNDS: Final = 8
+CONVERGED: Final = 1e-3
+SHOWN: Final = 5.0
+"""Standard errors by which residuals of one contact must exceed the common floor; many, as neighbours are
+correlated."""
+POSITION: Final = "noise.floor_position_m"
+ROTATION: Final = "noise.floor_rotation_rad"
+FLOOR_OF: Final = {"noise.contact_position_m": POSITION, "noise.contact_rotation_rad": ROTATION}
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """T ticks of a recording, independent of hypotheses.
+
+    ``middle_ns`` (T,); ``window`` of them all, whose variances are those of the sensor only, from the noise
+    ``sigma_position_m``, ``sigma_rotation_rad`` of the whole stream; ``activity`` (T,) as in the tracker.
+    """
+
+    middle_ns: Ints
+    window: Window
+    activity: Array
+    sigma_position_m: float
+    sigma_rotation_rad: float
+
+
+def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
+    """Average poses into ticks as the tracker does; None without poses."""
+    state: TickState | None = None
+    closed: list[Tick] = []
+    for some in batches(poses):
+        state = tick_grid.begin(model, some) if state is None else state
+        state, done = tick_grid.advance(state, some, model)
+        closed += done
+    if state is None:
+        return None
+    if state.frames:
+        state, last = tick_grid.close(state, model)
+        closed.append(last)
+    count = np.array([float(tick.count) for tick in closed])
+    sigma = np.array([closed[-1].noise.sigma_position_m, closed[-1].noise.sigma_rotation_rad])
+    window = Window(
+        np.arange(len(closed)),
+        np.array([tick.zeta for tick in closed]),
+        sigma**2 / np.maximum(count, 1.0)[:, None],
+        np.array([tick.innovation_excess for tick in closed]),
+    )
+    as_tracked = [tick_variances(tick.noise, n, model) for tick, n in zip(closed, count, strict=True)]
+    activity = replace(window, variance=np.array(as_tracked)).motion_ratio
+    middle = [(tick.start_ns + tick.stamp_ns) // 2 for tick in closed]
+    return Observed(np.array(middle, np.int64), window, activity, float(sigma[0]), float(sigma[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSegment:
+    """A contact (``column``) with geometry ``x`` (S,) on the moving ticks of ``window``.
+
+    The variances of the window are the sensor's alone.
+    """
+
+    column: int
+    window: Window
+    x: Array
+
+
+class Residuals(NamedTuple):
+    """Residuals of one segment: ``residual`` (K, T), angles first and one distance last; the ``variance`` (T,
+    2) of sensor and contact without the floor; ``lever_sq`` (T,); ``free`` (K, T), one minus the leverage of
+    each.
+    """
+
+    residual: Array
+    variance: Array
+    lever_sq: Array
+    free: Array
+
+    def of(self, key: str, model: Model) -> tuple[Array, Array, Array]:
+        """Squares, variances without the floor ``key``, and ``free`` of all residuals that the floor applies
+        to: the floor of rotation to angles, that of position to distances, which the former enters."""
+        if key == ROTATION:
+            variance = np.broadcast_to(self.variance[:, 1], self.residual[:-1].shape)
+            return self.residual[:-1].ravel() ** 2, variance.ravel(), self.free[:-1].ravel()
+        turned = (self.variance[:, 1] + model.noise.floor_rotation_rad**2) * self.lever_sq
+        return self.residual[-1] ** 2, self.variance[:, 0] + turned, self.free[-1]
+
+
+def fit_contact_segments(observed: Observed, label: Ints, model: Model) -> list[ContactSegment]:
+    """Fit each run of one contact in ``label`` (T,) that is long enough."""
+    segments = []
+    for column, first, end in runs(label):
+        first, end = first + MARGIN_TICKS, end - MARGIN_TICKS
+        moving = first + np.flatnonzero(observed.activity[first:end] >= MOVING)
+        if column < len(CONTACTS) and len(moving) >= SHORTEST_TICKS:
+            window = replace(observed.window.pick(moving), index=np.arange(len(moving)))
+            noisy = _with_errors(window, column, model)[1]
+            x = fit_window(CONTACT_MODELS[column], noisy, scales_of(model)).x[0]
+            segments.append(ContactSegment(column, window, x))
+    return segments
+
+
+def _with_errors(window: Window, column: int, model: Model) -> tuple[Window, Window]:
+    """The window with the errors of its contact, and with the floors as well."""
+    own = window.with_error(model.noise.extra_contact_variance[column])
+    return own, own.with_error((model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2))
+
+
+def refined(segment: ContactSegment, model: Model) -> tuple[ContactSegment, Residuals]:
+    """The segment with its geometry at the least (robust) whitened squares under the floors of ``model``."""
+    contact, family = CONTACT_MODELS[segment.column], CONTACT_MODELS[segment.column].family
+    own, noisy = _with_errors(segment.window, segment.column, model)
+    anchors = contact.anchors(segment.window.zeta[:, 9:12].mean(axis=0))
+    pull, place = np.sqrt(family.SPREAD) / model.geometry.reach_m, family.place(anchors)
+    tangent = family.tangent(segment.x, anchors)
+
+    def geometry(step: Array) -> Array:
+        return family.normalise((segment.x + tangent @ step)[None], anchors)
+
+    def whitened(step: Array) -> Array:
+        x = geometry(step)
+        measurement = contact.measure(x, segment.window.zeta)
+        residual = measurement.residual / np.sqrt(residual_noise(measurement, noisy))
+        return np.concatenate([residual.ravel(), pull * (x[0] - place)])
+
+    start = np.zeros(tangent.shape[1])
+    found = least_squares(whitened, start, loss=_clipped, f_scale=CLIP, x_scale="jac", xtol=1e-6)
+    x = geometry(found.x)
+    residual, lever_sq = contact.measure(x, segment.window.zeta)[:2]
+    leverage = np.einsum("np,pq,nq->n", found.jac, np.linalg.inv(found.jac.T @ found.jac), found.jac)
+    free = np.clip(1.0 - leverage[: residual.size], 0.05, 1.0).reshape(residual[0].shape)
+    return replace(segment, x=x[0]), Residuals(residual[0], own.variance, lever_sq[0], free)
+
+
+def _clipped(square: Array) -> Array:
+    """The loss, of squares over ``CLIP`` squared; it grows with the logarithm beyond 1. With derivatives."""
+    beyond = np.maximum(square, 1.0)
+    second = np.where(square > 1.0, -1.0 / beyond**2, 0.0)
+    return np.array([np.minimum(square, 1.0) + np.log(beyond), 1.0 / beyond, second])
+
+
+class Floor(NamedTuple):
+    """A floor (m or rad; None from too few residuals), the number of ``residuals``, and their
+    ``contacts``."""
+
+    key: str
+    contacts: str
+    value: float | None
+    residuals: int
+
+
+def learn_floors(
+    model: Model, segments: Sequence[ContactSegment], keys: Sequence[str]
+) -> tuple[Model, tuple[Floor, ...]]:
+    """The floors ``keys`` at which clipped whitened squares have their expected mean.
+
+    Fit and floors are refined in turns, so that the result does not depend on the floors of ``model``.
+
+    Returns
+    -------
+    The model, and each floor overall and by contact.
+    """
+    segments, residuals = list(segments), []
+    for _ in range(ROUNDS):
+        before = np.array([value_of(model, key) for key in keys])
+        both = [refined(segment, model) for segment in segments]
+        segments, residuals = [s for s, _ in both], [r for _, r in both]
+        for key in sorted(keys, reverse=True):  # the floor of rotation enters distances
+            value = _solved(key, "", model, residuals).value
+            model = model if value is None else with_value(model, key, value)
+        after = np.array([value_of(model, key) for key in keys])
+        if np.all(np.abs(after - before) < CONVERGED * before):
+            break
+    floors = [_solved(key, "all", model, residuals) for key in keys]
+    for column, contact in enumerate(CONTACTS):
+        mine = [r for s, r in zip(segments, residuals, strict=True) if s.column == column]
+        floors += [_solved(key, contact.value, model, mine) for key in keys if mine]
+    return model, tuple(floors)
+
+
+def _solved(key: str, contacts: str, model: Model, residuals: Sequence[Residuals]) -> Floor:
+    """One floor, given the other."""
+    squares = _whitened_squares(key, model, residuals)
+    size = len(squares(0.0))
+    if size < FEWEST:
+        return Floor(key, contacts, None, size)
+
+    def excess(log_floor: float) -> float:
+        return float(np.mean(squares(float(np.exp(log_floor))))) - _MEAN
+
+    ends = np.log([LEAST, MOST])
+    if excess(ends[0]) <= 0.0:
+        return Floor(key, contacts, LEAST, size)
+    if excess(ends[1]) >= 0.0:
+        return Floor(key, contacts, MOST, size)
+    return Floor(key, contacts, float(np.exp(brentq(excess, *ends, xtol=1e-4))), size)
+
+
+def _whitened_squares(key: str, model: Model, residuals: Sequence[Residuals]) -> Callable[[float], Array]:
+    """Clipped whitened squares of all residuals that a floor applies to, as a function of it."""
+    rows = [(np.empty(0), np.empty(0), np.empty(0)), *(one.of(key, model) for one in residuals)]
+    square, variance, free = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return lambda floor: np.minimum(square / (free * (variance + floor**2)), CLIP**2)
+
+
+def learn_contact_errors(model: Model, segments: Sequence[ContactSegment], keys: Sequence[str]) -> Model:
+    """The errors ``keys`` of each contact: its own floor beyond the common one, in quadrature.
+
+    They are zero for contacts with too few residuals, or whose residuals the common floor explains.
+    """
+    bare = model
+    for key in keys:
+        bare = model = with_value(bare, key, ZERO)
+    for column in range(len(CONTACTS)) if keys else ():
+        mine = [segment for segment in segments if segment.column == column]
+        residuals = [refined(segment, bare)[1] for segment in mine]
+        alone, _ = learn_floors(bare, mine, [FLOOR_OF[key] for key in keys])
+        for key in keys:
+            common = value_of(bare, FLOOR_OF[key])
+            beyond = value_of(alone, FLOOR_OF[key]) ** 2 - common**2
+            squares = _whitened_squares(FLOOR_OF[key], bare, residuals)(common)
+            if len(squares) >= FEWEST and beyond > 0.0:
+                standard_error = squares.std() / sqrt(len(squares)) + LEAST
+                if squares.mean() - _MEAN > SHOWN * standard_error:
+                    errors = list(value_of(model, key))
+                    errors[column] = rounded(sqrt(beyond))
+                    model = with_value(model, key, tuple(errors))
+    return model

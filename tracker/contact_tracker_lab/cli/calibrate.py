@@ -1,0 +1,177 @@
+"""``contact-tracker calibrate``: a model learned from recordings."""
+
+import argparse
+import os
+import shlex
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker import __version__
+from contact_tracker.cli import arguments
+from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
+from contact_tracker.config.shipped import preset_names
+from contact_tracker.errors import UsageError
+from contact_tracker.exit_codes import DAMAGED, DONE
+from contact_tracker.exports.replacement import check_output
+
+if TYPE_CHECKING:
+    from contact_tracker_lab.calibration.calibrate import Calibration, Source
+
+HELP: Final = "learn a model from recordings"
+DESCRIPTION: Final = """\
+Learn a model's parameters from recordings: how contacts follow each other, how far they are from
+ideal ones, and the sensor's noise. Recordings with ground truth are learned from directly, the others by
+expectation-maximisation with the present model. The report says what changed, and what that is
+worth on recordings that were held out."""
+EXAMPLE: Final = "contact-tracker calibrate recordings/ --only transitions --folds 0 -o mine.toml"
+USUAL_FOLDS: Final = 5
+WIDTH: Final = 108
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOGS_HELP)
+    arguments.add_source(parser)
+    arguments.add_known(parser)
+    arguments.add_output(parser, (".toml",), "write FILE.toml, whole or not at all", required=True)
+    parser.add_argument(
+        "--start",
+        default="default",
+        metavar="NAME|FILE",
+        help=f"start from a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="KEY",
+        help="learn only these parameters or tables (default: all but a few; a search takes hours)",
+    )
+    parser.add_argument(
+        "--folds",
+        type=_folds,
+        metavar="N",
+        help=f"hold out each N-th recording in turn, 0 for none (default: {USUAL_FOLDS}, or one for each)",
+    )
+    truth = parser.add_mutually_exclusive_group()
+    truth.add_argument("--labelled", action="store_true", help="refuse recordings without truth")
+    truth.add_argument("--unlabelled", action="store_true", help="do not learn from truth, only score by it")
+    arguments.add_processes(
+        parser, 1024, os.cpu_count() or 1, "recordings at once (default: as many as there are cores)"
+    )
+
+
+def _folds(text: str) -> int:
+    if not text.isdecimal() or int(text) == 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither 0 nor a whole number above 1")
+    return int(text)
+
+
+def run(args: argparse.Namespace) -> int:
+    from contact_tracker.config.loading import load_model
+    from contact_tracker.processes import Runner
+    from contact_tracker_lab.calibration.calibrate import Plan, calibrate, to_text
+    from contact_tracker_lab.calibration.parameters import select
+
+    check = check_output(
+        args.output,
+        args.overwrite,
+        arguments.files_read(arguments.recordings_in(args.logs, "calibrate"), args.start, args.known),
+    )
+    wanted = select(args.only)
+    start = load_model(args.start)
+    sources = _sources(args)
+    plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
+    with progress("calibrate", "recordings") as set_done:
+        done = 0
+
+        def count() -> None:
+            nonlocal done
+            done += 1
+            set_done(done)
+
+        found = calibrate(plan, Runner(args.processes, count, take_over_warnings))
+    _write(found, args, check)
+    show(to_text(found))
+    if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
+        loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
+        warn(f"worse on recordings held out: log-loss {loss}; --only leaves out what does harm")
+    if found.left_out:
+        warn(
+            f"not learned: {', '.join(found.left_out)}; without truth they make recordings held out less "
+            "probable; give recordings with truth to learn them"
+        )
+    code = DONE
+    for study in found.studies:
+        if study.damage is not None:
+            warn(f"{study.name}: {study.damage}")
+            code = DAMAGED
+    return code
+
+
+def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
+    from contact_tracker.recording import need_truth
+    from contact_tracker_lab.calibration.calibrate import Source
+
+    names = arguments.recordings_in(args.logs, "calibrate")
+    for name in names:
+        if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
+            raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
+    prior_map = arguments.load_map(args)
+    chosen = args.topic, args.frame, not args.unlabelled, prior_map, args.relative_to, args.table
+    sources = tuple(Source(name, *chosen) for name in names)
+    for source in sources if args.labelled else ():
+        need_truth(source.name, source.topic, source.frame)
+    return sources
+
+
+def _how_many_folds(asked: int | None, recordings: int) -> int:
+    if asked is None:
+        if recordings == 1:
+            warn("one recording: nothing can be held out, so what the model is worth is not known")
+        return min(USUAL_FOLDS, recordings) if recordings > 1 else 0
+    if asked > recordings:
+        raise UsageError(f"--folds {asked} of {recordings} recordings: there is not one for each")
+    return asked
+
+
+def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], None]) -> None:
+    from dataclasses import replace
+
+    from contact_tracker.atomic_file import whole_file
+    from contact_tracker_lab.calibration.parameters import model_text
+
+    model = replace(found.learned.model, name=args.output.stem)
+    with whole_file(args.output, check) as temporary:
+        temporary.write_text(model_text(model, _header(found, args)), encoding="utf-8")
+    say(f"wrote {args.output}")
+
+
+def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
+    """The origin of the file as comment lines, without dates and absolute paths."""
+    names = " ".join(Path(study.name).name for study in found.studies)
+    keys = ", ".join(learned.key for learned in found.plan.wanted)
+    texts = (
+        f"Made by contact-tracker {__version__}; docs/models.md says what each parameter does.",
+        f"Learned: {keys}. The rest is that of {found.plan.start.name}.",
+        f"From {len(found.studies)} recordings, {sum(s.labelled for s in found.studies)} with truth: {names}",
+    )
+    lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False)]
+    return [lines[0], _command(args), *lines[1:]]
+
+
+def _command(args: argparse.Namespace) -> str:
+    """The command line, without options that do not change the result."""
+    start = os.path.relpath(args.start) if Path(args.start).suffix else args.start
+    output = os.path.relpath(args.output)
+    words = ["contact-tracker", "calibrate", *map(os.path.relpath, args.logs)]
+    words += ["--topic", args.topic] if args.topic else []
+    words += ["--frame", args.frame] if args.frame else []
+    words += ["--relative-to", args.relative_to] if args.relative_to else []
+    words += args.table.words()
+    words += ["--known", os.path.relpath(args.known)] if args.known else []
+    words += ["--start", start] if args.start != "default" else []
+    words += ["--unlabelled"] if args.unlabelled else []
+    words += ["--only", *args.only] if args.only else []
+    return shlex.join([*words, "-o", args.output.name if output.startswith(os.pardir) else output])

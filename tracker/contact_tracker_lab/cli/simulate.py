@@ -1,0 +1,73 @@
+"""``contact-tracker simulate``: labelled recordings with exact truth."""
+
+import argparse
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker.cli import arguments
+from contact_tracker.cli.terminal import say, show
+from contact_tracker.errors import UsageError
+from contact_tracker.exit_codes import DONE
+from contact_tracker.exports.replacement import check_output
+
+if TYPE_CHECKING:
+    from contact_tracker_lab.simulate.scenarios import Further
+
+HELP: Final = "make a labelled recording"
+DESCRIPTION: Final = """\
+Simulate an object that moves in contact with its surroundings, measured with noise, and write its
+poses with the true contacts. The same scenario and seed give the same recording."""
+EXAMPLE: Final = "contact-tracker simulate all_states --seed 7 -o all_states.mcap"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scenario", nargs="?", metavar="SCENARIO", help="a name out of --list")
+    parser.add_argument("--list", action="store_true", help="list the scenarios and exit")
+    kind, text = (
+        partial(arguments.whole_number, least=0, most=2**64),
+        "seed of all that is random (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=kind, default=0, metavar="N", help=text)
+    arguments.add_output(parser, (".mcap",), "write FILE.mcap")
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.list:
+        return _list(args.seed)
+    if args.scenario is None or args.output is None:
+        raise UsageError("simulate needs a SCENARIO and -o FILE.mcap, or --list")
+    check = check_output(args.output, args.overwrite)
+
+    from contact_tracker.recording import write_recording
+    from contact_tracker_lab.simulate import simulate
+
+    made = simulate(args.scenario, args.seed)
+    write_recording(str(args.output), made.poses, made.truth, made.metadata, check, made.wrenches)
+    many = len(made.truth.intervals)
+    intervals = "interval" if many == 1 else "intervals"
+    say(f"{len(made.poses)} poses, {many} {intervals} of truth in {args.output}")
+    return DONE
+
+
+def _when(further: "Further") -> str:
+    """The time of a second contact in words; empty if it always holds."""
+    since = "" if further.start_s is None else f" from {further.start_s:g} s"
+    return since + ("" if further.end_s is None else f" to {further.end_s:g} s")
+
+
+def _list(seed: int) -> int:
+    from contact_tracker_lab.simulate import SCENARIOS
+
+    for name, scenario in SCENARIOS.items():
+        made = scenario(seed)
+        contacts = " ".join(phase.contact.value for phase in made.phases)
+        if made.further is not None:
+            contacts += f" + {made.further.contact.value}{_when(made.further)}"
+        what = f"{made.object} on {made.surroundings}: {contacts}"
+        what += ", with wrenches" if made.has_wrench else ""
+        if made.joint is not None:
+            what = f"{made.object} in a joint: {made.joint.value}"
+        seconds = sum(phase.duration_s for phase in made.phases)
+        size = f"{made.rate_hz:5.0f} Hz {seconds:5.0f} s"
+        show(f"{name:<18}{size}  {what}")
+    return DONE

@@ -1,0 +1,226 @@
+"""Errors of the found planes, lines and points, segment by segment.
+
+For f-f, motion determines both normals, but of the offsets only their difference ``h_env - h_obj`` (remark
+after eq. 8 of the paper). So the errors of f-f are those of its normals, and one distance for the pair:
+between the found and the true plane of motion, at the body's mean position.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.errors import NoTruth
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Segment
+from contact_tracker_lab.evaluation.elements import (
+    Deviation,
+    angle_rad,
+    deviation,
+    distance_m,
+    nearest,
+    normal_deviation,
+)
+
+Array = NDArray[np.float64]
+
+KIND: Final = {"f": Plane, "e": Line, "v": Point}
+SIDES: Final = ("object", "environment")
+
+
+@dataclass(frozen=True)
+class ElementError:
+    """Errors of one found element; nan where a figure does not apply or is unknown.
+
+    ``angle_deg`` between normals or directions; ``distance_mm`` from the found element to the true element's
+    point nearest to the contact; ``deviation``: the error against the found covariance.
+    """
+
+    contact: Contact
+    side: str
+    kind: str
+    angle_deg: float
+    distance_mm: float
+    deviation: Deviation
+
+
+@dataclass(frozen=True)
+class GeometryErrors:
+    """Errors of one recording, or (``a + b``) of several.
+
+    ``true_segments`` have true geometry; ``found_segments`` of them were found with geometry.
+    """
+
+    rows: tuple[ElementError, ...]
+    true_segments: int
+    found_segments: int
+
+    def __add__(self, other: "GeometryErrors") -> "GeometryErrors":
+        return GeometryErrors(
+            self.rows + other.rows,
+            self.true_segments + other.true_segments,
+            self.found_segments + other.found_segments,
+        )
+
+    def of_kind(self, *kinds: str) -> "GeometryErrors":
+        """Only the errors of ``plane``, ``line`` or ``point``."""
+        rows = tuple(row for row in self.rows if row.kind in kinds)
+        return GeometryErrors(rows, self.true_segments, self.found_segments)
+
+    def of_contact(self, contact: Contact) -> "GeometryErrors":
+        """Only the errors of the elements of ``contact``."""
+        rows = tuple(row for row in self.rows if row.contact is contact)
+        return GeometryErrors(rows, self.true_segments, self.found_segments)
+
+    @property
+    def angle_deg(self) -> Array:
+        return _known(row.angle_deg for row in self.rows)
+
+    @property
+    def distance_mm(self) -> Array:
+        return _known(row.distance_mm for row in self.rows)
+
+    @property
+    def within_3_sd(self) -> float:
+        """Share of the elements with a covariance that lie within 3 standard deviations of the truth."""
+        sd = self._sd
+        return float(np.mean(sd <= 3)) if len(sd) else float("nan")
+
+    @property
+    def median_sd(self) -> float:
+        """Median error in standard deviations; 0.67 if they are right, less if they are too large."""
+        sd = self._sd
+        return float(np.median(sd)) if len(sd) else float("nan")
+
+    @property
+    def _sd(self) -> Array:
+        return _known(row.deviation.sd for row in self.rows)
+
+
+def geometry_errors(poses: Poses, truth: Truth, segments: Sequence[Segment]) -> GeometryErrors:
+    """Compare each true segment with the found one of the same contact that overlaps it most.
+
+    Raises
+    ------
+    NoTruth
+        The truth's elements are not of the kinds that its contact has.
+    """
+    rows: list[ElementError] = []
+    true_segments = found_segments = 0
+    for true in _true_segments(truth):
+        inside = poses[(poses.stamp_ns >= true.start_ns) & (poses.stamp_ns <= true.end_ns)]
+        if true.geometry is None or len(inside) == 0:
+            continue
+        true_segments += 1
+        found = _found_segment(true, segments)
+        if found is not None and found.geometry is not None:
+            found_segments += 1
+            rows += _compare(found.contact, found.geometry, true.geometry, inside)
+    return GeometryErrors(tuple(rows), true_segments, found_segments)
+
+
+def _true_segments(truth: Truth) -> list[TruthInterval]:
+    """Intervals with geometry, joined where the same elements remain in contact (at rest, then moving)."""
+    joined: list[TruthInterval] = []
+    previous: TruthInterval | None = None
+    for interval in truth.intervals:
+        if interval.contact is not None and interval.geometry is not None:
+            _check_kinds(interval.contact, interval.geometry, interval.start_ns)
+            start_ns = interval.start_ns
+            if previous is not None and _is_same(previous, interval):
+                start_ns = joined.pop().start_ns
+            joined.append(replace(interval, start_ns=start_ns))
+        previous = interval
+    return joined
+
+
+def _is_same(before: TruthInterval, after: TruthInterval) -> bool:
+    """Whether both have the same contact between the same elements."""
+    if before.contact != after.contact or before.geometry is None or after.geometry is None:
+        return False
+    pairs = (
+        (before.geometry.object, after.geometry.object),
+        (before.geometry.environment, after.geometry.environment),
+    )
+    return all(distance_m(a, nearest(b, np.zeros(3))) < 1e-6 and not angle_rad(a, b) > 1e-6 for a, b in pairs)
+
+
+def _check_kinds(contact: Contact, geometry: ContactGeometry, start_ns: int) -> None:
+    kinds = [] if contact is Contact.FREE else [KIND[contact.value[0]], KIND[contact.value[2]]]
+    if [type(geometry.object), type(geometry.environment)] != kinds:
+        raise NoTruth(f"the true elements at {start_ns} ns are not those of {contact.value}")
+
+
+def _found_segment(true: TruthInterval, segments: Sequence[Segment]) -> Segment | None:
+    def overlap_ns(segment: Segment) -> int:
+        return min(segment.end_ns, true.end_ns) - max(segment.start_ns, true.start_ns)
+
+    same = [s for s in segments if s.contact == true.contact and overlap_ns(s) >= 0]
+    return max(same, key=overlap_ns, default=None)
+
+
+def _compare(
+    contact: Contact, found: ContactGeometry, true: ContactGeometry, poses: Poses
+) -> list[ElementError]:
+    match found.object, found.environment, true.object, true.environment:
+        case Plane() as body, Plane() as world, Plane() as true_body, Plane() as true_world:
+            return _compare_faces((body, world), (true_body, true_world), poses)
+    in_body, in_world = places(true, poses)
+    return [
+        _element_error(contact, "object", found.object, true.object, in_body),
+        _element_error(contact, "environment", found.environment, true.environment, in_world),
+    ]
+
+
+def places(true: ContactGeometry, poses: Poses) -> tuple[Array, Array]:
+    """Points (3,) of contact on the object's true element (in the body's frame) and on the environment's (in
+    the world): the mean position of the other element, projected on this one."""
+    rotation, position = poses.rotation, poses.position_m
+    on_object = nearest(true.object, np.zeros(3))
+    on_environment = nearest(true.environment, position.mean(axis=0))
+    partner_in_world = np.mean(rotation @ on_object + position, axis=0)
+    partner_in_body = np.mean(np.einsum("nji,nj->ni", rotation, on_environment - position), axis=0)
+    return nearest(true.object, partner_in_body), nearest(true.environment, partner_in_world)
+
+
+def _element_error(contact: Contact, side: str, found: Element, true: Element, place: Array) -> ElementError:
+    return ElementError(
+        contact,
+        side,
+        type(true).__name__.lower(),
+        float(np.degrees(angle_rad(found, true))),
+        1e3 * distance_m(found, place),
+        deviation(found, true, place),
+    )
+
+
+def _compare_faces(found: tuple[Plane, Plane], true: tuple[Plane, Plane], poses: Poses) -> list[ElementError]:
+    def height_m(body: Plane, world: Plane) -> float:
+        """Distance of the body's mean position from the plane of motion, n . t + h_obj = h_env, along the
+        true normal."""
+        sign = np.sign(np.mean(poses.rotation @ body.normal, axis=0) @ world.normal)
+        relative_offset_m = world.offset_m - sign * body.offset_m
+        upward = np.sign(world.normal @ true[1].normal) or 1.0
+        return float(upward * (world.normal @ poses.position_m.mean(axis=0) - relative_offset_m))
+
+    distances_mm = float("nan"), 1e3 * abs(height_m(*found) - height_m(*true))
+    return [
+        ElementError(
+            Contact.FF,
+            side,
+            "plane",
+            float(np.degrees(angle_rad(face, true_face))),
+            distance_mm,
+            normal_deviation(face, true_face),
+        )
+        for side, face, true_face, distance_mm in zip(SIDES, found, true, distances_mm, strict=True)
+    ]
+
+
+def _known(values: Iterable[float]) -> Array:
+    return np.array([value for value in values if np.isfinite(value)], float)

@@ -1,0 +1,195 @@
+"""Metrics of labels and posteriors, derived from statistics that add over recordings.
+
+A ``Tally`` holds sufficient statistics (seconds, sums weighted by seconds, single errors) and no means: each
+metric of several recordings is computed from the sum of their tallies.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.ground_truth import CoarseLabel
+from contact_tracker.states import STATES
+from contact_tracker_lab.evaluation.scoring import Subset
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CALIBRATION_BINS: Final = 15
+_CHANGES: Final = ("into", "boundary_error_s", "detection_delay_s")
+
+
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """Sufficient statistics of one recording, or (``a + b``) of several.
+
+    Parameters
+    ----------
+    confusion_s : (5, 7, 8) seconds per ``Subset``, true state and label; the last column is without a label.
+        Coarse labels have further rows, here and in what is by state.
+    calibration : (15, 3) per bin of the top probability, equally wide over [0, 1]: seconds,
+        seconds x probability, seconds in which the top state was true.
+    calibration_by_state : (7, 15, 3) the same for each state's probability and the seconds it was true.
+    log_loss_by_state_s : (7,) seconds x -log p(truth), by the true state.
+    brier_by_state_s : (7,) seconds x squared distance of each state's probability from 1 where it was true,
+        from 0 elsewhere.
+    sure_wrong_by_state_s : (7,) seconds with a probability above 0.9 on a wrong state, by the true state.
+    into : (C,) column of the state after each true change.
+    boundary_error_s : (C,) time between the true change and the nearest found one; nan: none found.
+    detection_delay_s : (C,) from the onset until the label is right for 0.3 s; nan: never.
+    """
+
+    confusion_s: Array
+    calibration: Array
+    calibration_by_state: Array
+    log_loss_by_state_s: Array
+    brier_by_state_s: Array
+    sure_wrong_by_state_s: Array
+    into: Ints
+    boundary_error_s: Array
+    detection_delay_s: Array
+    coarse: tuple[CoarseLabel, ...] = ()
+
+    def __add__(self, other: "Tally") -> "Tally":
+        """The sum; both have the same coarse labels."""
+        a, b = vars(self), vars(other)
+        sums = {name: a[name] + b[name] for name in a if name not in (*_CHANGES, "coarse")}
+        lists = {name: np.concatenate([a[name], b[name]]) for name in _CHANGES}
+        return Tally(**sums, **lists, coarse=self.coarse)
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names of the rows of ``confusion_s``."""
+        return (*(state.value for state in STATES), *(label.name for label in self.coarse))
+
+    def right_s(self, subset: Subset = Subset.ALL) -> Array:
+        """Time in which each row was true and the label right."""
+        found = self.confusion_s[subset][:, : len(STATES)]
+        return np.asarray((found * right_states(self.coarse)).sum(axis=1))
+
+    def seconds(self, subset: Subset = Subset.ALL) -> float:
+        """Time scored in ``subset``."""
+        return float(self.confusion_s[subset].sum())
+
+    def accuracy(self, subset: Subset = Subset.ALL) -> float:
+        """Share of the time in which the label was right; nan where there was none."""
+        return _ratio(float(self.right_s(subset).sum()), self.seconds(subset))
+
+    @property
+    def seconds_by_state(self) -> Array:
+        """Time scored (7,) in which each state was true."""
+        return np.asarray(self.confusion_s[Subset.ALL].sum(axis=1))
+
+    @property
+    def recall(self) -> Array:
+        """Share (7,) of a state's time in which the label was right; nan where it never was true."""
+        return _ratios(self.right_s(), self.seconds_by_state)
+
+    @property
+    def f1(self) -> Array:
+        """F1 (7,) of each state; nan where it never was true."""
+        admits = right_states(self.coarse)
+        wrong_s = (self.confusion_s[Subset.ALL][:, : len(STATES)] * ~admits).sum(axis=0)
+        found_s = np.where(self.seconds_by_state > 0, self.right_s() + admits @ wrong_s, 0.0)
+        return _ratios(2 * self.right_s(), self.seconds_by_state + found_s)
+
+    @property
+    def macro_f1(self) -> float:
+        """Mean F1 over the states that occur in the truth."""
+        known = self.f1[np.isfinite(self.f1)]
+        return float(known.mean()) if len(known) else float("nan")
+
+    @property
+    def log_loss_s(self) -> float:
+        """Seconds x -log p(truth)."""
+        return float(self.log_loss_by_state_s.sum())
+
+    @property
+    def log_loss(self) -> float:
+        """Mean of -log p(truth), in nats."""
+        return _ratio(self.log_loss_s, self.seconds())
+
+    @property
+    def log_loss_by_state(self) -> Array:
+        """Mean (7,) of -log p(truth) while each state was true, in nats."""
+        return _ratios(self.log_loss_by_state_s, self.seconds_by_state)
+
+    @property
+    def brier(self) -> float:
+        """Mean squared distance of posterior and truth, summed over the states: 0 perfect, 2 worst."""
+        return float(self.brier_by_state.sum())
+
+    @property
+    def brier_by_state(self) -> Array:
+        """Contribution (7,) of each state to ``brier``, over all the time scored: 0 perfect, 1 worst."""
+        return _ratios(self.brier_by_state_s, np.full(len(STATES), self.seconds()))
+
+    @property
+    def calibration_error(self) -> float:
+        """Expected calibration error: mean |share true - probability| of the bins, weighted by time."""
+        return _ratio(float(_miscalibrated_s(self.calibration)), self.seconds())
+
+    @property
+    def calibration_error_by_state(self) -> Array:
+        """The same (7,) for each state's probability, over all the time scored."""
+        return _ratios(_miscalibrated_s(self.calibration_by_state), np.full(len(STATES), self.seconds()))
+
+    @property
+    def sure_wrong(self) -> float:
+        """Share of the time with a probability above 0.9 on a wrong state."""
+        return _ratio(float(self.sure_wrong_by_state_s.sum()), self.seconds())
+
+    @property
+    def sure_wrong_by_state(self) -> Array:
+        """The same (7,) of the time in which each state was true."""
+        return _ratios(self.sure_wrong_by_state_s, self.seconds_by_state)
+
+    @property
+    def boundary_s(self) -> Array:
+        """Errors (B,) of the true changes that have a found one."""
+        return _found(self.boundary_error_s)
+
+    @property
+    def delay_s(self) -> Array:
+        """Delays (D,) of the true phases that were detected."""
+        return _found(self.detection_delay_s)
+
+    @property
+    def missed_share(self) -> float:
+        """Share of the true changes that have no found one."""
+        return _ratio(len(self.into) - len(self.boundary_s), len(self.into))
+
+    @property
+    def never_share(self) -> float:
+        """Share of the true phases that were never detected."""
+        return _ratio(len(self.into) - len(self.delay_s), len(self.into))
+
+
+def right_states(coarse: tuple[CoarseLabel, ...]) -> NDArray[np.bool_]:
+    """Which states (7 + C, 7) each state and each coarse label admits."""
+    rows = [[state in label.states for state in STATES] for label in coarse]
+    return np.array([*np.eye(len(STATES), dtype=bool), *rows], bool)
+
+
+def quantile(values: Array, q: float) -> float:
+    """Quantile of values (K,) by linear interpolation; nan where there are none."""
+    return float(np.quantile(values, q)) if len(values) else float("nan")
+
+
+def _miscalibrated_s(calibration: Array) -> Array:
+    """Seconds x |share true - probability|, summed over the bins (..., 15, 3)."""
+    return np.asarray(np.abs(calibration[..., 2] - calibration[..., 1]).sum(axis=-1))
+
+
+def _found(values: Array) -> Array:
+    return values[np.isfinite(values)]
+
+
+def _ratios(part: Array, whole: Array) -> Array:
+    return np.asarray(np.divide(part, whole, out=np.full(len(part), np.nan), where=whole > 0))
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0 else float("nan")

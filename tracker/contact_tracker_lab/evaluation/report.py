@@ -1,0 +1,248 @@
+"""The report of ``evaluate``: text tables within 100 columns, or JSON."""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any, Final
+
+from contact_tracker.errors import printable
+from contact_tracker.states import STATES
+from contact_tracker_lab.evaluation.evaluate import Evaluation
+from contact_tracker_lab.evaluation.further import FurtherScore
+from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
+from contact_tracker_lab.evaluation.metrics import Array, Tally, quantile
+from contact_tracker_lab.evaluation.scoring import Subset
+from contact_tracker_lab.evaluation.tables import number, table
+
+TOTAL: Final = "total"
+WIDEST_NAME: Final = 24
+
+ACCURACY_NOTE: Final = """\
+Share of the time in which the label was right: over all scored frames; over those more than 0.25 s
+from a true change (clear); over those whose motion determines the contact (identifiable), and over
+the others, singular or at rest before the first motion (ambiguous); without the rest at the start
+(moved). F1: mean over the true states. Online: the latest belief up to the stamp of a pose; by
+arrival: the latest that `live` has given out when the pose comes."""
+BELIEF_NOTE: Final = """\
+Log-loss in nats; Brier score 0 to 2; ECE: expected calibration error, 15 bins; sure & wrong: share
+of the time with a probability above 0.9 on a wrong state."""
+CHANGE_NOTE: Final = """\
+Boundary: from a true change to the nearest found one, median and 90 %; missed: share without one.
+Delay: from a true onset until the label is right for 0.3 s; never: share without such a time."""
+FURTHER_NOTE: Final = """\
+Further contacts. Right: share of the time with several contacts in which exactly these kinds are
+reported. Open: share in which the true kinds are only listed as inseparable. False: share of the
+time without a further contact in which one is reported."""
+GEOMETRY_NOTE: Final = """\
+Found: true segments found with geometry. Angle of normals and directions, distance of the true
+element from the found one where they touched, median and 90 %; share of the elements within 3
+standard deviations (sd) of the found covariance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Evaluations by the name of their recording, in the order of the tables; at least one."""
+
+    recordings: Mapping[str, Evaluation]
+
+    def __str__(self) -> str:
+        return self.to_text()
+
+    @property
+    def total(self) -> Evaluation:
+        return reduce(add, self.recordings.values())
+
+    def to_text(self) -> str:
+        """Tables per recording and total, no trailing newline."""
+        total = self.total
+        entries = [(_short(name), value) for name, value in self.recordings.items()]
+        entries += [(TOTAL, total)] if len(entries) > 1 else []
+        blocks = [
+            table(_ACCURACY, _mode_rows(entries, _accuracy_cells), left=2),
+            ACCURACY_NOTE,
+            table(_BELIEF, _mode_rows(entries, _belief_cells), left=2),
+            BELIEF_NOTE,
+            table(_CHANGE, _mode_rows(entries, _change_cells), left=2),
+            CHANGE_NOTE,
+            _confusion_text("offline", total.offline),
+            _confusion_text("online", total.online),
+        ]
+        if total.further_offline.several_s or total.further_offline.false_s or total.further_online.false_s:
+            blocks += [table(_FURTHER, _further_rows(entries), left=2), FURTHER_NOTE]
+        if total.geometry.true_segments:
+            rows = [[name, *_geometry_cells(value.geometry)] for name, value in entries]
+            kinds = ("plane", "line", "point")
+            rows += [[f"  {kind}s", *_geometry_cells(total.geometry.of_kind(kind), False)] for kind in kinds]
+            blocks += [table(_GEOMETRY, rows), GEOMETRY_NOTE]
+        return "\n\n".join(blocks)
+
+    def to_json(self) -> str:
+        """One object with ``recordings`` by name, ``total`` and ``states``; null where there is no value."""
+        return json.dumps(
+            {
+                "states": [s.value for s in STATES],
+                "recordings": {name: _evaluation_json(value) for name, value in self.recordings.items()},
+                "total": _evaluation_json(self.total),
+            },
+            indent=1,
+            allow_nan=False,
+        )
+
+
+_ACCURACY: Final = ("recording", "", "scored s", *(s.name.lower() for s in Subset), "F1")
+_BELIEF: Final = ("recording", "", "log-loss", "Brier", "ECE", "sure & wrong")
+_CHANGE: Final = ("recording", "", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
+_FURTHER: Final = ("recording", "", "several s", "right", "open", "alone s", "false")
+_GEOMETRY: Final = ("recording", "found", "angle deg", "90 %", "distance mm", "90 %", "within 3 sd")
+
+
+def _short(name: str) -> str:
+    name = printable(name)
+    return name if len(name) <= WIDEST_NAME else "…" + name[1 - WIDEST_NAME :]
+
+
+def _mode_rows(entries: list[tuple[str, Evaluation]], cells: Callable[[Tally], list[str]]) -> list[list[str]]:
+    return [
+        [name if mode == "offline" else "", mode, *cells(tally)]
+        for name, value in entries
+        for mode, tally in (
+            ("offline", value.offline),
+            ("online", value.online),
+            ("by arrival", value.arrival),
+        )
+        if tally is not None
+    ]
+
+
+def _accuracy_cells(tally: Tally) -> list[str]:
+    accuracies = (number(tally.accuracy(subset)) for subset in Subset)
+    return [number(tally.seconds(), 1), *accuracies, number(tally.macro_f1)]
+
+
+def _belief_cells(tally: Tally) -> list[str]:
+    values = (tally.log_loss, tally.brier, tally.calibration_error, tally.sure_wrong)
+    return [number(value) for value in values]
+
+
+def _change_cells(tally: Tally) -> list[str]:
+    return [
+        str(len(tally.into)),
+        number(quantile(tally.boundary_s, 0.5), 2),
+        number(quantile(tally.boundary_s, 0.9), 2),
+        number(tally.missed_share, 2),
+        number(quantile(tally.delay_s, 0.5), 2),
+        number(quantile(tally.delay_s, 0.9), 2),
+        number(tally.never_share, 2),
+    ]
+
+
+def _further_rows(entries: list[tuple[str, Evaluation]]) -> list[list[str]]:
+    return [
+        [name if mode == "offline" else "", mode, *_further_cells(score)]
+        for name, value in entries
+        for mode, score in (("offline", value.further_offline), ("online", value.further_online))
+    ]
+
+
+def _further_cells(score: FurtherScore) -> list[str]:
+    return [
+        number(score.several_s, 1),
+        number(score.right),
+        number(score.open),
+        number(score.alone_s, 1),
+        number(score.false),
+    ]
+
+
+def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str]:
+    return [
+        f"{errors.found_segments}/{errors.true_segments}" if with_found else "",
+        number(quantile(errors.angle_deg, 0.5), 2),
+        number(quantile(errors.angle_deg, 0.9), 2),
+        number(quantile(errors.distance_mm, 0.5), 2),
+        number(quantile(errors.distance_mm, 0.9), 2),
+        number(errors.within_3_sd, 2),
+    ]
+
+
+def _confusion_text(mode: str, tally: Tally) -> str:
+    rows = zip(tally.rows, tally.confusion_s[Subset.ALL], strict=True)
+    cells = [
+        [printable(name), *(number(s, 1) if s > 0 else "." for s in row)]
+        for name, row in rows
+        if row.any() or not tally.coarse  # a state that no coarse label names has no row
+    ]
+    return f"Confusion {mode}, seconds: true state by row, label by column\n" + table(
+        ["", *(s.value for s in STATES), "none"], cells
+    )
+
+
+def _evaluation_json(value: Evaluation) -> dict[str, Any]:
+    kinds = {kind: _geometry_json(value.geometry.of_kind(kind)) for kind in ("plane", "line", "point")}
+    return {
+        "offline": _tally_json(value.offline),
+        "online": _tally_json(value.online),
+        "arrival": None if value.arrival is None else _tally_json(value.arrival),
+        "geometry": {
+            "true_segments": value.geometry.true_segments,
+            "found_segments": value.geometry.found_segments,
+            **_geometry_json(value.geometry),
+            **kinds,
+        },
+        "further": {
+            "offline": _further_json(value.further_offline),
+            "online": _further_json(value.further_online),
+        },
+    }
+
+
+def _further_json(score: FurtherScore) -> dict[str, Any]:
+    return {
+        "several_s": score.several_s,
+        "right": _finite(score.right),
+        "open": _finite(score.open),
+        "alone_s": score.alone_s,
+        "false": _finite(score.false),
+    }
+
+
+def _tally_json(tally: Tally) -> dict[str, Any]:
+    confusion = tally.confusion_s[Subset.ALL]
+    return {
+        "scored_s": tally.seconds(),
+        "accuracy": {s.name.lower(): _finite(tally.accuracy(s)) for s in Subset},
+        "subset_s": {s.name.lower(): tally.seconds(s) for s in Subset},
+        "macro_f1": _finite(tally.macro_f1),
+        "log_loss": _finite(tally.log_loss),
+        "brier": _finite(tally.brier),
+        "calibration_error": _finite(tally.calibration_error),
+        "sure_wrong": _finite(tally.sure_wrong),
+        "boundary_s": {**_quantiles(tally.boundary_s), "missed_share": _finite(tally.missed_share)},
+        "delay_s": {**_quantiles(tally.delay_s), "never_share": _finite(tally.never_share)},
+        "rows": tally.rows,
+        "confusion_s": confusion[:, : len(STATES)].tolist(),
+        "unanswered_s": confusion[:, len(STATES)].tolist(),
+    }
+
+
+def _geometry_json(errors: GeometryErrors) -> dict[str, Any]:
+    return {
+        "angle_deg": _quantiles(errors.angle_deg),
+        "distance_mm": _quantiles(errors.distance_mm),
+        "within_3_sd": _finite(errors.within_3_sd),
+    }
+
+
+def _quantiles(values: Array) -> dict[str, float | int | None]:
+    return {
+        "count": len(values),
+        "median": _finite(quantile(values, 0.5)),
+        "p90": _finite(quantile(values, 0.9)),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

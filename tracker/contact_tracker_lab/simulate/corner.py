@@ -1,0 +1,228 @@
+"""Motion of an object that touches a table and a wall at once.
+
+A free random motion is projected to the nearest poses (rotations weighted with a lever) with the required
+residuals of all contacts: zero while a contact lasts. The table is the plane z = 0, the wall x = 0; the
+object is at positive z and x.
+"""
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.errors import UsageError
+from contact_tracker.geometry.elements import ContactGeometry, Plane
+from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
+from contact_tracker.motion import lifted_pose
+from contact_tracker.motion.lifted_pose import lift, perturbations
+from contact_tracker.states import Contact
+from contact_tracker_lab.simulate.chart import Rigid
+from contact_tracker_lab.simulate.scenarios import Further, Scenario
+from contact_tracker_lab.simulate.signals import band_limited, smooth_step, within
+
+Array = NDArray[np.float64]
+
+TABLE: Final = np.array([0.0, 0.0, 1.0])
+WALL: Final = np.array([1.0, 0.0, 0.0])
+_RAMP_S: Final = 0.8
+_AWAY_M: Final = 0.07
+"""Distance (m) from the wall while the object does not touch it."""
+_SOFT_M: Final = 0.005
+_LEVER_M: Final = 0.1
+_STEPS: Final = 25
+_DAMPING: Final = 1e-10
+_EXACT: Final = 1e-9
+_ENOUGH: Final = 1e-13
+_TRIES: Final = 60
+_DRAWS: Final = 400
+_ROOM_SHARE: Final = 0.8
+_ANY_TURN_RAD: Final = 0.8
+
+
+class Touch(NamedTuple):
+    """A feature of the object on the table or the wall, whose ``normal`` (3,) points to the object."""
+
+    contact: Contact
+    feature: Feature
+    normal: Array
+
+    @property
+    def model(self) -> ContactModel:
+        return CONTACT_MODELS[self.contact.column]
+
+    @property
+    def x(self) -> Array:
+        """(S,) parameters of the contact, see ``contacts``."""
+        point = self.feature.points.mean(axis=0)
+        if self.contact is Contact.FF:
+            offset = float(self.feature.normals[0] @ point)
+            return np.concatenate([self.feature.normals[0], self.normal, [offset]])
+        on_plane = [self.normal, [0.0]]
+        if self.contact is Contact.VF:
+            return np.concatenate([point, *on_plane])
+        direction = self.feature.span[0]
+        return np.concatenate([direction, point - direction * (direction @ point), *on_plane])
+
+    def geometry(self, body: Rigid, world: Rigid) -> ContactGeometry:
+        """The touching elements, transformed by ``body`` and ``world``."""
+        normal = world.rotation @ self.normal
+        plane = Plane(normal, float(normal @ world.translation))
+        near = self.feature.points.mean(axis=0)
+        return ContactGeometry(self.feature.element(body.rotation, body.translation, near), plane)
+
+
+@dataclass(frozen=True, eq=False)
+class CornerMotion:
+    """Poses (object to scene) at given times and the contacts; ``second`` lasts only for part of the time."""
+
+    pose: Rigid
+    first: Touch
+    second: Touch
+
+
+def move_in_corner(
+    rng: np.random.Generator, object: Polyhedron, scenario: Scenario, further: Further, time_s: Array
+) -> CornerMotion:
+    """The motion of a scenario of one phase with a ``further`` contact at times (N,).
+
+    Raises
+    ------
+    UsageError : the object has no two features that can touch table and wall in these contacts.
+    """
+    for attempt in range(_TRIES):
+        first, second, base = _choose(rng, object, scenario.phases[0].contact, further.contact)
+        calm = 0.97**attempt
+        pose = _motion(rng, first, second, base, scenario, further, time_s, calm)
+        if pose is not None and _is_outside(object, pose):
+            return CornerMotion(pose, first, second)
+    raise UsageError(f"scenario: a {scenario.object} cannot be moved like that between table and wall")
+
+
+def _choose(
+    rng: np.random.Generator, object: Polyhedron, first: Contact, second: Contact
+) -> tuple[Touch, Touch, Array]:
+    """Choose features and a rotation (3, 3) at which both touch, away from the sides of their cones."""
+    options = []
+    for _ in range(_DRAWS):
+        on_table = _random_feature(rng, object, first.value[0])
+        on_wall = _random_feature(rng, object, second.value[0])
+        down = _inner_normal(rng, on_table)
+        aside = _inner_normal(rng, on_wall)
+        aside = aside - down * (down @ aside)
+        if np.linalg.norm(aside) < 0.3:
+            continue
+        aside = unit(aside)
+        if on_wall.kind == "f" and aside @ on_wall.normals[0] < 1.0 - _EXACT:
+            continue
+        room = min(_room(on_table, down), _room(on_wall, aside))
+        if room > 0.0:
+            options.append((room, on_table, on_wall, down, aside))
+    if not options:
+        raise UsageError(f"scenario: this object cannot be in {first} and {second} at once")
+    _, on_table, on_wall, down, aside = max(options, key=lambda one: one[0])
+    body = np.array([aside, np.cross(down, aside), down])  # rows: body directions of -x, ..., -z
+    scene = np.array([-WALL, np.cross(-TABLE, -WALL), -TABLE])
+    return Touch(first, on_table, TABLE), Touch(second, on_wall, WALL), scene.T @ body
+
+
+def _random_feature(rng: np.random.Generator, object: Polyhedron, kind: str) -> Feature:
+    features = object.of_kind(kind)
+    return features[int(rng.integers(len(features)))]
+
+
+def _inner_normal(rng: np.random.Generator, feature: Feature) -> Array:
+    weights = rng.dirichlet(np.full(len(feature.normals), 4.0))
+    return np.asarray(unit(weights @ feature.normals))
+
+
+def _room(feature: Feature, normal: Array) -> float:
+    """Angle (rad) by which the normal may turn; infinite for a face, whose normal is fixed."""
+    return _ANY_TURN_RAD if feature.kind == "f" else feature.normal_clearance(normal)
+
+
+def _motion(
+    rng: np.random.Generator,
+    first: Touch,
+    second: Touch,
+    base: Array,
+    scenario: Scenario,
+    further: Further,
+    time_s: Array,
+    calm: float,
+) -> Rigid | None:
+    """Poses that satisfy ``first`` always and ``second`` while it lasts; None if there are none."""
+    bandwidth = rng.uniform(*scenario.bandwidth_hz)
+    wave = band_limited(rng, time_s, 6, bandwidth)
+    down, aside = base.T @ -TABLE, base.T @ -WALL
+    room = _ROOM_SHARE * min(_room(first.feature, down), _room(second.feature, aside))
+    turn = within(calm * scenario.amplitude_rad * wave[:, :3], room)
+    rotation = base @ Rotation.from_rotvec(turn).as_matrix()
+    apart = _separation(further, time_s)
+    place = scenario.amplitude_m * wave[:, 3:]
+    place[:, 2] = -rotation[:, 2] @ first.feature.points.mean(axis=0)  # touching, up to the tilt
+    away = place[:, 0] * apart + _AWAY_M * apart
+    place[:, 0] = away - rotation[:, 0] @ second.feature.points.mean(axis=0)
+    start = Rigid(rotation, place)
+    on_first = _project(start, [(first, None)])
+    if on_first is None:
+        return None
+    if not apart.any():
+        return _project(on_first, [(first, None), (second, None)])
+    free = _residual(second, on_first)
+    free[:, -1] = _SOFT_M * np.logaddexp(0.0, free[:, -1] / _SOFT_M)
+    gap = apart[:, None] * free
+    return _project(on_first, [(first, None), (second, gap)])
+
+
+def _separation(further: Further, time_s: Array) -> Array:
+    """(N,) 0 while the further contact lasts, 1 otherwise, with smooth transitions."""
+    before = 0.0 if further.start_s is None else smooth_step((further.start_s - time_s) / _RAMP_S)
+    after = 0.0 if further.end_s is None else smooth_step((time_s - further.end_s) / _RAMP_S)
+    return np.asarray(np.broadcast_to(np.maximum(before, after), time_s.shape), float)
+
+
+def _residual(touch: Touch, pose: Rigid) -> Array:
+    """(N, K)"""
+    zeta = touch.model.lifted(lift(pose.rotation, pose.translation))
+    return np.asarray(zeta @ touch.model.family.rows(touch.x).T)
+
+
+def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | None:
+    """Project to poses (N,) whose residuals are zero or as given (N, K); None if that fails for some."""
+    weight = np.repeat([1.0, _LEVER_M], 3)
+    rows = [_coefficients(touch) for touch, _ in touches]
+    goals = np.concatenate(
+        [
+            np.zeros((len(pose.translation), len(row))) if goal is None else goal
+            for row, (_, goal) in zip(rows, touches, strict=True)
+        ],
+        axis=1,
+    )
+    c, moves = np.concatenate(rows), perturbations()
+    rotation, place = pose.rotation, pose.translation
+    for _ in range(_STEPS):
+        zeta = lift(rotation, place)
+        miss = zeta @ c.T - goals
+        if np.abs(miss).max() < _ENOUGH:
+            break
+        jacobian = np.einsum("kc,icd,nd->nki", c, moves, zeta, optimize=True) * weight
+        gram = jacobian @ np.swapaxes(jacobian, 1, 2) + _DAMPING * np.eye(len(c))
+        step = -np.einsum("nki,nk->ni", jacobian, np.linalg.solve(gram, miss[..., None])[..., 0]) * weight
+        rotation = rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
+        place = place + step[:, 3:]
+    return Rigid(rotation, place) if np.abs(miss).max() < _EXACT else None
+
+
+def _coefficients(touch: Touch) -> Array:
+    """Coefficients (K, 25) of the residuals on the whole lifted pose."""
+    every = touch.model.lifted(np.eye(lifted_pose.SIZE)).T
+    return np.asarray(touch.model.family.rows(touch.x) @ every)
+
+
+def _is_outside(object: Polyhedron, pose: Rigid) -> bool:
+    """Whether no vertex penetrates the table or the wall."""
+    corners = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
+    return bool(corners[..., [0, 2]].min() > -1e-7)

@@ -1,0 +1,208 @@
+"""Motion along one leg: smooth and random in all free directions of the contact."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.geometry.polyhedron import Feature, unit
+from contact_tracker.states import Contact
+from contact_tracker_lab.simulate.chart import Chart, Rigid
+from contact_tracker_lab.simulate.plan import SETTLE_S, Anchor, Leg, sample_normal, sample_point
+from contact_tracker_lab.simulate.signals import band_limited, blend, drift, smooth_step, within
+
+Array = NDArray[np.float64]
+Weights = tuple[Array, Array, Array]
+
+_TILT_RAMP_S = 0.6  # short, so that a changed constraint is soon observable
+_TURN_RAD_S = 1.2
+_SLIDE_RAMP_S = 1.0
+_LIFT_RAMP_S = 0.8
+_MARGIN = 0.8  # share of the room up to a feature's rim that the motion uses
+_CROSSING = (np.radians(65.0), np.radians(115.0))  # crossing angle of two edges during the motion
+_CROSSING_ROOM_RAD = np.radians(35.0)
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Motion of the hand: RMS amplitude per free direction, and bandwidth."""
+
+    amplitude_m: float
+    amplitude_rad: float
+    bandwidth_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Poses (object to scene) along a leg, with the touching point on either feature (N, 3) in m."""
+
+    pose: Rigid
+    touch_object: Array
+    touch_scene: Array
+
+
+def move(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
+    """The motion of ``leg`` at times (N,) since its start."""
+    if leg.contact is Contact.FREE:
+        return _free_motion(rng, leg, time_s, hand)
+    if leg.motion == "normal":
+        return _touch(rng, leg, time_s, hand)
+    return _singular(rng, leg, time_s, hand)
+
+
+def _touch(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
+    """Motion of all coordinates of the chart: from the start anchor by random motion to the end anchor."""
+    chart, start, end = leg.chart, leg.start, leg.end
+    slide = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)
+    drifts = drift(time_s, SETTLE_S)[:, None], drift(time_s - leg.duration_s, SETTLE_S)[:, None]
+
+    def turned(feature: Feature, first: Array, last: Array) -> Array:
+        centre = sample_normal(rng, feature, unit(first + last))
+        farthest = np.arccos(np.clip(min(first @ centre, last @ centre), -1.0, 1.0))
+        tilt = blend(time_s, leg.duration_s, max(_TILT_RAMP_S, farthest / _TURN_RAD_S))
+        return unit(_mix(tilt, first, _turn(rng, feature, centre, time_s, hand), last))
+
+    def moved(feature: Feature, ends: Array, rates: Array) -> Array:
+        middle = _slide(rng, feature, sample_point(rng, feature, ends.mean(axis=0)), time_s, hand)
+        return _mix(slide, ends[0] + drifts[0] * rates[0], middle, ends[1] + drifts[1] * rates[1])
+
+    normal = turned(chart.environment, start.normal, end.normal)
+    object_normal = turned(chart.object, start.object_normal, end.object_normal)
+    spin = _spin(rng, leg, time_s, hand, slide)
+    touch_object = moved(
+        chart.object,
+        np.array([start.touch_object, end.touch_object]),
+        np.array([start.object_rate, end.object_rate]),
+    )
+    touch_scene = moved(
+        chart.environment,
+        np.array([start.touch_scene, end.touch_scene]),
+        np.array([start.scene_rate, end.scene_rate]),
+    )
+    return _path(chart.rotation(normal, object_normal, spin), touch_object, touch_scene)
+
+
+def _spin(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand, weights: Weights) -> Array:
+    first, last = (
+        leg.chart.spin(anchor.rotation, anchor.normal, anchor.object_normal)
+        for anchor in (leg.start, leg.end)
+    )
+    last = first + (last - first + np.pi) % (2.0 * np.pi) - np.pi
+    middle, room = (first + last) / 2.0, _room(leg.contact)
+    if leg.contact is Contact.EE:
+        middle = np.copysign(np.clip(abs(middle), *_CROSSING), middle)
+    wave = within(hand.amplitude_rad * band_limited(rng, time_s, 1, hand.bandwidth_hz), room)[:, 0]
+    return np.asarray(
+        weights[0] * (first + leg.start.spin_rate * drift(time_s, SETTLE_S))
+        + weights[1] * (middle + wave)
+        + weights[2] * (last + leg.end.spin_rate * drift(time_s - leg.duration_s, SETTLE_S)),
+        float,
+    )
+
+
+def _singular(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
+    """Rest, pure translation, or rotation about one axis; ends at the pose of its start."""
+    at, chart = leg.start, leg.chart
+    active = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)[1][:, None]
+    still = np.zeros((len(time_s), 1))
+    if leg.motion in ("one-axis", "tilt"):
+        return _rotation_about_axis(rng, leg, hand, active * band_limited(rng, time_s, 1, hand.bandwidth_hz))
+    touch_object, touch_scene = still + at.touch_object, still + at.touch_scene
+    if leg.motion == "translation":
+        wander = _slide(rng, chart.object, at.touch_object, time_s, hand)
+        touch_object += active * (wander - at.touch_object)
+        wander = _slide(rng, chart.environment, at.touch_scene, time_s, hand)
+        touch_scene += active * (wander - at.touch_scene)
+    return _path(still[:, :, None] + at.rotation, touch_object, touch_scene)
+
+
+def _rotation_about_axis(rng: np.random.Generator, leg: Leg, hand: Hand, wave: Array) -> Path:
+    """Rotation by ``wave`` (N, 1) about the normal, or about an axis within one of the features."""
+    at, chart = leg.start, leg.chart
+    tilts = [
+        (chart.object, at.object_normal, direction) for direction in chart.object.tangents(at.object_normal)
+    ]
+    tilts += [
+        (chart.environment, at.normal, direction) for direction in chart.environment.tangents(at.normal)
+    ]
+    choice = int(rng.integers(0 if leg.motion == "tilt" else -1, len(tilts)))
+    if choice < 0:
+        axis = at.normal
+        angle = within(hand.amplitude_rad * wave, _room(leg.contact))
+    else:
+        feature, normal, direction = tilts[choice]
+        axis = np.cross(normal, direction)
+        angle = within(hand.amplitude_rad * wave, _MARGIN * feature.normal_clearance(normal))
+        if feature is chart.object:  # a turn of the normal in the body is the opposite turn of the body
+            axis = -at.rotation @ axis
+    rotation = Rotation.from_rotvec(angle * axis).as_matrix() @ at.rotation
+    still = np.zeros_like(wave)
+    return _path(rotation, still + at.touch_object, still + at.touch_scene)
+
+
+def _room(contact: Contact) -> float:
+    """Bound of the random motion of the spin (rad)."""
+    return _CROSSING_ROOM_RAD if contact is Contact.EE else float(np.pi)
+
+
+def _free_motion(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
+    """Free motion: lift along the normal, transfer and descent, with random motion in all six directions."""
+    first = _coast(leg.chart, leg.start, time_s)
+    last = _coast(leg.next_chart, leg.end, time_s - leg.duration_s)
+    share = smooth_step(time_s / leg.duration_s)[:, None]
+    leave, _, land = (weight[:, None] for weight in blend(time_s, leg.duration_s, _LIFT_RAMP_S))
+    height = (1.0 if leg.from_air else 1.0 - leave) * (1.0 if leg.to_air else 1.0 - land)
+    wave = leg.wander * height * band_limited(rng, time_s, 6, hand.bandwidth_hz)
+    turn = Rotation.from_matrix(np.swapaxes(first.pose.rotation, 1, 2) @ last.pose.rotation).as_rotvec()
+    rotation = (
+        first.pose.rotation
+        @ Rotation.from_rotvec(share * turn).as_matrix()
+        @ Rotation.from_rotvec(hand.amplitude_rad * wave[:, :3]).as_matrix()
+    )
+    over = (1.0 - share) * first.pose.translation + share * last.pose.translation
+    up = unit((1.0 - share) * leg.start.normal + share * leg.end.normal)
+    translation = over + leg.lift_m * height * up + hand.amplitude_m * wave[:, 3:]
+    return Path(Rigid(rotation, translation), first.touch_object, first.touch_scene)
+
+
+def _coast(chart: Chart, anchor: Anchor, time_s: Array) -> Path:
+    """Motion with the velocity of ``anchor`` at time 0, which decays before and after."""
+    lasting = drift(time_s, SETTLE_S)
+    spin = chart.spin(anchor.rotation, anchor.normal, anchor.object_normal) + anchor.spin_rate * lasting
+    still = np.zeros((len(time_s), 1))
+    return _path(
+        chart.rotation(still + anchor.normal, still + anchor.object_normal, spin),
+        anchor.touch_object + lasting[:, None] * anchor.object_rate,
+        anchor.touch_scene + lasting[:, None] * anchor.scene_rate,
+    )
+
+
+def _path(rotation: Array, touch_object: Array, touch_scene: Array) -> Path:
+    translation = touch_scene - np.einsum("nij,nj->ni", rotation, touch_object)
+    return Path(Rigid(rotation, translation), touch_object, touch_scene)
+
+
+def _mix(weights: Weights, start: Array, middle: Array, end: Array) -> Array:
+    first, inner, last = (weight[:, None] for weight in weights)
+    return np.asarray(first * start + inner * middle + last * end, float)
+
+
+def _turn(rng: np.random.Generator, feature: Feature, centre: Array, time_s: Array, hand: Hand) -> Array:
+    """Random normals (N, 3) around ``centre`` within the feature's cone."""
+    tangents = feature.tangents(centre)
+    wave = hand.amplitude_rad * band_limited(rng, time_s, len(tangents), hand.bandwidth_hz)
+    return _turned(centre, within(wave, _MARGIN * feature.normal_clearance(centre)) @ tangents)
+
+
+def _turned(centre: Array, displacement: Array) -> Array:
+    """Unit vectors reached from ``centre`` along great circles; ``displacement`` (N, 3) in rad."""
+    angle = np.linalg.norm(displacement, axis=1, keepdims=True)
+    return np.asarray(np.cos(angle) * centre + np.sinc(angle / np.pi) * displacement, float)
+
+
+def _slide(rng: np.random.Generator, feature: Feature, centre: Array, time_s: Array, hand: Hand) -> Array:
+    """Random points (N, 3) around ``centre`` within the feature."""
+    span = feature.span
+    wave = hand.amplitude_m * band_limited(rng, time_s, len(span), hand.bandwidth_hz)
+    return centre + within(wave, _MARGIN * feature.point_clearance(centre)) @ span

@@ -1,0 +1,265 @@
+"""The plan of a recording: the features that touch in each leg, and the anchors between legs.
+
+An anchor is a pose at which one contact changes into another: it satisfies both, so the motion is continuous.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
+from contact_tracker.states import Contact
+from contact_tracker_lab.simulate.chart import Chart, Rigid
+from contact_tracker_lab.simulate.scenarios import Phase
+
+Array = NDArray[np.float64]
+
+SETTLE_S = 0.15  # time constant of the decay of an anchor's rates
+_CROSSING = (np.radians(50.0), np.radians(130.0))  # crossing angle of edges at a change of contact
+_DRIFT_M_S = 0.06
+_SPIN_RAD_S = np.radians(20.0)
+_ROOM_M = 0.07  # desired distance from the touching point to the feature's rim
+_ROOM_RAD = np.radians(20.0)  # desired angle from the normal to the sides of its cone
+_TRAVEL_M_S = 0.25
+_TURN_RAD_S = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """The pose and velocity between two legs of the motion.
+
+    ``touch_object`` (object frame) and ``touch_scene`` (scene frame) are the touching point on either
+    feature in m; the rates are their velocities in m/s and that of the spin in rad/s. The normals are at
+    rest.
+    """
+
+    normal: Array
+    object_normal: Array
+    rotation: Array
+    touch_object: Array
+    touch_scene: Array
+    object_rate: Array
+    scene_rate: Array
+    spin_rate: float
+
+    @property
+    def pose(self) -> Rigid:
+        """From the object's frame to the scene's."""
+        return Rigid(self.rotation, self.touch_scene - self.rotation @ self.touch_object)
+
+    def distance_to(self, other: "Anchor") -> tuple[float, float]:
+        """Distance (m) and angle (rad) to another anchor's pose."""
+        shift = self.pose.translation - other.pose.translation
+        turn = Rotation.from_matrix(self.rotation.T @ other.rotation).magnitude()
+        return float(np.linalg.norm(shift)), float(turn)
+
+
+def choose_chart(
+    rng: np.random.Generator,
+    contact: Contact,
+    object: Polyhedron,
+    scene: Polyhedron,
+    related: Chart | None = None,
+) -> Chart:
+    """Choose features for ``contact`` that are contained in those of ``related`` or contain them."""
+    features = []
+    for kind, choice, given in (
+        (contact.value[0], object.features, related.object if related else None),
+        (contact.value[2], scene.top, related.environment if related else None),
+    ):
+        fitting = [f for f in choice if f.kind == kind and (given is None or _nested(f, given))]
+        features.append(fitting[rng.integers(len(fitting))])
+    return Chart.of(contact, *features)
+
+
+def _nested(a: Feature, b: Feature) -> bool:
+    return a.indices <= b.indices or b.indices <= a.indices
+
+
+def sample_anchor(
+    rng: np.random.Generator, before: Anchor | None, leaving: Chart | None, arriving: Chart
+) -> Anchor:
+    """Sample a pose that satisfies both contacts, near ``before``, with velocities that both allow.
+
+    ``leaving`` is None after free motion and at the start. The touching point lies on the features of the
+    contact with fewer constraints, the normals in the cones of the other.
+    """
+    charts = (leaving or arriving, arriving)
+    lower = min(charts, key=lambda chart: chart.contact.codimension)
+    higher = max(charts, key=lambda chart: chart.contact.codimension)
+    normal = sample_normal(rng, higher.environment, before.normal if before else None)
+    object_normal = sample_normal(rng, higher.object, before.object_normal if before else None)
+    if before is None:
+        spin = rng.uniform(-np.pi, np.pi)
+    elif leaving is None:
+        spin = lower.spin(before.rotation, normal, object_normal)
+    else:
+        spin = lower.spin(before.rotation, before.normal, before.object_normal)
+    wanted = spin + rng.normal(0.0, np.radians(20.0))
+    if lower.contact is Contact.EE:
+        side = 1.0 if spin > 0.0 else -1.0
+        wanted = side * float(np.clip(side * wanted, *_CROSSING))
+    touch_object = sample_point(rng, lower.object, before.touch_object if before else None)
+    touch_scene = sample_point(rng, lower.environment, before.touch_scene if before else None)
+    return Anchor(
+        normal,
+        object_normal,
+        lower.rotation(normal, object_normal, np.array(wanted)),
+        touch_object,
+        touch_scene,
+        _rate(rng, lower.object, touch_object),
+        _rate(rng, lower.environment, touch_scene),
+        rng.normal(0.0, _SPIN_RAD_S),
+    )
+
+
+def sample_normal(rng: np.random.Generator, feature: Feature, near: Array | None) -> Array:
+    """Sample a normal of the feature's cone, away from its sides and near ``near``."""
+    normals = unit(rng.dirichlet(np.full(len(feature.normals), 1.5), 8) @ feature.normals)
+
+    def effort(normal: Array) -> float:
+        angle = 0.0 if near is None else float(np.arccos(np.clip(normal @ near, -1.0, 1.0)))
+        return angle + 4.0 * max(0.0, float(_ROOM_RAD) - feature.normal_clearance(normal))
+
+    return min(normals, key=effort)
+
+
+def sample_point(rng: np.random.Generator, feature: Feature, near: Array | None) -> Array:
+    """Sample a point on the feature, away from its rim and near ``near``."""
+    points = rng.dirichlet(np.ones(len(feature.points)), 16) @ feature.points
+
+    def effort(point: Array) -> float:
+        distance = 0.0 if near is None else float(np.linalg.norm(point - near))
+        return distance + 4.0 * max(0.0, _ROOM_M - feature.point_clearance(point))
+
+    return min(points, key=effort)
+
+
+def _rate(rng: np.random.Generator, feature: Feature, point: Array) -> Array:
+    """Sample a velocity within the feature that does not lead out of it."""
+    span = feature.span
+    limit = 0.5 * feature.point_clearance(point) / SETTLE_S
+    rate = rng.normal(0.0, _DRIFT_M_S, len(span)) @ span
+    return np.asarray(rate * min(1.0, limit / max(float(np.linalg.norm(rate)), 1e-12)), float)
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """The motion between two anchors; a free leg leaves ``chart`` and arrives at ``next_chart``.
+
+    ``lift_m`` is the height of a free leg, ``wander`` its share of the usual random motion; ``from_air`` and
+    ``to_air`` say that it begins or ends at that height instead of in contact.
+    """
+
+    contact: Contact
+    motion: str
+    duration_s: float
+    start: Anchor
+    end: Anchor
+    chart: Chart
+    next_chart: Chart
+    lift_m: float = 0.0
+    wander: float = 1.0
+    from_air: bool = False
+    to_air: bool = False
+
+
+def plan(
+    rng: np.random.Generator, phases: Sequence[Phase], object: Polyhedron, scene: Polyhedron, lead_s: float
+) -> list[Leg]:
+    """The legs of ``phases``; each begins at the anchor at which the previous one ended. ``lead_s`` is as of
+    ``Scenario``."""
+    with_transitions = _with_transitions(phases, lead_s)
+    chart = choose_chart(rng, _touching(phases[0]), object, scene)
+    anchor = sample_anchor(rng, None, None, chart)
+    legs: list[Leg] = []
+    for index, phase in enumerate(with_transitions):
+        after = with_transitions[index + 1] if index + 1 < len(with_transitions) else None
+        following, end = _leg_end(rng, phase, after, chart, anchor, object, scene)
+        is_same = after and phase and after.contact is phase.contact
+        if is_same or _is_restricted(phase) or _is_restricted(after):
+            end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
+        legs.append(_leg(phase, anchor, end, chart, following, object.radius))
+        chart, anchor = following, end
+    return [
+        replace(leg, from_air=index == 0, to_air=index == len(legs) - 1) for index, leg in enumerate(legs)
+    ]
+
+
+def _is_restricted(phase: Phase | None) -> bool:
+    """Whether a phase is at rest, or has another motion than the normal one: it starts and ends at rest."""
+    return phase is not None and phase.motion != "normal"
+
+
+def _with_transitions(phases: Sequence[Phase], lead_s: float) -> list[Phase | None]:
+    """The phases and the transitions between them; None is a lift from one contact to the next."""
+    result: list[Phase | None] = []
+    for before, phase, after in zip((None, *phases), phases, (*phases[1:], None), strict=False):
+        lead = [Phase(phase.contact, lead_s)] if lead_s else []
+        if before and not _comparable(before.contact, phase.contact):
+            result.append(None)
+        is_singular = _is_restricted(phase) and phase.motion != "rest"
+        if is_singular and before and before.contact is not phase.contact:
+            result += lead
+        result.append(phase)
+        if _is_restricted(phase) and after and after.contact is not phase.contact:
+            result += lead
+    return result
+
+
+def _comparable(a: Contact, b: Contact) -> bool:
+    return a.contains(b) or b.contains(a)
+
+
+def _touching(phase: Phase | None) -> Contact:
+    """The contact of a phase; vertex on face for free motion at an end of the recording."""
+    return phase.contact if phase and phase.contact is not Contact.FREE else Contact.VF
+
+
+def _leg_end(
+    rng: np.random.Generator,
+    phase: Phase | None,
+    after: Phase | None,
+    chart: Chart,
+    anchor: Anchor,
+    object: Polyhedron,
+    scene: Polyhedron,
+) -> tuple[Chart, Anchor]:
+    """The anchor at which a leg that begins at ``anchor`` ends, and the chart of the next."""
+
+    def option() -> tuple[Chart, Anchor]:
+        if phase is None or phase.contact is Contact.FREE:
+            arriving = choose_chart(rng, _touching(after), object, scene)
+            return arriving, sample_anchor(rng, anchor, None, arriving)
+        if after is None or after.contact in (Contact.FREE, phase.contact):
+            return chart, sample_anchor(rng, anchor, chart, chart)
+        arriving = choose_chart(rng, after.contact, object, scene, related=chart)
+        return arriving, sample_anchor(rng, anchor, chart, arriving)
+
+    if _is_restricted(phase):
+        return chart, anchor
+    options = [option() for _ in range(60 if phase is None else 6)]
+    return min(options, key=lambda chosen: _effort(*anchor.distance_to(chosen[1])))
+
+
+def _effort(distance_m: float, angle_rad: float) -> float:
+    return distance_m / 0.2 + angle_rad
+
+
+def _leg(
+    phase: Phase | None, start: Anchor, end: Anchor, chart: Chart, following: Chart, radius: float
+) -> Leg:
+    distance, angle = start.distance_to(end)
+    shortest_s = max(distance / _TRAVEL_M_S, angle / _TURN_RAD_S)
+    if phase and phase.contact is not Contact.FREE:
+        seconds = max(phase.duration_s, shortest_s)
+        return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)
+    lift = 0.03 + 0.4 * (distance + angle * radius)
+    if phase:
+        seconds = max(phase.duration_s, shortest_s)
+        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift + 0.15)
+    seconds = max(0.6, 6.5 * lift, shortest_s)
+    return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift, wander=0.0)

@@ -1,0 +1,335 @@
+"""Scenarios of simulated recordings: shapes, contacts, motion and measurement; and those with a name."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.errors import UsageError
+from contact_tracker.geometry.polyhedron import Polyhedron, convex
+from contact_tracker.joints.models import JointKind
+from contact_tracker.states import STATES, Contact
+
+Array = NDArray[np.float64]
+
+
+def _box(x: float, y: float, z: float) -> Array:
+    return np.array(list(product((-x / 2, x / 2), (-y / 2, y / 2), (-z / 2, z / 2))))
+
+
+def _prism(polygon: list[tuple[float, float]], length: float) -> Array:
+    """A polygon in x and z, extended along y."""
+    return np.array([(x, y, z) for y in (-length / 2, length / 2) for x, z in polygon])
+
+
+def _frustum(bottom: float, top: float, height: float) -> Array:
+    corners = list(product((-0.5, 0.5), repeat=2))
+    low = [(bottom * x, bottom * y, -height / 2) for x, y in corners]
+    return np.array([*low, *((top * x, top * y, height / 2) for x, y in corners)])
+
+
+_HEXAGON: Final = [(0.12 * float(np.cos(a)), 0.12 * float(np.sin(a))) for a in np.radians(range(0, 360, 60))]
+_TETRAHEDRON: Final = 0.12 * np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], float)
+
+OBJECTS: Final[Mapping[str, Array]] = MappingProxyType(
+    {
+        "cube": _box(0.2, 0.2, 0.2),
+        "box": _box(0.16, 0.22, 0.3),
+        "prism": _prism(_HEXAGON, 0.26),
+        "wedge": _prism([(-0.1, -0.09), (0.16, -0.09), (-0.1, 0.12)], 0.24),
+        "tetrahedron": _TETRAHEDRON,
+    }
+)
+SURROUNDINGS: Final[Mapping[str, Array]] = MappingProxyType(
+    {
+        "desk": _box(0.8, 0.6, 0.7),
+        "block": _box(0.45, 0.4, 0.35),
+        "ridge": _prism([(-0.4, -0.2), (0.4, -0.2), (0.15, 0.2), (-0.15, 0.2)], 0.6),
+        "frustum": _frustum(0.7, 0.36, 0.4),
+    }
+)
+
+
+def object_shape(name: str) -> Polyhedron:
+    """The object ``name``, centred at its middle."""
+    return convex(OBJECTS[name])
+
+
+def surroundings_shape(name: str) -> Polyhedron:
+    """The fixed body ``name``; objects touch its top face (+z) or an edge or corner of it."""
+    return convex(SURROUNDINGS[name])
+
+
+CORNER: Final = "table and wall"
+"""Surroundings of scenarios with a further contact: two planes at a right angle."""
+MOTIONS: Final = ("normal", "rest", "translation", "one-axis", "tilt")
+
+
+class Phase(NamedTuple):
+    """``contact`` for at least ``duration_s``; longer if the next anchor is farther.
+
+    ``motion`` is normal, rest, translation (no rotation), one-axis (rotation about one axis) or tilt (the
+    same, about an axis across the normal: the object pivots).
+    """
+
+    contact: Contact
+    duration_s: float
+    motion: str = "normal"
+
+
+class Further(NamedTuple):
+    """A second contact beside that of the phase, with a wall.
+
+    It lasts from ``start_s`` to ``end_s`` of the recording; None is its beginning or end.
+    """
+
+    contact: Contact
+    start_s: float | None = None
+    end_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """The contacts, motion and measurement of a recording.
+
+    Parameters
+    ----------
+    phases : contacts in order. Between two of which neither contains the other the object is lifted.
+    rate_hz : poses per second.
+    sigma_position_m, sigma_rotation_rad : white noise per axis (rotation vector in the body frame).
+    outlier_probability : share of poses that are 1-6 cm and 4-25 deg off.
+    drop_probability : share of poses that are missing.
+    hold_probability : share of poses that repeat the one before them.
+    jitter_s : standard deviation of the stamps, at most a fifth of the period.
+    lead_s : normal motion (s) in a contact before and after singular motion, except at the ends
+        of the recording; without it, the object comes and goes by lifts.
+    amplitude_m, amplitude_rad : root mean square of the motion in each free direction.
+    bandwidth_hz : range of the motion's bandwidth; each phase draws its own.
+    object, surroundings : names of shapes.
+    further : a second contact of a scenario of one phase; the surroundings are then a table and a wall.
+    joint : the joint of a scenario of one free phase; none of the seven states is true then.
+    has_wrench : whether the wrench of the hand on the object is measured too; the surroundings are one body.
+    name : name in the recording's metadata.
+    """
+
+    phases: tuple[Phase, ...]
+    rate_hz: float = 200.0
+    sigma_position_m: float = 0.0003
+    sigma_rotation_rad: float = float(np.radians(0.15))
+    outlier_probability: float = 0.0
+    drop_probability: float = 0.0
+    hold_probability: float = 0.0
+    jitter_s: float = 0.0
+    lead_s: float = 0.8
+    amplitude_m: float = 0.035
+    amplitude_rad: float = float(np.radians(10.0))
+    bandwidth_hz: tuple[float, float] = (0.5, 1.2)
+    object: str = "cube"
+    surroundings: str = "desk"
+    further: Further | None = None
+    joint: JointKind | None = None
+    has_wrench: bool = False
+    name: str = "custom"
+
+    def __post_init__(self) -> None:
+        """Raises UsageError if the scenario is not possible."""
+        _require(len(self.phases) > 0, "a scenario needs at least one phase")
+        _require(1.0 <= self.rate_hz <= 1e5, "rate_hz must be in 1..100000")
+        for key in ("sigma_position_m", "sigma_rotation_rad", "amplitude_m", "amplitude_rad"):
+            _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be in 0..1")
+        for key in ("outlier_probability", "drop_probability", "hold_probability"):
+            _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be at least 0 and less than 1")
+        _require(0.0 <= self.lead_s < 60.0, "lead_s must be in 0..60")
+        _require(0.0 <= self.jitter_s <= 0.2 / self.rate_hz, "jitter_s must be in 0..0.2 / rate_hz")
+        low, high = self.bandwidth_hz
+        _require(0.0 < low <= high < self.rate_hz / 2, "bandwidth_hz must be a range below half the rate")
+        _require(self.object in OBJECTS, f"object must be one of {', '.join(OBJECTS)}")
+        if self.further is None:
+            known = ", ".join(SURROUNDINGS)
+            _require(self.surroundings in SURROUNDINGS, f"surroundings must be one of {known}")
+        else:
+            _check_further(self, self.further)
+        if self.joint is not None:
+            is_plain = len(self.phases) == 1 and self.phases[0].contact is Contact.FREE
+            _require(is_plain and self.further is None, "a joint needs a scenario of one free phase")
+        if self.has_wrench:
+            _require(self.further is None and self.joint is None, "a wrench needs one body to touch")
+        for before, phase in zip((None, *self.phases), self.phases, strict=False):
+            _check(phase, before)
+
+
+def _check_further(scenario: Scenario, further: Further) -> None:
+    _require(len(scenario.phases) == 1, "a further contact needs a scenario of one phase")
+    on_a_plane = {Contact.FF, Contact.EF, Contact.VF}
+    both = {scenario.phases[0].contact, further.contact}
+    _require(both <= on_a_plane, "with a further contact, both must be f-f, e-f or v-f")
+    _require(scenario.surroundings == CORNER, f"with a further contact, surroundings must be {CORNER!r}")
+    start, end = further.start_s or 0.0, further.end_s or scenario.phases[0].duration_s
+    _require(
+        0.0 <= start < end <= scenario.phases[0].duration_s, "a further contact must end after its start"
+    )
+
+
+def _check(phase: Phase, before: Phase | None) -> None:
+    shortest = 0.5 if phase.motion in ("normal", "rest") else 2.5
+    _require(phase.motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}")
+    _require(
+        shortest <= phase.duration_s <= 86_400.0,
+        f"a phase of motion {phase.motion} must last {shortest} s to one day",
+    )
+    _require(phase.motion != "tilt" or phase.contact is not Contact.FF, "in f-f the object cannot tilt")
+    if phase.contact is Contact.FREE:
+        _require(phase.motion == "normal", "free motion can only be normal")
+        _require(before is None or before.contact is not Contact.FREE, "two free phases in a row are one")
+    if phase.motion == "rest":
+        came_to_rest = before is None or before.contact is phase.contact
+        _require(came_to_rest, "rest must come first or follow the same contact")
+
+
+def _require(holds: bool, message: str) -> None:
+    if not holds:
+        raise UsageError(f"scenario: {message}")
+
+
+def _paper_experiment(_: int) -> Scenario:
+    order = (Contact.FF, Contact.EF, Contact.VF, Contact.EE)
+    phases = (Phase(Contact.FF, 5.0, "rest"), *(Phase(contact, 10.0) for contact in order))
+    return Scenario(phases, name="paper_experiment")
+
+
+def _all_states(_: int) -> Scenario:
+    order = (Contact.FREE, Contact.VF, Contact.EF, Contact.FF, Contact.FE, Contact.FV, Contact.FE, Contact.EE)
+    phases = (*(Phase(contact, 5.5) for contact in order), Phase(Contact.FREE, 3.0))
+    return Scenario(phases, object="box", surroundings="block", name="all_states")
+
+
+def _robot_1khz(_: int) -> Scenario:
+    phases = (Phase(Contact.FF, 3.0), Phase(Contact.EF, 3.5), Phase(Contact.EE, 4.0))
+    return Scenario(
+        phases,
+        rate_hz=1000.0,
+        sigma_position_m=0.00005,
+        sigma_rotation_rad=float(np.radians(0.02)),
+        object="wedge",
+        surroundings="block",
+        name="robot_1khz",
+    )
+
+
+def _vision_30hz(_: int) -> Scenario:
+    order = (Contact.VF, Contact.EF, Contact.FREE, Contact.FV, Contact.FE, Contact.FF)
+    return Scenario(
+        tuple(Phase(contact, 8.0) for contact in order),
+        rate_hz=30.0,
+        sigma_position_m=0.0015,
+        sigma_rotation_rad=float(np.radians(0.7)),
+        outlier_probability=0.01,
+        drop_probability=0.05,
+        object="prism",
+        surroundings="ridge",
+        name="vision_30hz",
+    )
+
+
+def _pressed(_: int) -> Scenario:
+    """An object pivots on an edge of its own, then on one of the surroundings: motion that all six contacts
+    explain, and a wrench of the hand that few do."""
+    pivots = (Phase(contact, 6.0, "tilt") for contact in (Contact.EF, Contact.FE))
+    return Scenario(
+        tuple(phase for pivot in pivots for phase in (pivot, Phase(Contact.FREE, 6.0))),
+        rate_hz=100.0,
+        lead_s=0.0,
+        object="box",
+        surroundings="block",
+        has_wrench=True,
+        name="pressed",
+    )
+
+
+def _random(seed: int) -> Scenario:
+    """A random walk, usually to a contact that contains the present one or is contained in it."""
+    rng = np.random.default_rng([seed, 1])
+    contact = STATES[rng.integers(7)]
+    phases = [Phase(contact, rng.uniform(3.0, 8.0))]
+    for _ in range(int(rng.integers(6, 10))):
+        if contact is not Contact.FREE and rng.random() < 0.15:
+            phases.append(Phase(contact, rng.uniform(1.0, 3.0), "rest"))
+        others = [s for s in STATES if s is not contact]
+        near = [s for s in others if s.contains(contact) or contact.contains(s)]
+        choice = near if rng.random() < 0.8 else others
+        contact = choice[rng.integers(len(choice))]
+        phases.append(Phase(contact, rng.uniform(3.0, 8.0)))
+    return Scenario(
+        tuple(phases),
+        sigma_position_m=rng.uniform(0.0002, 0.0005),
+        sigma_rotation_rad=float(np.radians(rng.uniform(0.1, 0.3))),
+        object=str(rng.choice(list(OBJECTS))),
+        surroundings=str(rng.choice(list(SURROUNDINGS))),
+        name="random",
+    )
+
+
+def _formation(first: Contact, further: Further, name: str) -> Callable[[int], Scenario]:
+    def scenario(_: int) -> Scenario:
+        return Scenario((Phase(first, 24.0),), surroundings=CORNER, further=further, name=name)
+
+    return scenario
+
+
+FORMATIONS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
+    {
+        name: _formation(first, further, name)
+        for name, first, further in (
+            ("vertex_and_vertex", Contact.VF, Further(Contact.VF)),
+            ("edge_and_vertex", Contact.EF, Further(Contact.VF)),
+            ("face_and_edge", Contact.FF, Further(Contact.EF)),
+            ("face_and_face", Contact.FF, Further(Contact.FF)),
+            ("wall_in_between", Contact.VF, Further(Contact.VF, 8.0, 16.0)),
+            ("edge_then_wall", Contact.EF, Further(Contact.VF, 8.0, 16.0)),
+        )
+    }
+)
+"""Scenarios with two contacts at once: the first named on a table, the other on a wall."""
+
+
+def _jointed(kind: JointKind, amplitude_deg: float) -> Callable[[int], Scenario]:
+    def scenario(_: int) -> Scenario:
+        return Scenario(
+            (Phase(Contact.FREE, 24.0),),
+            amplitude_m=0.1,
+            amplitude_rad=float(np.radians(amplitude_deg)),
+            joint=kind,
+            name=kind.value,
+        )
+
+    return scenario
+
+
+JOINTS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
+    {kind.value: _jointed(kind, 15.0 if kind is JointKind.BALL else 25.0) for kind in JointKind}
+)
+"""Scenarios of an object in a joint: a door, a drawer, a cap, a ball in its socket."""
+
+SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
+    {
+        "paper_experiment": _paper_experiment,
+        "all_states": _all_states,
+        "robot_1khz": _robot_1khz,
+        "vision_30hz": _vision_30hz,
+        "pressed": _pressed,
+        "random": _random,
+        **FORMATIONS,
+        **JOINTS,
+    }
+)
+
+
+def named_scenario(name: str, seed: int) -> Scenario:
+    """The scenario ``name``; only ``random`` depends on ``seed``. Raises UsageError if unknown."""
+    if name not in SCENARIOS:
+        raise UsageError(f"unknown scenario {name!r}: choose from {', '.join(SCENARIOS)}")
+    return SCENARIOS[name](seed)

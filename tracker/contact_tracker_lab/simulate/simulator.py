@@ -1,0 +1,213 @@
+"""Simulation of a scenario from a seed: measured poses and ground truth."""
+
+import json
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.errors import UsageError
+from contact_tracker.geometry.polyhedron import Polyhedron
+from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
+from contact_tracker.joints.models import JointKind
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
+from contact_tracker.wrenches.wrenches import Wrenches
+from contact_tracker_lab.simulate.chart import Rigid
+from contact_tracker_lab.simulate.corner import move_in_corner
+from contact_tracker_lab.simulate.jointed import TrueJoint, move_in_joint
+from contact_tracker_lab.simulate.motion import Hand, Path, move
+from contact_tracker_lab.simulate.plan import Leg, plan
+from contact_tracker_lab.simulate.scenarios import (
+    Further,
+    Scenario,
+    named_scenario,
+    object_shape,
+    surroundings_shape,
+)
+from contact_tracker_lab.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
+from contact_tracker_lab.simulate.wrench import measure_wrenches
+
+Array = NDArray[np.float64]
+
+_WORLD_M = 1.0  # spread of the scene's origin in the world
+_BODY_M = 0.06  # spread of the object's middle in the body frame
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """A labelled recording: measured poses, ground truth, the metadata of its generation; the joint in which
+    the object moves, and the measured wrenches of the hand on it, if there are any."""
+
+    poses: Poses
+    truth: Truth
+    metadata: dict[str, str]
+    joint: TrueJoint | None = None
+    wrenches: Wrenches | None = None
+
+
+def simulate(scenario: str | Scenario, seed: int) -> Simulated:
+    """Move an object through the contacts of ``scenario`` and measure its poses.
+
+    Parameters
+    ----------
+    scenario : a Scenario, or the name of one in ``SCENARIOS``.
+    seed : any non-negative integer; equal seeds give equal recordings. Motion and measurement draw from
+        independent generators: other noise leaves the motion unchanged, and wrenches leave the poses.
+
+    Raises
+    ------
+    UsageError : an unknown name, or a negative seed.
+    """
+    if seed < 0:
+        raise UsageError("the seed must not be negative")
+    if isinstance(scenario, str):
+        scenario = named_scenario(scenario, seed)
+    streams = np.random.SeedSequence(seed).spawn(4)
+    motion_rng, frame_rng, sensor_rng, wrench_rng = (np.random.default_rng(stream) for stream in streams)
+    object = object_shape(scenario.object)
+    world = _random_frame(frame_rng, _WORLD_M)
+    body = _random_frame(frame_rng, _BODY_M)
+    setting = _Setting(scenario, seed, object, body, world, motion_rng, sensor_rng)
+    if scenario.further is not None:
+        return _simulate_corner(setting, scenario.further)
+    if scenario.joint is not None:
+        return _simulate_joint(setting, scenario.joint)
+    scene = surroundings_shape(scenario.surroundings)
+    legs = plan(motion_rng, scenario.phases, object, scene, scenario.lead_s)
+    counts = [round(leg.duration_s * scenario.rate_hz) for leg in legs]
+    paths = [_travel(motion_rng, leg, n, scenario) for leg, n in zip(legs, counts, strict=True)]
+    pose = Rigid(
+        np.concatenate([p.pose.rotation for p in paths]), np.concatenate([p.pose.translation for p in paths])
+    )
+    stamp_ns, poses = setting.measured(pose)
+    truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
+    metadata = _metadata(scenario, seed, _moved(object, body), _moved(scene, world))
+    wrenches = None
+    if scenario.has_wrench:
+        wrenches = measure_wrenches(wrench_rng, stamp_ns, scenario.rate_hz, legs, paths, object, body)
+    return Simulated(poses, truth, metadata, wrenches=wrenches)
+
+
+class _Setting(NamedTuple):
+    """What a scenario is simulated with; ``body`` and ``world`` are its random frames."""
+
+    scenario: Scenario
+    seed: int
+    object: Polyhedron
+    body: Rigid
+    world: Rigid
+    motion_rng: np.random.Generator
+    sensor_rng: np.random.Generator
+
+    @property
+    def time_s(self) -> Array:
+        """Times of the poses of a scenario of one phase from the start, without jitter."""
+        duration_s = self.scenario.phases[0].duration_s
+        return np.linspace(0.0, duration_s, round(duration_s * self.scenario.rate_hz), endpoint=False)
+
+    def measured(self, pose: Rigid) -> tuple[NDArray[np.int64], Poses]:
+        """Stamps and measurements of the poses of the object in its surroundings."""
+        stamp_ns = stamps(self.sensor_rng, len(pose.translation), self.scenario)
+        moved = self.world @ pose @ self.body.inverse()
+        return stamp_ns, measure(self.sensor_rng, stamp_ns, moved, self.scenario)
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """Of the recording."""
+        return _metadata(self.scenario, self.seed, _moved(self.object, self.body), None)
+
+
+def _simulate_corner(setting: _Setting, further: Further) -> Simulated:
+    """One contact on a table, and a further one on a wall."""
+    body, world, time_s = setting.body, setting.world, setting.time_s
+    contact, duration_s, _ = setting.scenario.phases[0]
+    moved = move_in_corner(setting.motion_rng, setting.object, setting.scenario, further, time_s)
+    stamp_ns, poses = setting.measured(moved.pose)
+    start_s, end_s = further.start_s or 0.0, further.end_s or duration_s
+    first, last = np.searchsorted(time_s, (start_s, end_s))
+    span = int(stamp_ns[first]), int(stamp_ns[min(last, len(stamp_ns) - 1)])
+    second = FurtherTruth(*span, further.contact, moved.second.geometry(body, world))
+    whole = int(stamp_ns[0]), int(stamp_ns[-1])
+    geometry = moved.first.geometry(body, world)
+    truth = Truth((TruthInterval(*whole, contact, geometry=geometry, further=(second,)),))
+    return Simulated(poses, truth, setting.metadata)
+
+
+def _simulate_joint(setting: _Setting, kind: JointKind) -> Simulated:
+    """An object in a joint: no contact is scored."""
+    moved = move_in_joint(setting.motion_rng, kind, setting.scenario, setting.time_s)
+    stamp_ns, poses = setting.measured(moved.pose)
+    truth = Truth((TruthInterval(int(stamp_ns[0]), int(stamp_ns[-1]), None),))
+    joint = moved.joint(setting.body, setting.world)
+    return Simulated(poses, truth, setting.metadata | {"joint": joint.to_json()}, joint)
+
+
+def _travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:
+    hand = Hand(scenario.amplitude_m, scenario.amplitude_rad, rng.uniform(*scenario.bandwidth_hz))
+    return move(rng, leg, np.linspace(0.0, leg.duration_s, count, endpoint=False), hand)
+
+
+def _intervals(
+    legs: list[Leg], paths: list[Path], stamp_ns: NDArray[np.int64], body: Rigid, world: Rigid
+) -> list[TruthInterval]:
+    """Intervals of contacts; the pose between two legs counts to the more constrained contact."""
+    result = []
+    start = 0
+    frame = 0
+    for index, (leg, path) in enumerate(zip(legs, paths, strict=True)):
+        frame += len(path.touch_scene)
+        after = legs[index + 1].contact if index + 1 < len(legs) else Contact.FF
+        loses = index + 1 < len(legs) and after.codimension < leg.contact.codimension
+        end = frame + 1 if loses else frame
+        geometry = None
+        if leg.contact is not Contact.FREE:
+            touch = path.touch_object.mean(axis=0), path.touch_scene.mean(axis=0)
+            geometry = leg.chart.geometry(body, world, *touch)
+        row = TruthInterval(
+            int(stamp_ns[start]),
+            int(stamp_ns[end - 1]),
+            leg.contact,
+            leg.motion,
+            leg.motion != "normal",
+            geometry,
+        )
+        result.append(row)
+        start = end
+    return result
+
+
+def _random_frame(rng: np.random.Generator, spread_m: float) -> Rigid:
+    return Rigid(Rotation.from_quat(rng.normal(size=4)).as_matrix(), rng.uniform(-spread_m, spread_m, 3))
+
+
+def _moved(shape: Polyhedron, frame: Rigid) -> Array:
+    return np.asarray(shape.vertices @ frame.rotation.T + frame.translation, float)
+
+
+def _metadata(scenario: Scenario, seed: int, object: Array, surroundings: Array | None) -> dict[str, str]:
+    """The recording's metadata; table and wall have no vertices."""
+    vertices = {} if surroundings is None else {"surroundings_vertices_m": json.dumps(surroundings.tolist())}
+    noise = {
+        "rate": scenario.rate_hz,
+        "pos_std_m": scenario.sigma_position_m,
+        "rot_std_deg": float(np.degrees(scenario.sigma_rotation_rad)),
+        "outlier_p": scenario.outlier_probability,
+        "outlier_pos_m": OUTLIER_M,
+        "outlier_rot_deg": tuple(np.degrees(OUTLIER_RAD).tolist()),
+        "drop_p": scenario.drop_probability,
+        "hold_p": scenario.hold_probability,
+        "jitter_s": scenario.jitter_s,
+    }
+    return {
+        "scenario": scenario.name,
+        "seed": str(seed),
+        "generator": "contact_tracker.simulate",
+        "object": scenario.object,
+        "object_vertices_m": json.dumps(object.tolist()),
+        "surroundings": scenario.surroundings,
+        **vertices,
+        "noise": json.dumps(noise),
+    }
