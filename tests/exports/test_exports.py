@@ -17,8 +17,8 @@ from pyarrow.json import read_json
 
 import contact_tracker
 from contact_tracker import Trajectory
-from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
-from contact_tracker.exports.formats import decided, write_outcome
+from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
+from contact_tracker.exports.formats import write_outcome
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import ribbon_html
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved

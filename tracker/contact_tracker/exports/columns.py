@@ -4,7 +4,6 @@ DataFrame of pandas, whose types do not depend on the values (an extra)."""
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from contact_tracker.exports.formats import decided
 from contact_tracker.extras import extra
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.flat import NONE, VERTEX, flat
@@ -50,6 +49,7 @@ _POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
 _DECIDED: Final[dict[str, Kind]] = {"decided": "text"}
 BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
 SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
+OPEN: Final = "open"
 
 
 def belief_columns(beliefs: Iterable[Belief]) -> Columns:
@@ -88,6 +88,11 @@ def _joint_cells(joint: Joint | None) -> dict[str, Any]:
     cells |= {f"joint_point_{axis}_m": value for axis, value in zip(_AXES, values["point_m"], strict=True)}
     cells |= {"joint": joint.kind.value, "joint_probability": float(joint.probability)}
     return cells | {"joint_pitch_m_per_rad": joint.pitch_m_per_rad}
+
+
+def decided(one: Belief | Segment) -> str:
+    """The contact, or ``open`` where the motion does not distinguish it from others."""
+    return OPEN if one.inseparable else one.contact.value
 
 
 def _kinds(one: Belief | Segment) -> str:

@@ -21,7 +21,6 @@ CSV_COLUMNS: Final = (
     *("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint"),
     "decided",
 )
-OPEN: Final = "open"
 _TOGETHER: Final = 256
 """Rows of Parquet that are written at a time, at least."""
 
@@ -155,11 +154,6 @@ def _text(path: Path) -> TextIO:
     return open(path, "w", encoding="utf-8", newline="")
 
 
-def decided(one: "Belief | Segment") -> str:
-    """The contact, or ``open`` where the motion does not distinguish it from others."""
-    return OPEN if one.inseparable else one.contact.value
-
-
 def json_line(belief: "Belief") -> str:
     """One belief as one JSON object, without newline."""
     return json.dumps(belief.to_json(), allow_nan=False)
@@ -173,6 +167,8 @@ def write_jsonl(beliefs: "Iterable[Belief]", file: TextIO) -> None:
 def write_csv(segments: "Iterable[Segment]", file: TextIO) -> None:
     """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks;
     ``contacts`` is JSON text, a list of all contacts of the segment, and ``joint``, ``{}`` without one."""
+    from contact_tracker.exports.columns import decided
+
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     for one in segments:
