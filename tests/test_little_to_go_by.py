@@ -78,7 +78,7 @@ def test_little_motion_is_segmented(make: Callable[[], Poses], tmp_path: Path, c
     lines = [line.removeprefix("contact-tracker: ") for line in capsys.readouterr().err.splitlines()]
     assert sum(line.startswith(f"{len(poses)} poses, ") for line in lines) == 1
     assert sum(line.startswith("noise ") for line in lines) == 1
-    rest = [line for line in lines if not line.startswith((f"{len(poses)} poses, ", "noise "))]
+    rest = [line for line in lines if not line.startswith((f"{len(poses)} poses, ", "noise ", "wrote "))]
     assert all(line.startswith("warning: ") for line in rest)
     assert run(["live", str(log), "--json"]) == 0
     online = [json.loads(line, parse_constant=refuse) for line in capsys.readouterr().out.splitlines()]

@@ -8,7 +8,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from contact_tracker.api import Result, Tracker, Trajectory, read, segment
+    from contact_tracker.api import Map, Result, Tracker, Trajectory, read, segment
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
@@ -22,6 +22,7 @@ __all__ = [
     "Contact",
     "ContactTrackerError",
     "ContactTrackerWarning",
+    "Map",
     "Result",
     "Segment",
     "Tracker",
@@ -38,6 +39,7 @@ _HOMES = {
     "Contact": "contact_tracker.states",
     "ContactTrackerError": "contact_tracker.errors",
     "ContactTrackerWarning": "contact_tracker.errors",
+    "Map": "contact_tracker.api",
     "Result": "contact_tracker.api",
     "Segment": "contact_tracker.tracking.belief",
     "Tracker": "contact_tracker.api",

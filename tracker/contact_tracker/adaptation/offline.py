@@ -11,10 +11,11 @@ import numpy as np
 from contact_tracker.adaptation import misplaced, online, repeatability, untouched
 from contact_tracker.adaptation.candidates import period_for_all_s
 from contact_tracker.adaptation.mixture import mixed_with_uniform
-from contact_tracker.adaptation.report import Report, report
+from contact_tracker.adaptation.report import Report, map_findings, report
 from contact_tracker.adaptation.unconfirmed import WaitingPieces
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.world_map import Map
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.tracking import offline_smoother
@@ -59,6 +60,13 @@ class OfflineTracker:
         self._repeatability = repeatability.Repeatability()
         self._untouched = untouched.Untouched()
         self._misplaced = misplaced.Misplaced()
+        self._record: PassRecord | None = None
+
+    @property
+    def map(self) -> Map | None:
+        """The elements that the contacts have touched; None if the recording has no poses, or where knowledge
+        or wrenches are given."""
+        return None if self._record is None else self._record.map
 
     @property
     def report(self) -> Report | None:
@@ -67,6 +75,8 @@ class OfflineTracker:
         if found is None:
             return None
         findings = *found.findings, *repeatability.findings(self._repeatability, found.model.systematic)
+        if self._record is not None and self._record.state is not None:
+            findings = *(one for one in findings if one.kind != "map"), *map_findings(self._record.state.map)
         if all(one.kind != "knowledge" for one in findings):  # which would be why
             unused = untouched.findings(self._untouched, self._knowledge)
             findings = *findings, *misplaced.findings(self._misplaced), *unused
@@ -98,6 +108,7 @@ class OfflineTracker:
             return
         stream = _Stream(chain(inspected, self._inspected(rest)))
         record = PassRecord() if self._uses_map else None
+        self._record = record
         segmenter = Segmenter(self._executor, self._wrenches, record)
         others = self._knowledge, self._executor, None, detail, segmenter
         may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()

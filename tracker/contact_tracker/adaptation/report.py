@@ -8,6 +8,7 @@ from contact_tracker.adaptation import clearance
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.map.world_map import Map
 from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.tick_averaging import white_variances
 
@@ -29,6 +30,14 @@ class Report(NamedTuple):
     is_cut_short: bool = False
 
 
+def map_findings(world: Map) -> tuple[Finding, ...]:
+    """Whether the map of another recording was of no use."""
+    if not world.prior_is_dropped:
+        return ()
+    text = "the learned map explains no contact, and is not used: is it of this object and this frame?"
+    return (Finding("map", text, False),)
+
+
 def report(state: AdaptiveState) -> Report | None:
     """Report of the stream so far; None before its rate is known."""
     best = state.best
@@ -42,7 +51,11 @@ def report(state: AdaptiveState) -> Report | None:
     share = best.model.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
     lasting = best.model.noise.wander_position_m, best.model.noise.wander_rotation_rad
-    found = *state.findings, *clearance.final_findings(state.clearance, state.trackers.knowledge)
+    found = (
+        *state.findings,
+        *clearance.final_findings(state.clearance, state.trackers.knowledge),
+        *map_findings(best.map),
+    )
     return Report(
         state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, tuple(found)
     )

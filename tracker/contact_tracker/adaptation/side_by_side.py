@@ -85,7 +85,7 @@ class SideBySide(NamedTuple):
     first : the ticks so far, of the first tracker.
     latest_ns : stamps of the latest poses, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
-    map : elements that were touched before the rate has changed.
+    map : that of before the rate has changed; None if it has not.
     outliers : number of outliers from before.
     changed_since_ns : time since which the rate is another one; None if it is not.
     moved_s : time for which the object has moved.
@@ -104,7 +104,7 @@ class SideBySide(NamedTuple):
     rest: Rest
     latest_ns: NDArray[np.int64]
     period_s: float | None
-    map: Map
+    map: Map | None
     outliers: int
     changed_since_ns: int | None
 
@@ -135,7 +135,7 @@ def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
         rest=NO_REST,
         latest_ns=NO_POSES.stamp_ns,
         period_s=None,
-        map=Map(model.geometry.reach_m),
+        map=None,
         outliers=0,
         changed_since_ns=None,
     )
@@ -259,7 +259,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     chosen = candidates(state.trackers[0].model, state.pending)
     leader, first = state.trackers[0], state.first
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
-    begun = [tracker.begin_like(start._replace(map=state.map), leader) for start in starts]
+    begun = [tracker.begin_like(start, leader, state.map) for start in starts]
     ticks = [one.tick for one in first]
     started = [
         _observe(*tracker.follow_ticks(one, one, leader, ticks), detail, tests_curvature=False)

@@ -1,7 +1,8 @@
 """The public functions and classes, which ``contact_tracker`` exports."""
 
+from contact_tracker.api.learned_map import Map
 from contact_tracker.api.offline import Result, segment
 from contact_tracker.api.online import Tracker
 from contact_tracker.api.trajectory import Trajectory, read
 
-__all__ = ["Result", "Tracker", "Trajectory", "read", "segment"]
+__all__ = ["Map", "Result", "Tracker", "Trajectory", "read", "segment"]

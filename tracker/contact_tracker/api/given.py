@@ -6,18 +6,27 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from reprlib import repr
-from typing import Any
+from typing import Any, Protocol
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.prior import MapPrior
 from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.prior_map_files.loading import knowledge_from, load_knowledge
 
+
+class HasMap(Protocol):
+    """A ``Map``."""
+
+    @property
+    def learned(self) -> MapPrior: ...
+
+
 ModelLike = str | os.PathLike[str] | Model
-Known = str | os.PathLike[str] | Mapping[str, Any] | PriorMap | None
+Known = str | os.PathLike[str] | Mapping[str, Any] | PriorMap | HasMap | None
 Deviations = str | tuple[float, float] | None
 
 
@@ -96,6 +105,9 @@ def knowledge_of(known: Known, note: Callable[[str], None]) -> PriorMap:
         return EMPTY_MAP
     if isinstance(known, PriorMap):
         return known
+    learned = getattr(known, "learned", None)
+    if isinstance(learned, MapPrior):
+        return PriorMap(learned=learned)
     if isinstance(known, Mapping):
         return knowledge_from(known, Path(), note)
     if not isinstance(known, str | os.PathLike):

@@ -20,6 +20,7 @@ from contact_tracker.api.given import (
     number_from,
     path_from,
 )
+from contact_tracker.api.learned_map import Map
 from contact_tracker.api.notices import log_counts, log_text, warn_of
 from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.config.parameters import Model
@@ -74,6 +75,8 @@ class Result:
     report : the tracker's adaptation.
     notes : warnings from before the first pose.
     with_wrenches : whether measured wrenches decided as well as the motion.
+    map : what the contacts have touched, for ``known`` with the next recording; None where knowledge or
+        wrenches are given, or if no contact is sure enough.
     """
 
     trajectory: Trajectory
@@ -81,6 +84,7 @@ class Result:
     report: Report | None
     notes: tuple[str, ...] = ()
     with_wrenches: bool = False
+    map: Map | None = None
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -269,7 +273,7 @@ def segment(
     ----------
     trajectory : a ``Trajectory``, the path of a recording, or a table as for ``Trajectory.from_dataframe``.
     model : the name of a shipped model, a TOML file, or a loaded model.
-    known : a TOML file of prior knowledge (docs/knowledge.md), or a table of the same keys.
+    known : a TOML file of prior knowledge (docs/knowledge.md), a table of the same keys, or a ``Map``.
     noise : standard deviations of a pose per axis, if known: ``"0.3mm,0.15deg"``, or a pair in metres and
         radians.
     wrench : the wrench of the hand or robot on the object, which decides between contacts that motion cannot
@@ -308,7 +312,9 @@ def segment(
     frame_moves = poses.source is not None and poses.source.frame_moves
     tracker = OfflineTracker(given, knowledge, wrenches=evidence, frame_moves=frame_moves)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
-    result = Result(poses, found, tracker.report, tuple(notes), evidence is not None)
+    learned = None if tracker.map is None else tracker.map.learned
+    touched = Map(learned) if learned else None
+    result = Result(poses, found, tracker.report, tuple(notes), evidence is not None, touched)
     warn_of(result._own_warnings)
     log_counts(poses.name, {kind: count for kind, count in result.counts.items() if kind == "outlier"})
     return result

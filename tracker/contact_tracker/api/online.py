@@ -18,6 +18,7 @@ from contact_tracker.api.given import (
     number_from,
     path_from,
 )
+from contact_tracker.api.learned_map import Map
 from contact_tracker.api.notices import log_counts, warn_of, words_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
 from contact_tracker.motion.pose_validation import Arrival, PoseGate, remark_on_loss, remarks_on
@@ -121,6 +122,15 @@ class Tracker:
         """One line per warning so far."""
         with continued(self._restored):
             return (*self._found_in_counts(), *self._notes, *self._found_in_poses())
+
+    @property
+    def map(self) -> Map | None:
+        """What the contacts have touched so far, for ``known`` with another stream; None before anything
+        is sure enough."""
+        with continued(self._restored):
+            best = self._state.best
+            learned = None if best is None else best.map.learned
+            return Map(learned) if learned else None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the state to a file, atomically; raises UsageError or OutputError."""

@@ -22,6 +22,7 @@ from contact_tracker.exit_codes import INPUT, USAGE
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.landmarks.prior_map import PriorMap
+    from contact_tracker.map.world_map import Map
     from contact_tracker.recording import PoseLog
     from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
@@ -187,6 +188,48 @@ def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "P
     if args.box is not None:
         tables.append({"object": {"box": {"size_m": args.box}}})
     return knowledge_from(merged(tables), Path(args.known or "").parent, note)
+
+
+def add_map_out(parser: argparse.ArgumentParser) -> None:
+    """``--map-out``."""
+    parser.add_argument(
+        "--map-out",
+        type=output_file(".toml"),
+        metavar="FILE.toml",
+        help="write what the contacts have touched to FILE.toml, for --known with the next recording of the "
+        "same object and place; it may be the file of --known",
+    )
+
+
+def check_map_out(args: argparse.Namespace, prior_map: "PriorMap") -> None:
+    """Refuse ``--map-out`` where no map is learned, or over a recording; raises UsageError."""
+    from contact_tracker.exports.replacement import check_output
+
+    if args.map_out is None:
+        return
+    if prior_map:
+        raise UsageError(
+            "--map-out learns a map of its own: without elements by --known, --up, --plane or --box"
+        )
+    if getattr(args, "wrench", None) is not None:
+        raise UsageError("--map-out learns from the motion: without --wrench")
+    read = [one for one in files_read([args.log], args.model, args.known) if one != args.known]
+    check_output(args.map_out, True, read, written=[args.output])
+
+
+def write_map(path: Path, world: "Map | None") -> None:
+    """Write a learned map, and say how many elements it has."""
+    from contact_tracker.atomic_file import whole_file
+    from contact_tracker.map.prior import NO_PRIOR
+    from contact_tracker.prior_map_files.learned import learned_text
+
+    learned = NO_PRIOR if world is None else world.learned
+    if not learned:
+        warn(f"{path} is not written: no contact is sure enough to learn from")
+        return
+    with whole_file(path) as temporary:
+        temporary.write_text(learned_text(learned), encoding="utf-8")
+    say(f"wrote {path}: {len(learned.elements)} elements")
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:

@@ -62,6 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     text = "write all ticks to FILE.jsonl or FILE.parquet as well; it is there when the stream has ended"
     arguments.add_output(parser, TICKS, text)
+    arguments.add_map_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -102,6 +103,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     read = arguments.files_read([args.log], args.model, args.known)
     check_output(args.state, True, read)
     check = check_output(args.output, args.overwrite, read, written=[args.state])
+    arguments.check_map_out(args, prior_map)
     if args.output is not None:
         require_library(args.output)
     follow = Follow() if args.follow else None
@@ -151,6 +153,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             saved.save(state)
     source.outliers, source.late = state.outliers, state.late
     code = source.finish(adaptation.report(state))
+    if args.map_out is not None:
+        arguments.write_map(args.map_out, None if state.best is None else state.best.map)
     return code if ended == DONE else ended
 
 

@@ -135,6 +135,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout (the "
         f"default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
     )
+    arguments.add_map_out(parser)
     several = "processes that fit segments in parallel; helps with recordings of many minutes (default: 1)"
     arguments.add_processes(parser, 64, 1, several)
 
@@ -143,6 +144,8 @@ def run(args: argparse.Namespace) -> int:
     jobs = list_jobs(args)
     if args.output is not None:
         require_library(args.output)
+    if args.map_out is not None and len(jobs) > 1:
+        raise UsageError("--map-out is of one recording: go from one to the next with --known and --map-out")
     notes = list[str]()
     model, prior_map = arguments.load_model(args), arguments.load_map(args, _noting(notes))
     with _workers(args.processes) as executor:
@@ -189,6 +192,7 @@ def _segment(
 
     read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
+    arguments.check_map_out(args, prior_map)
     notes = [*before]
     wrenches = arguments.load_wrenches(args.log, args, model, prior_map, _noting(notes))
     log = arguments.open_poses(args, args.log)
@@ -205,6 +209,8 @@ def _segment(
     code = source.finish(tracker.report)
     if args.output is not None:
         say(f"wrote {args.output}")
+    if args.map_out is not None:
+        arguments.write_map(args.map_out, tracker.map)
     return code
 
 

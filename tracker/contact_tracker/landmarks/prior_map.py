@@ -11,6 +11,7 @@ import numpy as np
 
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
+from contact_tracker.map.prior import NO_PRIOR, MapPrior
 from contact_tracker.states import CONTACTS, Contact
 
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
@@ -66,9 +67,11 @@ class PriorMap:
     up: Up | None = None
     environment_complete: bool = False
     object_complete: bool = False
+    learned: MapPrior = NO_PRIOR
+    """The map of another recording, which the tracker's own map begins with."""
 
     def __bool__(self) -> bool:
-        """Whether it has any knowledge."""
+        """Whether it has any knowledge that the user has given."""
         given = (self.environment, self.object, self.up, self.environment_complete, self.object_complete)
         return any(map(bool, given))
 

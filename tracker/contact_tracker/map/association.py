@@ -7,9 +7,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array
+from contact_tracker.hmm import log_sum_exp
 from contact_tracker.map.elements import prior_variance
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.map.view import Key, MapView
+
+Choices = list[list[tuple[Key | None, float]]]
+
+
+def weigh_pairs(sighting: Sighting, view: MapView, reach_m: float) -> tuple[Choices, Array]:
+    """The choices of each side, None for a new element, and the log weights (I, J) of their pairs: prior
+    probability times evidence of the sighting."""
+    choices = [view.choices(side, kind) for side, kind in enumerate(sighting.kinds)]
+    log_weight = log_evidence(sighting, view, choices, reach_m)
+    log_weight += np.add.outer(*([log_p for _, log_p in side] for side in choices))
+    return choices, log_weight
+
+
+def log_marginal(sighting: Sighting, view: MapView, reach_m: float) -> float:
+    """Log probability of a sighting whatever it touched, relative to all others that use the same ones."""
+    return float(log_sum_exp(weigh_pairs(sighting, view, reach_m)[1].ravel()))
 
 
 def log_evidence(

@@ -15,8 +15,9 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.elements import Array
-from contact_tracker.map.association import log_evidence
+from contact_tracker.map.association import log_marginal, weigh_pairs
 from contact_tracker.map.elements import MapElement, prior_variance
+from contact_tracker.map.prior import NO_PRIOR, MapPrior
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.map.view import Key, MapView, Side
 
@@ -34,20 +35,13 @@ SOLVER_ROUNDS: Final = 4
 LONGEST_TURN_RAD: Final = 0.3
 """Largest turn of an element in one step of the solver."""
 CONVERGED: Final = 1e-7
+DROPPED_NATS: Final = 8.0
+"""Evidence against a prior by which it is dropped: each contact that it does not explain costs the price of
+two new elements, 7 nats with ten contacts known and 3 with two, and one that it explains gains tens."""
 MARGIN_S: Final = 1.0
 """Time before and after a contact in which the next pass may begin or end the same contact."""
 
 Contacts = Mapping[Side, int]
-
-
-@dataclass(frozen=True, eq=False)
-class MapPrior:
-    """What an earlier recording says about elements: a Gaussian around them, with this ``information``
-    (P, P) on their free coordinates in order of their keys, and how many contacts touched each."""
-
-    elements: Mapping[Key, MapElement] = field(default_factory=dict)
-    counts: Mapping[Key, int] = field(default_factory=dict)
-    information: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +54,9 @@ class Map:
     reach_m : standard deviation of the places of elements that nothing is known of.
     contacts : how many contacts touched an element of a side and kind, if that is more than the sightings.
     prior : what was known before.
+    origin_m : (3,) of its coordinates in the world; None before it is known, with the prior in the world's.
+    prior_log_odds : by first tick of each sighting, how much more probable it is with the prior than without.
+    prior_is_dropped : whether a prior was not used any more, as it explains nothing.
     """
 
     reach_m: float
@@ -67,8 +64,11 @@ class Map:
     pairs: Mapping[int, tuple[Key, Key]] = field(default_factory=dict)
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
     contacts: Contacts = field(default_factory=dict)
-    prior: MapPrior = MapPrior()
+    prior: MapPrior = NO_PRIOR
     concentration: float = ONLINE_CONCENTRATION
+    origin_m: Array | None = None
+    prior_log_odds: Mapping[int, float] = field(default_factory=dict)
+    prior_is_dropped: bool = False
 
     @classmethod
     def learn(
@@ -80,14 +80,8 @@ class Map:
     ) -> "Map":
         """The map of all sightings of a recording: associate greedily, then reconsider each."""
         by_information = sorted(sightings, key=lambda one: -one.gain(reach_m))[:MOST_SIGHTINGS]
-        mapper = _Mapper(
-            cls(
-                reach_m,
-                contacts=count_sides(contacts),
-                prior=prior or MapPrior(),
-                concentration=CONCENTRATION,
-            )
-        )
+        start = cls(reach_m, contacts=count_sides(contacts), concentration=CONCENTRATION)
+        mapper = _Mapper(start if prior is None else start.with_prior(prior))
         for sighting in by_information:
             mapper.insert(sighting)
         for _ in range(MOST_SWEEPS):
@@ -100,8 +94,49 @@ class Map:
         mapper.solve(SOLVER_ROUNDS)
         return mapper.map
 
+    def with_prior(self, prior: MapPrior) -> "Map":
+        """An empty map with what is known before."""
+        return replace(self, prior=prior, elements=dict(prior.elements))
+
+    def at_origin(self, origin_m: Array) -> "Map":
+        """The map in coordinates with this origin (3,), if it has none yet."""
+        if self.origin_m is not None:
+            return self
+        return replace(self, origin_m=origin_m).with_prior(self.prior.shifted(-origin_m))
+
+    @property
+    def learned(self) -> MapPrior:
+        """All that is known now, in the coordinates of the world, for another recording."""
+        view, keys = self.whole, sorted(self.whole.elements)
+        information, _ = self.normal_equations(view.slots, self.pairs)
+        weak = [prior_variance(view.elements[key].kind, self.reach_m) for key in keys]
+        information -= np.diag(1.0 / np.concatenate([np.zeros(0), *weak]))
+        found = MapPrior(
+            {key: view.elements[key] for key in keys}, {key: view.counts[key] for key in keys}, information
+        )
+        return found if self.origin_m is None else found.shifted(self.origin_m)
+
     def insert(self, sighting: Sighting) -> "Map":
-        """The map with one more sighting, which replaces an earlier one with the same first tick."""
+        """The map with one more sighting, which replaces an earlier one with the same first tick.
+
+        A prior that makes the sightings far less probable is that of another object or place, and is dropped.
+        """
+        if not self.prior:
+            return self._insert(sighting)
+        bare = self._without_prior()
+        odds = log_marginal(sighting, self.whole, self.reach_m)
+        odds -= log_marginal(sighting, bare.whole, self.reach_m)
+        prior_log_odds = {**self.prior_log_odds, sighting.first: odds}
+        if sum(prior_log_odds.values()) < -DROPPED_NATS:
+            return bare.insert(sighting)
+        return replace(self, prior_log_odds=prior_log_odds)._insert(sighting)
+
+    def _without_prior(self) -> "Map":
+        used = {key for pair in self.pairs.values() for key in pair}
+        elements = {key: one for key, one in self.elements.items() if key in used}
+        return replace(self, prior=NO_PRIOR, elements=elements, prior_log_odds={}, prior_is_dropped=True)
+
+    def _insert(self, sighting: Sighting) -> "Map":
         mapper = _Mapper(self)
         if sighting.first in self.pairs:
             mapper.forget(sighting.first)
@@ -165,7 +200,7 @@ class Map:
         variances = [prior_variance(self.elements[key].kind, self.reach_m) for key in slots]
         information = np.diag(1.0 / np.concatenate([np.zeros(0), *variances]))
         gradient = np.zeros(len(information))
-        if self.prior.elements:
+        if self.prior:
             known = self.prior.elements
             rows = np.concatenate([np.arange(slots[key].start, slots[key].stop) for key in known])
             moved = np.concatenate([one.change_to(self.elements[key]) for key, one in known.items()])
@@ -257,9 +292,7 @@ class _Mapper:
     def insert(self, sighting: Sighting) -> None:
         """Let a sighting touch the pair of elements, known or new, that is most probable for it."""
         view = self.map.whole
-        choices = [view.choices(side, kind) for side, kind in enumerate(sighting.kinds)]
-        log_weight = log_evidence(sighting, view, choices, self._start.reach_m)
-        log_weight += np.add.outer(*([log_p for _, log_p in side] for side in choices))
+        choices, log_weight = weigh_pairs(sighting, view, self._start.reach_m)
         best = np.unravel_index(log_weight.argmax(), log_weight.shape)
         keys = [side[int(row)][0] for side, row in zip(choices, best, strict=True)]
         pair = [

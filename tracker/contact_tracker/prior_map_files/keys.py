@@ -79,6 +79,17 @@ class Keys:
             raise self.wrong(key, f"must be a list of {size} numbers, none beyond {FARTHEST_M:g}")
         return np.array(value, float)
 
+    def matrix(self, key: str, size: int) -> Array:
+        """``size`` rows of ``size`` finite numbers."""
+        value = self._take(key, None)
+        is_square = isinstance(value, list | tuple | np.ndarray) and len(value) == size
+        if not is_square or not all(isinstance(row, list | tuple | np.ndarray) for row in value):
+            raise self.wrong(key, f"must be {size} rows of {size} numbers")
+        numbers = [number for row in value for number in row if _is_number(number)]
+        if len(numbers) != size * size or any(len(row) != size for row in value):
+            raise self.wrong(key, f"must be {size} rows of {size} numbers, all finite")
+        return np.array(numbers, float).reshape(size, size)
+
     def lengths(self, key: str) -> Array:
         """Three lengths (m) of a body."""
         value, (low, high) = self.vector(key), SIZES_M
@@ -120,6 +131,11 @@ class Keys:
         if value is None:
             raise self.wrong(key, "missing")
         return value
+
+
+def _is_number(value: Any) -> bool:
+    is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return is_number and math.isfinite(value)
 
 
 def _is_coordinate(value: Any) -> bool:

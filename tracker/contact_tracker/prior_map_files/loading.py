@@ -28,6 +28,7 @@ from contact_tracker.landmarks.prior_map import (
     number_name,
 )
 from contact_tracker.prior_map_files.keys import FARTHEST_M, Keys
+from contact_tracker.prior_map_files.learned import learned_from
 from contact_tracker.prior_map_files.mesh import read_mesh
 from contact_tracker.regular_file import read_regular
 
@@ -80,11 +81,12 @@ def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note =
     keys = Keys(dict(table), "")
     up_keys, object_keys, environment_keys = map(keys.table, ("up", "object", "environment"))
     up = _up(up_keys) if "up" in keys else None
+    learned = learned_from(keys.table("learned"))
     keys.finish()
     object, object_complete = _elements(object_keys, folder, note)
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
     environment = mark_covered(environment)
-    known = PriorMap(environment, object, up, environment_complete, object_complete)
+    known = PriorMap(environment, object, up, environment_complete, object_complete, learned)
     pairs = {model.contact.value: len(element_pairs(known, model)) for model in CONTACT_MODELS}
     for of, count, most in (
         *((f" for {contact}", count, MOST_PAIRS_OF_CONTACT) for contact, count in pairs.items()),

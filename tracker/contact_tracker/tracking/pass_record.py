@@ -1,9 +1,11 @@
 """What a pass over a recording leaves for a map: its ticks, and what its sure segments say about elements."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
+from contact_tracker.map.world_map import Map
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
@@ -23,6 +25,18 @@ class PassRecord:
         self.sightings: list[Sighting] = []
         self.state: TrackerState | None = None
         self.is_full = False
+        self.best = self
+
+    @property
+    def map(self) -> Map | None:
+        """The map of the best pass, or of a very long recording as it has grown; None without poses."""
+        if self.state is None:
+            return None
+        start = self.state.map
+        if self.is_full:
+            return start
+        world = Map.learn(self.best.sightings, start.reach_m, prior=start.prior)
+        return replace(world, origin_m=start.origin_m, prior_is_dropped=start.prior_is_dropped)
 
     @property
     def log_evidence(self) -> float:

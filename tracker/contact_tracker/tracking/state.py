@@ -121,7 +121,11 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
     length = lag + 1 if lag else 0
     banks = tuple(blank(contact, 0, length) for contact in CONTACT_MODELS)
     past = np.zeros((len(STATES), length, len(STATES)))
-    initial, states, empty = log_initial(model), len(STATES), Map(model.geometry.reach_m)
+    initial, states, empty = (
+        log_initial(model),
+        len(STATES),
+        Map(model.geometry.reach_m).with_prior(knowledge.learned),
+    )
     return TrackerState(
         model=model,
         knowledge=knowledge,

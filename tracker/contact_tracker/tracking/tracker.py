@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY
+from contact_tracker.map.world_map import Map
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.tick_averaging import Tick
@@ -90,7 +91,7 @@ def accumulate_poses(state: TrackerState, poses: Poses) -> tuple[TrackerState, l
     """``accumulate_pose`` for one pose or more."""
     averaging = tick_grid.begin(state.model, poses) if state.averaging is None else state.averaging
     averaging, closed = tick_grid.advance(averaging, poses, state.model)
-    return state._replace(averaging=averaging), closed
+    return state._replace(averaging=averaging, map=state.map.at_origin(averaging.origin_m)), closed
 
 
 def pass_time(state: TrackerState, until_ns: int) -> tuple[TrackerState, list[Tick]]:
@@ -101,11 +102,14 @@ def pass_time(state: TrackerState, until_ns: int) -> tuple[TrackerState, list[Ti
     return state._replace(averaging=averaging), closed
 
 
-def begin_like(state: TrackerState, leader: TrackerState) -> TrackerState:
-    """The state before the first pose, from which on it can follow the ticks of the ``leader``."""
+def begin_like(state: TrackerState, leader: TrackerState, world: Map | None = None) -> TrackerState:
+    """The state before the first pose, from which on it can follow the ticks of the ``leader``; the map is
+    ``world``, if there is one."""
     assert leader.averaging is not None
+    origin_m = leader.averaging.origin_m
     return state._replace(
-        averaging=tick_grid.begin_at(leader.averaging.origin_ns, leader.averaging.origin_m, state.model)
+        averaging=tick_grid.begin_at(leader.averaging.origin_ns, origin_m, state.model),
+        map=state.map.at_origin(origin_m) if world is None else world,
     )
 
 

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         return DAMAGED if is_damaged else DONE
 
     codes = list(arguments.run_each(partial(evaluate, name) for name in names))
-    if args.wrench is not None:
+    if args.wrench is not None and evaluations:
         say("the online figures are those of the motion alone: wrenches are used offline")
     if evaluations:
         report = Report(evaluations)

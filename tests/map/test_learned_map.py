@@ -1,0 +1,123 @@
+"""Maps that are learned from one recording and used with another."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, seen
+
+import contact_tracker as ct
+from contact_tracker.errors import KnowledgeError
+from contact_tracker.map.elements import MapElement
+from contact_tracker.map.prior import MapPrior
+from contact_tracker.map.world_map import Map
+from contact_tracker.prior_map_files.learned import learned_text
+from contact_tracker.prior_map_files.loading import knowledge_from
+from contact_tracker.states import Contact
+from short_recordings import recorded, true_contacts
+
+ORIGIN_M = np.array([100.0, -20.0, 3.0])
+
+
+def grown() -> Map:
+    rng = np.random.default_rng(3)
+    world = Map(REACH_M).at_origin(ORIGIN_M)
+    for number, (contact, pair) in enumerate(
+        [(Contact.FF, (BOTTOM, TABLE)), (Contact.VF, (CORNER, TABLE)), (Contact.EE, (EDGE, EDGE))]
+    ):
+        world = world.insert(seen(contact, pair, 100 * number, rng=rng))
+    return world
+
+
+def test_a_file_has_all_that_is_known(tmp_path: Path) -> None:
+    learned = grown().learned
+    path = tmp_path / "scene.toml"
+    ct.Map(learned).save(path)
+    again = ct.Map.load(path).learned
+    assert dict(again.counts) == dict(zip(again.elements, learned.counts.values(), strict=True))
+    np.testing.assert_allclose(again.information, learned.information, rtol=1e-9)
+    for one, other in zip(again.elements.values(), learned.elements.values(), strict=True):
+        assert one.kind == other.kind
+        np.testing.assert_allclose(one.direction, other.direction, atol=1e-6)
+        np.testing.assert_allclose(one.place_m, other.place_m, atol=1e-12)
+
+
+def test_the_origin_of_a_recording_does_not_matter() -> None:
+    """What is learned is in the world's coordinates, and a map that begins with it says the same."""
+    world = grown()
+    again = Map(REACH_M).with_prior(world.learned).at_origin(ORIGIN_M)
+    np.testing.assert_allclose(again.whole.covariance, world.whole.covariance, rtol=1e-4, atol=1e-9)
+    elsewhere = Map(REACH_M).with_prior(world.learned).at_origin(np.zeros(3))
+    table = next(one for key, one in elsewhere.elements.items() if key[0] == 1 and one.kind == "f")
+    assert table.place_m[0] - table.direction @ ORIGIN_M == pytest.approx(0.2, abs=5e-3)
+    np.testing.assert_allclose(
+        elsewhere.learned.information, world.learned.information, rtol=1e-3, atol=1e-3 * 1e6
+    )
+
+
+def test_what_is_known_is_touched_again_and_another_world_is_noticed() -> None:
+    learned = grown().learned
+    rng = np.random.default_rng(4)
+    same = Map(REACH_M).with_prior(learned).at_origin(ORIGIN_M)
+    same = same.insert(seen(Contact.VF, (CORNER, TABLE), 0, rng=rng))
+    assert set(same.pairs[0]) <= set(learned.elements)
+    assert not same.prior_is_dropped
+    often = replace(learned, counts={key: 10 * count for key, count in learned.counts.items()})
+    other = Map(REACH_M).with_prior(often).at_origin(ORIGIN_M)
+    turn = Rotation.from_rotvec([0.7, 0.3, 0.0])
+    for number, corner in enumerate((CORNER, OTHER_CORNER) * 3):
+        wall = MapElement("f", turn.apply(SHELF.direction), SHELF.place_m + 0.1 * number)
+        moved = MapElement("v", np.zeros(3), corner.place_m + np.array([0.02, 0.01 * number, 0.05]))
+        other = other.insert(seen(Contact.VF, (moved, wall), 100 * number, rng=rng))
+    assert other.prior_is_dropped
+    assert not other.prior
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("information", [[1.0]]),
+        ("information", "none"),
+        ("element", [{"side": "left", "kind": "face"}]),
+        ("element", [{"side": "object", "kind": "plane"}]),
+    ],
+)
+def test_a_file_with_a_mistake_is_refused(key: str, value: object) -> None:
+    table = tomllib.loads(learned_text(grown().learned))
+    table["learned"][key] = value
+    with pytest.raises(KnowledgeError, match=r"learned"):
+        knowledge_from(table)
+
+
+def test_information_of_no_gaussian_is_refused() -> None:
+    table = tomllib.loads(learned_text(grown().learned))
+    table["learned"]["information"] = (-np.array(table["learned"]["information"])).tolist()
+    with pytest.raises(KnowledgeError, match="positive eigenvalues"):
+        knowledge_from(table)
+
+
+def test_learn_once_use_at_once() -> None:
+    """The same contacts again, with the map of the first time: labels come sooner."""
+    recording = recorded("f-f e-f e-e e-f")
+    poses = recording.poses
+    first = ct.segment(
+        ct.Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, unit="ns")
+    )
+    assert first.map is not None
+    assert len(first.map.object) >= 2
+    rights = []
+    for tracker in (ct.Tracker(), ct.Tracker(known=first.map)):
+        found = [tracker.update(pose.stamp_ns, pose.position_m, pose.quat_xyzw) for pose in poses]
+        beliefs = [one for one in found if one is not None]
+        true = true_contacts(recording, np.array([one.stamp_ns for one in beliefs]))
+        rights.append(np.mean([one.contact is is_true for one, is_true in zip(beliefs, true, strict=True)]))
+        assert tracker.map is not None
+    assert rights[1] > rights[0] + 0.03
+
+
+def test_an_empty_map_is_no_knowledge() -> None:
+    assert not MapPrior()
+    assert not knowledge_from({}).learned
