@@ -57,7 +57,8 @@ def in_the_middle(logs: Path, dataset: Path) -> "Iterator[subprocess.Popen[bytes
         stderr=subprocess.PIPE,
         start_new_session=True,
     ) as process:
-        while len(list(dataset.glob("segments/*/*.parquet"))) < 2:
+        journal = dataset / "journal.jsonl"
+        while not journal.is_file() or not journal.stat().st_size:  # the first result is recorded
             assert process.poll() is None
             time.sleep(0.01)
         yield process
