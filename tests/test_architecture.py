@@ -56,8 +56,7 @@ SINGLE_IMPORTER = {
     "matplotlib": "exports/figure.py",
     "pandas": ("exports/columns.py", "api/offline.py"),
     "plotly": "exports/report_html.py",
-    "polars": ("exports/columns.py", "api/offline.py", "recording/tables.py"),  # output and input
-    "pyarrow": "exports/parquet.py",
+    "pyarrow": ("exports/parquet.py", "recording/parquet_rows.py"),  # output and input
     "shtab": "cli/main.py",
     "tqdm": "cli",
     "argparse": "cli",

@@ -41,7 +41,6 @@ def test_every_page_with_the_command_says_how_it_is_found() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", sorted(RUN_HERE))
 def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
-    pytest.importorskip("polars")
     (tmp_path / "recordings").symlink_to(ROOT / "recordings")
     (tmp_path / "models").symlink_to(ROOT / "models")
     (tmp_path / "docs").symlink_to(DOCS)

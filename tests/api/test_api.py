@@ -2,9 +2,12 @@
 
 import subprocess
 import sys
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
+import pandas
+import pyarrow
 import pytest
 
 import contact_tracker
@@ -62,7 +65,7 @@ def test_all_names_exist_and_are_imported_on_first_use() -> None:
         contact_tracker.sgement  # noqa: B018
     code = (
         "import sys, contact_tracker; assert 'numpy' not in sys.modules; contact_tracker.segment;"
-        "print(*{'pandas', 'polars', 'pyarrow', 'plotly', 'foxglove', 'rerun'} & set(sys.modules))"
+        "print(*{'pandas', 'pyarrow', 'plotly', 'foxglove', 'rerun'} & set(sys.modules))"
     )
     path = str(Path(contact_tracker.__file__).parent.parent)
     done = subprocess.run(
@@ -116,7 +119,6 @@ def test_masked_poses_are_not_finite(poses: Poses) -> None:
 
 
 def test_dates_of_the_standard_library_and_zones_are_stamps() -> None:
-    pandas = pytest.importorskip("pandas")
     few = smooth_poses(30)
     dates = pandas.date_range("2026-01-01", periods=30, freq="10ms", tz="Europe/Berlin")
     utc_ns = dates.tz_convert(None).to_numpy("datetime64[ns]").astype(np.int64)
@@ -150,12 +152,12 @@ def test_invalid_poses_are_counted(poses: Poses) -> None:
     assert len(trajectory) == 595
 
 
-@pytest.mark.parametrize("library", ["pandas", "polars", "dict"])
+@pytest.mark.parametrize("library", ["pandas", "pyarrow", "dict"])
 def test_tables_are_read_by_the_names_of_their_columns(poses: Poses, library: str) -> None:
     columns = {"stamp_ns": poses.stamp_ns}
     columns |= dict(zip(("x", "y", "z"), poses.position_m.T, strict=True))
     columns |= dict(zip(("qx", "qy", "qz", "qw"), poses.quat_xyzw.T, strict=True))
-    table = columns if library == "dict" else pytest.importorskip(library).DataFrame(columns)
+    table = {"pandas": pandas.DataFrame, "pyarrow": pyarrow.table, "dict": dict}[library](columns)
     trajectory = Trajectory.from_dataframe(table)
     np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns)
     with pytest.raises(UsageError, match="no column 'quat_x'; there are"):
@@ -174,14 +176,13 @@ def test_names_of_columns_have_units_as_in_files(poses: Poses) -> None:
     with pytest.warns(ContactTrackerWarning, match="they look like seconds"):
         Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
     with pytest.raises(UsageError, match=r"no column 'x'; did you mean 'x \[mm\]'"):
-        Trajectory.from_dataframe(columns, "time [ms]")
+        Trajectory.from_dataframe(columns, "time [ms]", ("x", "y", "z"))
     columns["x [inch]"] = columns["x [mm]"]
     with pytest.raises(UsageError, match=r"the unit 'inch' of column 'x \[inch\]' is not known"):
         Trajectory.from_dataframe(columns, "time [ms]", ["x [inch]", *names[1:]])
 
 
 def test_dates_of_pandas_with_a_zone_are_stamps(poses: Poses) -> None:
-    pandas = pytest.importorskip("pandas")
     table = pandas.DataFrame(
         np.hstack([poses.position_m, poses.quat_xyzw]), columns=[*"xyz", "a", "b", "c", "d"]
     )
@@ -221,6 +222,24 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
         contact_tracker.segment(short, known=3)
     assert first.report is not None
     assert first.report.noise == pytest.approx((3e-4, np.radians(0.15)))
+
+
+def test_times_choose_poses_and_segments(result: contact_tracker.Result, poses: Poses) -> None:
+    trajectory, first = result.trajectory, np.datetime64(int(poses.stamp_ns[0]), "ns")
+    for begin, end in ((1, 2.5), (pandas.Timedelta("1s"), timedelta(seconds=2.5))):
+        part = trajectory[begin:end]
+        assert (part.stamp_ns[0], part.stamp_ns[-1]) == (poses.stamp_ns[200], poses.stamp_ns[499])
+    assert len(trajectory[first + np.timedelta64(1, "s") :]) == len(poses) - 200
+    assert result.at(0.5) is result.segments[0]
+    assert result.at(pandas.Timestamp(int(poses.stamp_ns[-1]))) is result.segments[-1]
+    for wrong in (
+        lambda: trajectory[3],
+        lambda: trajectory[99:],
+        lambda: trajectory["a":],
+        lambda: result.at(-1),
+    ):
+        with pytest.raises(UsageError):
+            wrong()
 
 
 def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses, tmp_path: Path) -> None:
@@ -313,9 +332,6 @@ def test_results_replace_recordings_only_with_overwrite(
     ("library", "name"),
     [
         ("pandas", "to_pandas"),
-        ("polars", "to_polars"),
-        ("matplotlib", "plot"),
-        ("pyarrow", "to_parquet"),
         ("foxglove", "to_mcap"),
         ("plotly", "to_html"),
     ],
@@ -328,7 +344,7 @@ def test_a_missing_library_is_reported_with_its_extra(
     ]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, library, None)
-    suffix = {"to_parquet": ".parquet", "to_mcap": ".mcap", "to_html": ".html"}.get(name)
+    suffix = {"to_mcap": ".mcap", "to_html": ".html"}.get(name)
     with pytest.raises(
         MissingExtra, match=rf"needs {library}: pip install 'contact-tracker\[\w+\]'"
     ) as error:
@@ -374,12 +390,11 @@ def test_wrenches_have_the_clock_of_the_poses(
 
 
 def test_the_unit_of_times_in_a_table(tmp_path: Path) -> None:
-    pytest.importorskip("polars")
     path = tmp_path / "a.csv"
     path.write_text("t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{5 * i},{i * 1e-4},0,0,0,0,0,1\n" for i in range(50)))
     with pytest.warns(ContactTrackerWarning, match="taken as milliseconds"):
         guessed = contact_tracker.read(path)
     assert guessed.duration_s == pytest.approx(0.245)
-    assert contact_tracker.read(path, unit="us").duration_s == pytest.approx(245e-6)
-    with pytest.raises(UsageError, match="unit is 's', 'ms', 'us', 'ns', not 'min'"):
-        contact_tracker.read(path, unit="min")  # type: ignore[arg-type]
+    assert contact_tracker.read(path, time_unit="us").duration_s == pytest.approx(245e-6)
+    with pytest.raises(UsageError, match=r"time_unit is s, ms, us, ns, .*, not 'min'"):
+        contact_tracker.read(path, time_unit="min")

@@ -27,7 +27,7 @@ NO_DEVIATIONS = (
     "1mm",
 )
 NO_TABLES = (None, True, 3, "text", Path("a"), [])
-NO_NAMES = (None, True, 3, "x", {}, (1, 2, 3, 4), ("x", "y", "z", None))
+NO_NAMES = (True, 3, "x", {}, (1, 2, 3, 4), ("x", "y", "z", None))
 NO_KNOWLEDGE = (3, b"a", [], {1: 2}, {"up": 3}, {"up": {"direction": [0, 0, 1j]}}, {"up": {1: 2}})
 
 
@@ -114,7 +114,7 @@ CALLS: dict[str, tuple[Callable[[Given, Any], Any], tuple[Any, ...]]] = {
             values,
         )
         for name, values in (
-            ("stamp", (None, *NO_TEXTS)),
+            ("stamp", NO_TEXTS),
             ("position_m", NO_NAMES),
             ("quat_xyzw", NO_NAMES),
             ("unit", NO_TEXTS),
@@ -195,7 +195,7 @@ CALLS: dict[str, tuple[Callable[[Given, Any], Any], tuple[Any, ...]]] = {
     ),
     **{
         f"{name}(rows)": (lambda given, value, name=name: getattr(given.result, name)(value), (None, 3, []))
-        for name in ("to_pandas", "to_polars")
+        for name in ("to_pandas", "to_arrow")
     },
     "Tracker.load(path)": (
         lambda given, value: ct.Tracker.load(given.folder / value if isinstance(value, str) else value),

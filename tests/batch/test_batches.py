@@ -7,8 +7,9 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
-import polars as pl
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 import contact_tracker
 from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_recordings
@@ -28,11 +29,15 @@ from contact_tracker.tracking.belief import Segment
 from mcap_logs import Topic, header, poses_topic, smooth_poses, vector, write_log
 from short_recordings import FACE_TO_EDGE, recorded
 
-TYPES = {"integer": pl.Int64, "number": pl.Float64, "text": pl.String}
+TYPES = {"integer": pyarrow.int64(), "number": pyarrow.float64(), "text": pyarrow.string()}
 
 
-def summary(dataset: Path) -> pl.DataFrame:
-    return pl.read_parquet(dataset / "summary.parquet")
+def types_of(table: pyarrow.Table) -> dict[str, pyarrow.DataType]:
+    return dict(zip(table.schema.names, table.schema.types, strict=True))
+
+
+def summary(dataset: Path) -> pyarrow.Table:
+    return parquet.read_table(dataset / "summary.parquet")
 
 
 @pytest.fixture
@@ -50,9 +55,9 @@ def test_each_recording_has_a_row_and_those_that_can_be_used_their_segments(tmp_
     assert (outcome.done, outcome.unchanged) == (len(good) + 1 + BROKEN, 0)
     assert (outcome.bad, outcome.damaged) == (BROKEN, 1)
     table = summary(tmp_path / "dataset")
-    assert table.schema == {name: TYPES[kind] for name, kind in rows.SUMMARY_COLUMNS.items()}
-    assert table["recording"].to_list() == sorted(map(str, [*good, cut, *broken]))
-    codes = dict(table.select("recording", "exit_code").iter_rows())
+    assert types_of(table) == {name: TYPES[kind] for name, kind in rows.SUMMARY_COLUMNS.items()}
+    assert table["recording"].to_pylist() == sorted(map(str, [*good, cut, *broken]))
+    codes = dict(zip(table["recording"].to_pylist(), table["exit_code"].to_pylist(), strict=True))
     assert {path: codes[str(path)] for path in good} == dict.fromkeys(good, 0)
     assert {Path(name).stem: codes[name] for name in map(str, [cut, *broken])} == {
         "cut": 3,
@@ -63,7 +68,7 @@ def test_each_recording_has_a_row_and_those_that_can_be_used_their_segments(tmp_
         "link": 1,
         "ambiguous": 2,
     }
-    for row in table.iter_rows(named=True):
+    for row in table.to_pylist():
         is_usable = row["exit_code"] in (0, 3)
         assert (row["error"] is None) == is_usable
         assert is_usable or row["recording"] in row["error"]
@@ -72,7 +77,7 @@ def test_each_recording_has_a_row_and_those_that_can_be_used_their_segments(tmp_
     files = {
         str(Path(name).relative_to("segments")) for name in contents(tmp_path / "dataset") if "/" in name
     }
-    assert files == set(table["file"].drop_nulls())
+    assert files == set(table["file"].to_pylist()) - {None}
 
 
 def test_batch_and_segment_write_the_same(tmp_path: Path) -> None:
@@ -80,14 +85,16 @@ def test_batch_and_segment_write_the_same(tmp_path: Path) -> None:
     write_recording(str(log), recorded(FACE_TO_EDGE).poses, None, {})
     run([log], tmp_path / "dataset", with_ticks=True)
     result = contact_tracker.segment(log)
-    (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
+    (row,) = summary(tmp_path / "dataset").to_pylist()
     for kind, columns in (("segments", SEGMENT_COLUMNS), ("ticks", BELIEF_COLUMNS)):
         path = tmp_path / "dataset" / kind / row["file"]
-        written = pl.read_parquet(path)
+        written = parquet.read_table(path)
         assert path.stat().st_size == row[f"{kind}_bytes"]
-        assert written.schema == {"recording": pl.String} | {n: TYPES[k] for n, k in columns.items()}
-        assert set(written["recording"]) == {str(log)}
-        assert written.drop("recording").equals(result.to_polars(kind), null_equal=True)
+        assert types_of(written) == {"recording": pyarrow.string()} | {
+            n: TYPES[k] for n, k in columns.items()
+        }
+        assert set(written["recording"].to_pylist()) == {str(log)}
+        assert written.drop_columns("recording").equals(result.to_arrow(kind))
     assert row["poses"] == len(result.trajectory)
     assert row["duration_s"] == pytest.approx(result.trajectory.duration_s)
     assert (row["ticks"], row["segments"]) == (len(result.beliefs), len(result.segments))
@@ -133,8 +140,8 @@ def test_only_changed_recordings_are_done_again(tmp_path: Path, recordings: list
     assert now == before
     write_recording(str(recordings[1]), smooth_poses(80, seed=9), None, {})
     assert done() == {"1"}
-    assert summary(dataset)["poses"].to_list() == [60, 80, 60]
-    file = summary(dataset)["file"][2]
+    assert summary(dataset)["poses"].to_pylist() == [60, 80, 60]
+    file = summary(dataset)["file"][2].as_py()
     (dataset / "segments" / file).unlink()
     assert done() == {"2"}
     assert done(with_ticks=True) == {"0", "1", "2"}
@@ -179,7 +186,7 @@ def test_recordings_with_possible_system_faults_are_tried_again(
     with monkeypatch.context() as patch:
         patch.setattr("contact_tracker.batch.segmenting.open_log", refuse)
         assert run(recordings, tmp_path / "dataset").bad == 3
-    errors = summary(tmp_path / "dataset")["error"].to_list()
+    errors = summary(tmp_path / "dataset")["error"].to_pylist()
     assert errors == [f"{path}: it takes more memory than there is" for path in recordings]
     assert run(recordings, tmp_path / "dataset").bad == 0
 
@@ -192,7 +199,7 @@ def test_an_internal_error_is_a_row(
 
     monkeypatch.setattr("contact_tracker.batch.segmenting.open_log", fail)
     assert run(recordings[:1], tmp_path / "dataset").bad == 1
-    (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
+    (row,) = summary(tmp_path / "dataset").to_pylist()
     assert row["exit_code"] == exit_codes.UNEXPECTED
     assert "ZeroDivisionError: by nothing (test_batches.py:" in row["error"]
     assert run(recordings[:1], tmp_path / "dataset").unchanged == 1  # until the next version
@@ -210,7 +217,7 @@ def test_a_recording_that_changes_while_it_is_read_has_no_result(
     with monkeypatch.context() as patch:
         patch.setattr(segmenting, "read_content", read_and_change)
         assert run(recordings[:1], tmp_path / "dataset").bad == 1
-    (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
+    (row,) = summary(tmp_path / "dataset").to_pylist()
     assert "it changed while it was read" in row["error"]
     assert not list((tmp_path / "dataset").glob("segments/*/*"))
     assert run(recordings[:1], tmp_path / "dataset").bad == 0
@@ -224,7 +231,7 @@ def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
         killed = lambda _, jobs: ((job, None) for job in jobs)  # noqa: E731
         outcome = batch.run(find(map(str, recordings)), lambda: nullcontext(killed))
     assert outcome.bad == 3
-    assert set(summary(tmp_path / "dataset")["exit_code"]) == {exit_codes.KILLED}
+    assert set(summary(tmp_path / "dataset")["exit_code"].to_pylist()) == {exit_codes.KILLED}
     assert run(recordings, tmp_path / "dataset").bad == 0
 
 
@@ -311,7 +318,7 @@ def test_a_folder_is_searched_and_one_with_metadata_is_one_recording(tmp_path: P
     found = [Path(one.name).relative_to(tmp_path / "logs") for one in find([str(tmp_path / "logs")])]
     assert found == [Path("bag"), Path("deep/0.mcap"), Path("deep/1.mcap")]
     run([tmp_path / "logs"], tmp_path / "dataset")
-    assert summary(tmp_path / "dataset")["poses"].to_list() == [120, 60, 60]
+    assert summary(tmp_path / "dataset")["poses"].to_pylist() == [120, 60, 60]
     (tmp_path / "empty").mkdir()
     with pytest.raises(UnreadableRecording, match=r"holds no recording \(\.mcap, "):
         list(find([str(tmp_path / "empty")]))
@@ -367,7 +374,7 @@ def test_a_name_of_any_bytes_is_text_in_the_summary(tmp_path: Path) -> None:
     odd = os.fsdecode(os.fsencode(tmp_path / "logs") + b"/\xff\n.mcap")
     path.rename(odd)
     assert run([tmp_path / "logs"], tmp_path / "dataset").bad == 0
-    assert summary(tmp_path / "dataset")["recording"].to_list() == [f"{tmp_path}/logs/\\xff\n.mcap"]
+    assert summary(tmp_path / "dataset")["recording"].to_pylist() == [f"{tmp_path}/logs/\\xff\n.mcap"]
     assert run([tmp_path / "logs"], tmp_path / "dataset").unchanged == 1
 
 
@@ -375,7 +382,7 @@ def test_a_name_of_any_bytes_is_text_in_the_summary(tmp_path: Path) -> None:
 def test_other_than_regular_files_do_not_block(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mcap")
     assert run([tmp_path / "pipe.mcap"], tmp_path / "dataset").bad == 1
-    assert "not a regular file" in summary(tmp_path / "dataset")["error"][0]
+    assert "not a regular file" in summary(tmp_path / "dataset")["error"][0].as_py()
 
 
 def test_a_full_disk_ends_the_run_and_keeps_earlier_results(
@@ -411,14 +418,14 @@ def test_wrenches_decide_as_they_do_for_one_recording(tmp_path: Path) -> None:
     log = write_log(tmp_path / "logs" / "a.mcap", topics)
     names.append(log)
     run(names, tmp_path / "dataset", wrench=WrenchSettings("/wrench", 1.0))
-    without, row = summary(tmp_path / "dataset").sort("exit_code", descending=True).iter_rows(named=True)
+    without, row = summary(tmp_path / "dataset").sort_by([("exit_code", "descending")]).to_pylist()
     assert (without["exit_code"], row["exit_code"]) == (2, 0)
     assert "no topic /wrench" in without["error"]
     with pytest.warns(ContactTrackerWarning, match="/wrench is not used"):
         result = contact_tracker.segment(log, wrench="/wrench", mass_kg=1.0)
     assert list(result.warnings) == (row["warnings"] or "").splitlines()
-    written = pl.read_parquet(tmp_path / "dataset" / "segments" / row["file"])
-    assert written.drop("recording").equals(result.to_polars("segments"), null_equal=True)
+    written = parquet.read_table(tmp_path / "dataset" / "segments" / row["file"])
+    assert written.drop_columns("recording").equals(result.to_arrow("segments"))
     assert run(names, tmp_path / "dataset", wrench=WrenchSettings("/wrench", 1.0)).unchanged == 2
     assert run(names, tmp_path / "dataset").done == 2
 

@@ -313,7 +313,8 @@ def test_segment_writes_csv_whole(log: Path, tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     with open(tmp_path / "out.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    columns = ["start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint"]
+    columns = ["start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts"]
+    columns += ["joint", "decided"]
     assert list(rows[0]) == columns
     assert int(rows[0]["start_ns"]) == START_NS
     for row in rows:

@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import polars
+import pyarrow
 import pytest
 import zstandard
+from pyarrow import csv as arrow_csv
+from pyarrow import parquet
 
 from contact_tracker import atomic_file
 from contact_tracker.cli.main import run
@@ -313,8 +315,8 @@ def test_a_table_of_poses_is_a_recording_and_a_table_of_results_is_none(
     poses = smooth_poses()
     rows = np.column_stack([poses.stamp_ns * 1e-9, poses.position_m, poses.quat_xyzw])
     columns = ["time [s]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw"]
-    table = polars.DataFrame(rows, schema=columns, orient="row")
-    (table.write_csv if name.endswith("csv") else table.write_parquet)(name)
+    write = arrow_csv.write_csv if name.endswith("csv") else parquet.write_table
+    write(pyarrow.table(dict(zip(columns, rows.T, strict=True))), name)
     assert "it is a recording; --overwrite replaces it" in refusal(capsys, "segment", "log.mcap", "-o", name)
     assert run(["segment", "log.mcap", "-o", name, "--overwrite"]) == 0
     assert run(["segment", "log.mcap", "-o", name]) == 0

@@ -5,16 +5,19 @@ import html
 import json
 import re
 from collections import Counter
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pyarrow import parquet
+from pyarrow.json import read_json
 
 import contact_tracker
 from contact_tracker import Trajectory
-from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
+from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
 from contact_tracker.exports.formats import write_outcome
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import ribbon_html
@@ -107,14 +110,12 @@ def assert_element(row: dict[str, Any], side: str, expected: dict[str, Any] | No
             assert numbers("axis") == [None] * 3
 
 
-def test_parquet_reads_back_with_polars_and_with_pyarrow(
-    folder: Path, result: contact_tracker.Result
-) -> None:
-    polars, parquet = pytest.importorskip("polars"), pytest.importorskip("pyarrow.parquet")
-    table = polars.read_parquet(folder / "out.parquet")
-    assert table.columns == list(BELIEF_COLUMNS)
-    assert_rows_are_those_of(table.to_dicts(), result)
-    assert {"face", "edge"} <= set(table["environment_type"]) | set(table["object_type"])
+def test_parquet_reads_back(folder: Path, result: contact_tracker.Result) -> None:
+    table = parquet.read_table(folder / "out.parquet")
+    assert table.column_names == list(BELIEF_COLUMNS)
+    assert_rows_are_those_of(table.to_pylist(), result)
+    types = (table[f"{side}_type"].to_pylist() for side in ("environment", "object"))
+    assert {"face", "edge"} <= set().union(*types)
     kinds = {"integer": "int64", "number": "double", "text": "string"}
     schema = parquet.read_schema(folder / "out.parquet")
     assert {field.name: str(field.type) for field in schema} == {
@@ -127,34 +128,34 @@ def test_data_frames_of_both_libraries_are_equal_with_one_schema(
     result: contact_tracker.Result, poses: Poses, rows: Any
 ) -> None:
     pytest.importorskip("pandas")
-    pytest.importorskip("polars")
-    pandas_table, polars_table = result.to_pandas(rows), result.to_polars(rows)
-    assert list(pandas_table.columns) == polars_table.columns
+    pandas_table, arrow_table = result.to_pandas(rows), result.to_arrow(rows)
+    assert list(pandas_table.columns) == arrow_table.column_names
+    assert list(pandas_table["decided"]) == list(pandas_table["contact"])
+    assert decided(replace(result.segments[0], inseparable=("v-f",))) == "open"
     assert list(pandas_table.columns) == list(BELIEF_COLUMNS if rows == "ticks" else SEGMENT_COLUMNS)
-    assert polars_table["contact"].to_list() == list(pandas_table["contact"])
+    assert arrow_table["contact"].to_pylist() == list(pandas_table["contact"])
     np.testing.assert_array_equal(
-        pandas_table["environment_axis_x"], polars_table["environment_axis_x"].to_numpy()
+        pandas_table["environment_axis_x"], arrow_table["environment_axis_x"].to_numpy()
     )
     free = contact_tracker.segment(Trajectory(poses[:30]))
-    assert free.to_polars(rows).schema == polars_table.schema
+    assert free.to_arrow(rows).schema == arrow_table.schema
     assert list(free.to_pandas(rows).dtypes) == list(pandas_table.dtypes)
 
 
 def test_rows_of_json_have_the_same_keys_and_types_for_all_contacts(
     folder: Path, result: contact_tracker.Result
 ) -> None:
-    """Polars reads all of them, with complete elements."""
+    """Arrow reads all of them, with complete elements."""
     rows = [json.loads(line) for line in (folder / "out.jsonl").read_text().splitlines()]
     assert [row["contact"] for row in rows] == [b.contact.value for b in result.beliefs]
     kinds = {json.dumps(shape(row["object"])) for row in rows} | {
         json.dumps(shape(r["environment"])) for r in rows
     }
     assert len(kinds) == 1
-    polars = pytest.importorskip("polars")
-    table = polars.read_ndjson(folder / "out.jsonl", infer_schema_length=None)
+    table = read_json(folder / "out.jsonl")
     assert len(table) == len(rows)
     for side in ("object", "environment"):
-        assert table[side].to_list() == [row[side] for row in rows]
+        assert table[side].to_pylist() == [row[side] for row in rows]
 
 
 def shape(value: Any) -> Any:
@@ -322,15 +323,22 @@ def test_csv_has_a_row_per_segment(folder: Path, result: contact_tracker.Result)
 
 def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result) -> None:
     pytest.importorskip("matplotlib").use("Agg")
-    ribbon, posterior, paper = result.plot().axes
-    assert len(ribbon.patches) == len(result.segments)
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    posterior, paper = result.plot(curves=True).axes
+    assert len(posterior.collections) == len(result.segments)
+    hatched = [bool(bars.get_hatch()) for bars in posterior.collections]
+    assert hatched == [bool(segment.inseparable) for segment in result.segments]
     assert [line.get_label() for line in posterior.lines] == [state.value for state in STATES]
     np.testing.assert_array_equal(posterior.lines[0].get_ydata(), result.beliefs.probability[:, 0])
     found = window_curves.curves(result.trajectory.poses)
     assert [line.get_label() for line in paper.lines] == [contact.value for contact in CONTACTS]
     for line, curve in zip(paper.lines, found.normalised.T, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), curve)
-    assert len(result.plot(curves=False).axes) == 2
+    _, (own, other) = pyplot.subplots(2)
+    assert result.plot(ax=other).axes == [own, other]
+    assert (len(own.lines), len(other.lines)) == (0, len(STATES))
+    assert len(result.plot().axes) == 1
+    pyplot.close("all")
 
 
 def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Poses, tmp_path: Path) -> None:

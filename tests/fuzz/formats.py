@@ -1,5 +1,6 @@
 """Valid recordings of other formats than MCAP of ROS 2: bags, tables, exports, other definitions."""
 
+import json
 import sqlite3
 import struct
 from contextlib import closing
@@ -9,10 +10,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import polars
+import pyarrow
 import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from pyarrow import parquet
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -127,23 +129,42 @@ def _rows() -> np.ndarray:
 
 @cache
 def texts() -> tuple[bytes, ...]:
-    """TUM, named columns, and exports of Motive and Vicon."""
+    """TUM, named columns, exports of Motive and Vicon, and JSON lines."""
     rows = _rows()
     tum = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
     named = ",".join(COLUMNS) + "\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist())
     numbers = [",".join(map(repr, row)) for row in np.roll(rows[:, 1:], 4, axis=1).tolist()]
     motive = _MOTIVE + "\n".join(f"{i},{i / 200},{row}" for i, row in enumerate(numbers))
     vicon = _VICON + "\n".join(f"{i},0,{row}" for i, row in enumerate(numbers))
-    return tuple(text.encode() for text in (tum, named, motive, vicon))
+    objects = "\n".join(json.dumps(dict(zip(COLUMNS, row, strict=True))) for row in rows.tolist())
+    return tuple(text.encode() for text in (tum, named, motive, vicon, objects))
 
 
 @cache
 def compressed_tables() -> tuple[bytes, ...]:
     made = list[bytes]()
-    frame = polars.DataFrame(_rows(), schema=list(COLUMNS))
-    for compression in ("zstd", "snappy", "uncompressed"):
+    columns = zip(COLUMNS, zip(*_rows(), strict=True), strict=True)
+    plain = {name: list(values) for name, values in columns}
+    time, *others = plain
+    rows = [
+        dict(zip(others, row, strict=True)) for row in zip(*(plain[name] for name in others), strict=True)
+    ]
+    lists = pyarrow.array([list(row.values()) for row in rows])
+    nested = {time: plain[time], "pose": rows, "state": lists}
+    for columns, compression in ((plain, "zstd"), (plain, "snappy"), (plain, "none"), (nested, "zstd")):
         out = BytesIO()
-        frame.write_parquet(out, compression=compression, row_group_size=25)
+        parquet.write_table(pyarrow.table(columns), out, compression=compression, row_group_size=25)
+        made.append(out.getvalue())
+    return tuple(made)
+
+
+@cache
+def arrays() -> tuple[bytes, ...]:
+    """Arrays of NumPy by name, compressed and not."""
+    named, made = dict(zip(COLUMNS, _rows().T, strict=True)), list[bytes]()
+    for save in (np.savez, np.savez_compressed):
+        out = BytesIO()
+        save(out, **named)
         made.append(out.getvalue())
     return tuple(made)
 

@@ -166,6 +166,7 @@ TARGETS = {
     "bag": Target(".bag", _of(formats.bags, mutations.bytes_of), _recording),
     "table": Target(".csv", _of(formats.texts, mutations.bytes_of, mutations.text_of), _recording),
     "parquet": Target(".parquet", _of(formats.compressed_tables, mutations.bytes_of), _recording),
+    "arrays": Target(".npz", _of(formats.arrays, mutations.bytes_of), _recording),
     "compressed": Target(".mcap.zst", _of(formats.compressed_recordings, mutations.bytes_of), _recording),
     "model": Target(".toml", _of(corpus.models, mutations.text_of), _model),
     "known": Target(".toml", _of(corpus.known_files, mutations.text_of), _known),

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from contact_tracker.errors import AmbiguousSource, ChoiceError
+from contact_tracker.errors import AmbiguousSource, ChoiceError, MissingExtra
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import list_sources, open_log, summarise
-from contact_tracker.recording.extras import MissingExtra
 from mcap_logs import (
     SCHEMAS,
     START_NS,

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
     from contact_tracker.wrenches.wrenches import Wrenches
+    from contact_tracker_lab.evaluation.own_labels import evaluate
 
 __version__ = "0.1.0"
 
@@ -28,23 +29,25 @@ __all__ = [
     "Trajectory",
     "Wrenches",
     "__version__",
+    "evaluate",
     "read",
     "segment",
 ]
 
 _HOMES = {
-    "Belief": "tracking.belief",
-    "Contact": "states",
-    "ContactTrackerError": "errors",
-    "ContactTrackerWarning": "errors",
-    "Map": "api",
-    "Result": "api",
-    "Segment": "tracking.belief",
-    "Tracker": "api",
-    "Trajectory": "api",
-    "Wrenches": "wrenches.wrenches",
-    "read": "api",
-    "segment": "api",
+    "Belief": "contact_tracker.tracking.belief",
+    "Contact": "contact_tracker.states",
+    "ContactTrackerError": "contact_tracker.errors",
+    "ContactTrackerWarning": "contact_tracker.errors",
+    "Map": "contact_tracker.api",
+    "Result": "contact_tracker.api",
+    "Segment": "contact_tracker.tracking.belief",
+    "Tracker": "contact_tracker.api",
+    "Trajectory": "contact_tracker.api",
+    "Wrenches": "contact_tracker.wrenches.wrenches",
+    "evaluate": "contact_tracker_lab.evaluation.own_labels",
+    "read": "contact_tracker.api",
+    "segment": "contact_tracker.api",
 }
 
 
@@ -53,7 +56,7 @@ def __getattr__(name: str) -> "Any":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    value = getattr(import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 

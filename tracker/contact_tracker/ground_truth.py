@@ -33,8 +33,17 @@ class FurtherTruth:
 
 
 @dataclass(frozen=True)
+class CoarseLabel:
+    """A label that says of several states that one of them holds, as touch and no touch."""
+
+    name: str
+    states: tuple[Contact, ...]
+
+
+@dataclass(frozen=True)
 class TruthInterval:
-    """``contact`` held from ``start_ns`` to ``end_ns`` (both included); None is not scored.
+    """``contact`` held from ``start_ns`` to ``end_ns`` (both included), or, where that is None, one of the
+    states of ``coarse``; without either it is not scored.
 
     ``motion`` is normal, rest, translation, one-axis or tilt; ``singular``: the motion of this interval
     cannot distinguish its contact from others. ``further`` contacts hold at the same time.
@@ -47,6 +56,7 @@ class TruthInterval:
     singular: bool = False
     geometry: ContactGeometry | None = None
     further: tuple[FurtherTruth, ...] = ()
+    coarse: CoarseLabel | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,11 @@ class Truth:
         """Index of the last interval that has started at each stamp, -1 before the first."""
         starts = np.array([i.start_ns for i in self.intervals], np.int64)
         return np.searchsorted(starts, stamp_ns, side="right") - 1
+
+    @property
+    def coarse(self) -> tuple[CoarseLabel, ...]:
+        """The different coarse labels, in order."""
+        return tuple(dict.fromkeys(one.coarse for one in self.intervals if one.coarse is not None))
 
     def between(self, first_ns: int, last_ns: int) -> "Truth":
         """The intervals between two stamps (both included), cut to them."""

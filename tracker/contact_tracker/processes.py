@@ -22,7 +22,7 @@ from contact_tracker.errors import ContactTrackerError
 from contact_tracker.interrupts import deferred, end_in_order
 
 T = TypeVar("T")
-_THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
+_THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _MOST_DEATHS: Final = 2
 """A call is given up when this many processes have ended while working on it."""
 _ENDED: Final = "a process has ended before its work was done"

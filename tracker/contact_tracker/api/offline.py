@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from contact_tracker.adaptation import OfflineTracker, Report
+from contact_tracker.api.arrays import moment_ns
+from contact_tracker.api.dataframes import is_table
 from contact_tracker.api.given import (
     Deviations,
     Known,
@@ -20,7 +22,7 @@ from contact_tracker.api.given import (
 )
 from contact_tracker.api.learned_map import Map
 from contact_tracker.api.notices import log_counts, log_text, warn_of
-from contact_tracker.api.trajectory import Trajectory, is_table, read
+from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, printable
 from contact_tracker.exports.columns import (
@@ -30,7 +32,6 @@ from contact_tracker.exports.columns import (
     belief_columns,
     segment_columns,
     to_pandas,
-    to_polars,
 )
 from contact_tracker.exports.formats import (
     SUFFIXES,
@@ -55,9 +56,9 @@ from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:
     import pandas
-    import polars
 
-    from contact_tracker.exports.figure import Figure
+    from contact_tracker.exports import parquet
+    from contact_tracker.exports.figure import Axes, Figure
     from contact_tracker.viewer.notebook import Viewer
 
 Rows = Literal["ticks", "segments"]
@@ -112,6 +113,15 @@ class Result:
         """One line per warning that the trajectory does not have."""
         return (*self.notes, *(() if self.report is None else warnings(self.report)))
 
+    def at(self, time: Any) -> Segment:
+        """The segment that holds at a time: seconds or a duration since the first pose, or a date; raises
+        UsageError outside of the recording."""
+        stamp_ns = moment_ns(time, self._origin_ns)
+        found = next((one for one in self.segments if one.start_ns <= stamp_ns <= one.end_ns), None)
+        if found is None:
+            raise UsageError(f"no segment at {time}: there are {self.trajectory.duration_s:.2f} s of poses")
+        return found
+
     def to_pandas(self, rows: Rows = "ticks") -> "pandas.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.
 
@@ -119,9 +129,11 @@ class Result:
         """
         return to_pandas(*self._columns(rows))
 
-    def to_polars(self, rows: Rows = "ticks") -> "polars.DataFrame":
-        """A DataFrame of polars, like ``to_pandas``."""
-        return to_polars(*self._columns(rows))
+    def to_arrow(self, rows: Rows = "ticks") -> "parquet.Table":
+        """A table of Arrow, like ``to_pandas``; ``polars.from_arrow`` takes it."""
+        from contact_tracker.exports.parquet import to_arrow
+
+        return to_arrow(*self._columns(rows))
 
     def to_parquet(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write a Parquet file with a row per tick.
@@ -130,8 +142,6 @@ class Result:
 
         Raises
         ------
-        MissingExtra
-            pyarrow is not installed.
         UsageError
             The existing file is a recording, or an input of this result.
         OutputError
@@ -154,13 +164,19 @@ class Result:
         """Write the output selected by the suffix of ``path``, like ``segment -o``."""
         self._write(path, overwrite, *SUFFIXES)
 
-    def plot(self, curves: bool = True) -> "Figure":
-        """A figure of matplotlib: labels, posteriors, and the paper's curves; raises MissingExtra.
+    def plot(self, ax: "Axes | None" = None, curves: bool = False) -> "Figure":
+        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given.
 
-        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
+        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5),
+        below them.
         """
-        with extra("plot", "a figure"):
-            from contact_tracker.exports.figure import draw_figure
+        from contact_tracker.exports.figure import Figure, draw_figure, draw_on
+
+        if ax is not None:
+            draw_on(ax, self.segmentation, self._origin_ns)
+            figure = ax.get_figure(root=True)
+            assert isinstance(figure, Figure)
+            return figure
         found = None
         if curves:
             from contact_tracker.paper import window_curves

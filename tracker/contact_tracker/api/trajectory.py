@@ -1,35 +1,36 @@
 """Validated poses from a recording, arrays or a table."""
 
 import os
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, Literal, Self, get_args
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact_tracker.api.arrays import (
+    have_own_unit,
+    moment_ns,
+    nanoseconds,
+    positions_and_quaternions,
+    stated,
+)
+from contact_tracker.api.dataframes import columns_of, with_columns
 from contact_tracker.api.given import errors_as, name_from, path_from
 from contact_tracker.api.notices import log_counts, warn_of
-from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
+from contact_tracker.config.quantities import LENGTHS, TIMES_NS
+from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import first_refused, gate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.real_numbers import real_numbers
 from contact_tracker.recording import PoseSource, open_log, read_metadata
-from contact_tracker.recording.named_columns import metres_of, time_ns_of
 from contact_tracker.recording.time_units import doubt_of_unit
-from contact_tracker.suggestions import closest
 from contact_tracker.viewer.scene import vertices_from_metadata
 
 Order = Literal["xyzw", "wxyz"]
-Unit = Literal["s", "ms", "us", "ns"]
-
-_ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class Trajectory:
     poses : in order of time, with unit quaternions.
     counts : numbers of dropped and repaired poses, by kind (docs/conventions.md).
     name : of the recording, for display.
-    path : of the recording, None if there is none that can be read again.
+    path : of the recording, None if there is none that can be read again by its name alone.
     source : the source in the recording.
     damage : one line if most poses were dropped, or the recording is truncated or damaged.
     log_offset_ns : delay from a pose's stamp to its log time.
@@ -70,23 +71,33 @@ class Trajectory:
         cls,
         stamps: ArrayLike,
         positions_m: ArrayLike,
-        quaternions: ArrayLike,
+        quaternions: Any = None,
         order: Order = "xyzw",
-        unit: Unit = "s",
+        unit: str = "m",
+        time_unit: str | None = None,
+        euler: str | None = None,
+        rotation_vector: bool = False,
     ) -> Self:
         """Poses from arrays.
 
         Parameters
         ----------
-        stamps : (N,) times in ``unit``, from any origin; or dates or durations of numpy, pandas or the
+        stamps : (N,) times in ``time_unit``, from any origin; or dates or durations of numpy, pandas or the
             standard library, which have their own unit.
-        positions_m : (N, 3) positions of the body's origin in the world (m); masked ones are not finite.
-        quaternions : (N, 4) rotations from body to world, their components in ``order``.
+        positions_m : (N, 3) positions of the body's origin in the world, in ``unit``; masked ones are not
+            finite. Or whole poses (N, 4, 4), without ``quaternions``.
+        quaternions : rotations from body to world: quaternions (N, 4), their components in ``order``;
+            SciPy's ``Rotation``; matrices (N, 3, 3); or angles or vectors (N, 3), as ``euler`` or
+            ``rotation_vector`` says.
+        unit : m, cm, mm or um.
+        time_unit : s (the default), ms, us, ns, 100ns, or the rate of frame numbers, as ``200Hz``.
+        euler : order and unit of angles, as ``XYZ:deg``: SciPy's letters, of which ``xyz`` are about fixed
+            axes. The angles are those about x, y and z.
 
         Raises
         ------
         UsageError
-            The arrays' shapes differ, they are not of real numbers, or ``unit`` or ``order`` is unknown.
+            The arrays' shapes differ, they are not of real numbers, or a unit or an order is unknown.
         NoPoses
             No pose has passed the gate; the message says why.
 
@@ -95,55 +106,39 @@ class Trajectory:
         ContactTrackerWarning
             The unit of the stamps is doubtful, or many poses are dropped.
         """
-        stamp_ns, is_time, in_range = _nanoseconds(stamps, unit)
-        place, turn = _rows(positions_m, "positions_m", 3), _rows(quaternions, "quaternions", 4)
-        if not isinstance(order, str) or order not in _ORDERS:
-            raise UsageError(f"order is 'xyzw' or 'wxyz', not {order!r}")
-        if not len(stamp_ns) == len(place) == len(turn):
-            raise UsageError(f"{len(stamp_ns)} stamps, {len(place)} positions_m and {len(turn)} quaternions")
-        counts = Counter(nonfinite=int((~is_time).sum()), out_of_range=int((is_time & ~in_range).sum()))
-        usable = is_time & in_range
-        columns = Poses(stamp_ns, place, np.ascontiguousarray(turn[:, _ORDERS[order]]))[usable]
-        passed = gate(columns, counts)
-        counts = +counts
-        loss = remark_on_loss(counts, len(place), first_refused(turn[:, _ORDERS[order]]))
-        if not len(passed):
-            noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
-            reason = "" if loss is None else f": {loss}"
-            raise NoPoses(f"no pose that can be used of {len(place)}{f' ({noted})' if noted else ''}{reason}")
-        doubt = (
-            None
-            if _has_own_unit(stamps)
-            else doubt_of_unit(stamp_ns[usable] / TIMES_NS[unit], TIMES_NS[unit])
-        )
-        notes = (*filter(None, (doubt,)), *remarks_on(counts, len(place)))
-        warn_of((*filter(None, (loss,)), *notes))
-        log_counts("poses", counts)
-        return cls(passed, counts, damage=loss, notes=notes)
+        reading = stated(unit, time_unit, euler=euler, rotation_vector=rotation_vector)
+        place, turn = positions_and_quaternions(positions_m, quaternions, order, reading)
+        time_ns = None if have_own_unit(stamps) else reading.time_ns or TIMES_NS["s"]
+        return cls._passed(stamps, time_ns, np.hstack([place * LENGTHS[reading.unit or "m"], turn]))
 
     @classmethod
     def from_dataframe(
         cls,
         table: Any,
-        stamp: str = "stamp_ns",
-        position_m: Sequence[str] = ("x", "y", "z"),
-        quat_xyzw: Sequence[str] = ("qx", "qy", "qz", "qw"),
-        unit: Unit | None = None,
+        stamp: str | None = None,
+        position_m: Sequence[str] | None = None,
+        quat_xyzw: Sequence[str] | None = None,
+        unit: str | None = None,
+        time_unit: str | None = None,
+        euler: str | None = None,
+        rotation_vector: bool = False,
+        matrix: str | None = None,
+        columns: Mapping[str, str] | None = None,
     ) -> Self:
-        """Poses from a table of pandas or polars, or any mapping of names to columns.
+        """Poses from a table of pandas, polars or Arrow, or any mapping of names to columns.
 
         Parameters
         ----------
-        stamp, position_m, quat_xyzw : names of the columns; those of the quaternion in the order xyzw.
-            Positions are in the unit of their names (``x [mm]``, ``x_mm``), as in files; without one in
-            metres.
-        unit : of the stamps; by default that of their name (``time [ms]``, ``stamp_ns``), else seconds.
-            Columns of dates have their own.
+        stamp, position_m, quat_xyzw : names of the columns; those of the quaternion in the order xyzw. By
+            default they are found by their names, as in files.
+        unit, time_unit : of positions and stamps; by default those of their names (``x [mm]``, ``x_mm``,
+            ``time [ms]``, ``stamp_ns``), else metres and seconds. Columns of dates have their own.
+        euler, rotation_vector, matrix, columns : what the columns are, as of ``read``.
 
         Raises
         ------
         UsageError
-            A column is missing or not numeric, or the unit in a name is unknown.
+            A column is missing or not numeric, or it is not known how columns are meant.
         NoPoses
             No pose has passed the gate.
 
@@ -152,20 +147,34 @@ class Trajectory:
         ContactTrackerWarning
             As ``from_arrays``.
         """
-        if not is_table(table):
-            raise UsageError(f"a table is a DataFrame or a mapping of columns, not {type(table).__name__}")
-        if unit is not None:
-            _refuse_other(unit)
-        place = _side_by_side(table, position_m, "position_m", 3)
-        turn = _side_by_side(table, quat_xyzw, "quat_xyzw", 4)
-        time = _column(table, stamp)
-        try:
-            metres = metres_of(position_m)
-            time_ns = None if unit or _has_own_unit(time) else time_ns_of(stamp)
-        except UnreadableRecording as error:
-            raise UsageError(str(error)) from error
-        named: Unit = next((name for name in get_args(Unit) if TIMES_NS[name] == time_ns), "s")
-        return cls.from_arrays(time, place * metres, turn, "xyzw", unit or named)
+        kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix}
+        reading = with_columns(
+            table, stated(unit, time_unit, columns=columns, **kind), stamp, position_m, quat_xyzw
+        )
+        stamps, time_ns, poses = columns_of(table, reading)
+        return cls._passed(stamps, time_ns or (None if have_own_unit(stamps) else TIMES_NS["s"]), poses)
+
+    @classmethod
+    def _passed(cls, stamps: ArrayLike, unit_ns: float | None, rows: Array) -> Self:
+        """The poses (N, 7), positions (m) and quaternions, that pass the gate; without a unit the stamps have
+        their own."""
+        stamp_ns, is_time, in_range = nanoseconds(stamps, unit_ns or 1)
+        if len(stamp_ns) != len(rows):
+            raise UsageError(f"{len(stamp_ns)} stamps, and {len(rows)} positions_m and quaternions")
+        counts = Counter(nonfinite=int((~is_time).sum()), out_of_range=int((is_time & ~in_range).sum()))
+        usable = is_time & in_range
+        passed = gate(Poses(stamp_ns, rows[:, :3], np.ascontiguousarray(rows[:, 3:]))[usable], counts)
+        counts = +counts
+        loss = remark_on_loss(counts, len(rows), first_refused(rows[:, 3:]))
+        if not len(passed):
+            noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
+            reason = "" if loss is None else f": {loss}"
+            raise NoPoses(f"no pose that can be used of {len(rows)}{f' ({noted})' if noted else ''}{reason}")
+        doubt = None if unit_ns is None else doubt_of_unit(stamp_ns[usable] / unit_ns, unit_ns)
+        notes = (*filter(None, (doubt,)), *remarks_on(counts, len(rows)))
+        warn_of((*filter(None, (loss,)), *notes))
+        log_counts("poses", counts)
+        return cls(passed, counts, damage=loss, notes=notes)
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
@@ -190,6 +199,26 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.poses)
 
+    def __getitem__(self, span: slice) -> "Trajectory":
+        """The poses from one time to before another: seconds or durations since the first pose, or dates.
+
+        Raises
+        ------
+        UsageError
+            ``span`` is no such slice, or leaves no pose.
+        """
+        if not isinstance(span, slice) or span.step is not None:
+            raise UsageError(f"poses are taken by times, as trajectory[2.0:5.0], not by {span!r}")
+        first_ns = int(self.stamp_ns[0])
+        begin, end = (None if one is None else moment_ns(one, first_ns) for one in (span.start, span.stop))
+        first = 0 if begin is None else int(np.searchsorted(self.stamp_ns, begin))
+        last = len(self) if end is None else int(np.searchsorted(self.stamp_ns, end))
+        if first >= last:
+            raise UsageError(
+                f"no pose from {span.start} to {span.stop}: there are {self.duration_s:.2f} s of poses"
+            )
+        return replace(self, poses=self.poses[first:last])
+
     def __iter__(self) -> Iterator[Pose]:
         return iter(self.poses)
 
@@ -209,7 +238,12 @@ def read(
     parent: str | None = None,
     child: str | None = None,
     relative_to: str | None = None,
-    unit: Unit | None = None,
+    unit: str | None = None,
+    time_unit: str | None = None,
+    euler: str | None = None,
+    rotation_vector: bool = False,
+    matrix: str | None = None,
+    columns: Mapping[str, str] | None = None,
 ) -> Trajectory:
     """The poses of a recording.
 
@@ -220,7 +254,13 @@ def read(
     parent, child : poses of the frame ``child`` in ``parent``; transforms between them are composed.
     relative_to : a frame, or another body (its topic, or its name in a table), which may move, in
         which poses are given.
-    unit : of the times of a table; by default by the column's name, else guessed from the values.
+    unit, time_unit : of the positions and times of a table: ``mm``, ``ms``, ``100ns``, or the rate of frame
+        numbers, as ``200Hz``. By default those of the names of columns, else metres, and as times look.
+    euler : rotations in a table are angles in this order, ``xyz:deg``; SciPy's letters, ``XYZ`` about the
+        axes of the body.
+    rotation_vector : rotations in a table are rotation vectors.
+    matrix : rotations in a table are matrices numbered along ``rows`` or ``columns``.
+    columns : names of columns by role, as ``{"time": "t", "position": "tcp[0:3]"}`` (docs/formats.md).
 
     Raises
     ------
@@ -243,13 +283,13 @@ def read(
     topic, parent, child, relative_to = (name_from(value, name) for name, value in given)
     if parent is not None and child is None:
         raise UsageError("parent needs child, the frame of the body")
-    if unit is not None:
-        _refuse_other(unit)
+    kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix}
+    reading = stated(unit, time_unit, columns=columns, **kind)
     frame = child if parent is None else f"{parent}->{child}"
     if text == "-":
         raise UsageError("a recording is read from a file, not from standard input")
     with errors_as(UnreadableRecording, text):
-        log = open_log(text, topic, frame, relative_to=relative_to, time_unit=unit)
+        log = open_log(text, topic, frame, relative_to=relative_to, table=reading)
         poses = Poses.join(list(log.batches()))
     counts = dict(log.counts)
     if not len(poses):
@@ -264,7 +304,7 @@ def read(
         poses,
         counts,
         name=Path(text).name or text,
-        path=text,
+        path=text if reading == AS_NAMED else None,
         source=log.source,
         damage=log.damage,
         log_offset_ns=log.stamping.log_offset_ns,
@@ -272,95 +312,3 @@ def read(
         notes=(*(() if log.note is None else (log.note,)), *log.remarks),
         by_log_time=log.stamping.by_log_time,
     )
-
-
-def _refuse_other(unit: str) -> None:
-    if not isinstance(unit, str) or unit not in TIMES_NS:
-        raise UsageError(f"unit is {', '.join(map(repr, TIMES_NS))}, not {unit!r}")
-
-
-def _nanoseconds(
-    stamps: ArrayLike, unit: str
-) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Stamps, which of them are finite times, and which of these are in range."""
-    _refuse_other(unit)
-    wrong = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
-    try:
-        given = _times(stamps)
-    except ValueError as error:  # lists of different lengths
-        raise UsageError(wrong) from error
-    if given.ndim != 1:
-        raise UsageError(f"stamps have the shape (N,), not {given.shape}")
-    if given.dtype.kind in "mM":
-        is_time = ~np.isnat(given)
-        return given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
-    try:
-        numbers = given if given.dtype.kind in "iu" and not np.ma.is_masked(given) else real_numbers(given)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise UsageError(wrong) from error
-    with np.errstate(all="ignore"):
-        is_time = np.isfinite(numbers)
-        in_range = is_time & (np.abs(numbers.astype(float)) * TIMES_NS[unit] <= RANGE_NS)
-    sound = np.where(in_range, numbers, 0)
-    if sound.dtype.kind in "iu":
-        return sound.astype(np.int64) * TIMES_NS[unit], is_time, in_range
-    whole = np.floor(sound)  # keeps the precision of seconds since 1970
-    rest_ns = np.round((sound - whole) * TIMES_NS[unit]).astype(np.int64)
-    return whole.astype(np.int64) * TIMES_NS[unit] + rest_ns, is_time, in_range
-
-
-def _has_own_unit(stamps: ArrayLike) -> bool:
-    """Whether stamps are dates or durations."""
-    return _times(stamps).dtype.kind in "mM"
-
-
-def _times(stamps: ArrayLike) -> NDArray[Any]:
-    """Stamps as numbers, or as dates and durations of numpy; those with a time zone in UTC."""
-    if getattr(getattr(stamps, "dtype", None), "tz", None) is not None:  # dates of pandas
-        return np.asarray(stamps.to_numpy("datetime64[ns]"))  # type: ignore[union-attr]
-    given = np.asanyarray(stamps)  # with its mask, if it has one
-    if given.dtype.kind != "O" or not all(isinstance(one, datetime) for one in given.flat):
-        return given
-    utc = [one.astimezone(UTC).replace(tzinfo=None) if one.tzinfo else one for one in given.flat]
-    return np.array(utc, "datetime64[ns]").reshape(given.shape)
-
-
-def _rows(values: ArrayLike, name: str, width: int) -> Array:
-    try:
-        found = real_numbers(values)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise UsageError(f"{name} are no real numbers") from error
-    if found.ndim != 2 or found.shape[1] != width:
-        raise UsageError(f"{name} have the shape (N, {width}), not {found.shape}")
-    return found
-
-
-def is_table(value: Any) -> bool:
-    """Whether ``value`` has named columns."""
-    return hasattr(value, "columns") or isinstance(value, Mapping)
-
-
-def _side_by_side(table: Any, names: Sequence[str], name: str, width: int) -> Array:
-    """The columns of these names as an array (N, width)."""
-    if not isinstance(names, Sequence) or len(names) != width:
-        raise UsageError(f"{name} names {width} columns, {' '.join('xyzw'[:width])}")
-    columns = [_column(table, one) for one in names]
-    try:
-        return _rows(np.ma.column_stack(columns), name, width)
-    except ValueError as error:
-        raise UsageError(f"{name} has columns of different lengths") from error
-
-
-def _column(table: Any, name: str) -> NDArray[Any]:
-    if not isinstance(name, str):
-        raise UsageError(f"the name of a column is text, not {name!r}")
-    names = [str(one) for one in getattr(table, "columns", table)]
-    if name not in names:
-        with_unit = (one for one in names if re.match(rf"{re.escape(name)}\W", one))
-        near = next(with_unit, None) or closest(name, names)
-        meant = f"; did you mean {near!r}?" if near else f"; there are {', '.join(names[:20])}"
-        raise UsageError(f"no column {name!r}{meant}")
-    column = table[name]
-    if getattr(getattr(column, "dtype", None), "tz", None) is not None:
-        return _times(column)
-    return np.asanyarray(column.to_numpy() if hasattr(column, "to_numpy") else column)

@@ -188,7 +188,7 @@ def _open(path: str, settings: Settings) -> PoseLog:
             settings.topic,
             settings.frame,
             relative_to=settings.relative_to,
-            time_unit=settings.time_unit,
+            table=settings.table,
         )
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from contact_tracker import __version__
 from contact_tracker.config.parameters import Model
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.saved_state.encoding import fingerprint
 
@@ -23,7 +24,8 @@ class Settings:
 
     Parameters
     ----------
-    topic, frame, relative_to, time_unit : as of ``recording.open_log``.
+    topic, frame, relative_to : selection of poses, as of ``recording.open_log``.
+    table : what the columns of tables are, as of ``recording.open_log``.
     with_ticks : whether to write the beliefs of all ticks, too.
     wrench : measured wrenches, which decide between contacts that motion cannot distinguish.
     """
@@ -34,7 +36,7 @@ class Settings:
     frame: str | None = None
     relative_to: str | None = None
     with_ticks: bool = False
-    time_unit: str | None = None
+    table: TableReading = AS_NAMED
     wrench: WrenchSettings | None = None
 
     @cached_property
@@ -45,5 +47,5 @@ class Settings:
     @cached_property
     def settings_hash(self) -> str:
         """Hash of all but ``with_ticks``, and of the version."""
-        which = self.topic, self.frame, self.relative_to, self.time_unit
+        which = self.topic, self.frame, self.relative_to, tuple(self.table.words())
         return fingerprint((__version__, self.model_hash, which, tuple(self.wrench or ())))

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from contact_tracker.atomic_file import why_not_replaceable
 from contact_tracker.cli.terminal import detail, fail, progress, say, warn
-from contact_tracker.config.quantities import TIMES_NS
+from contact_tracker.config.quantities import LENGTHS
 from contact_tracker.config.shipped import preset_names
+from contact_tracker.config.table_reading import AS_NAMED, TIME_UNIT_HELP, reading_of
 from contact_tracker.errors import ChoiceError, InputError, UsageError
 from contact_tracker.exit_codes import INPUT, USAGE
 
@@ -36,7 +37,7 @@ def add_source(
     topic: str = "take the poses of this topic: TOPIC or TOPIC:TYPE",
     frame: str = "take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
 ) -> None:
-    """``--topic``, ``--frame``, ``--relative-to`` and ``--time-unit``."""
+    """``--topic``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
     parser.add_argument("--topic", help=topic)
     parser.add_argument("--frame", help=frame)
     parser.add_argument(
@@ -44,11 +45,43 @@ def add_source(
         metavar="TOPIC|FRAME",
         help="poses in this frame, or relative to the body of this topic or name, which may move",
     )
-    parser.add_argument(
-        "--time-unit",
-        choices=tuple(TIMES_NS),
-        help="unit of the times in a table: s, ms, us or ns (default: by the column's name, or as they look)",
-        metavar="UNIT",
+    _add_table_reading(parser)
+
+
+class _Stated(argparse.Action):
+    """Adds what an option says of the columns of a table to the ``TableReading`` of all of them."""
+
+    def __call__(self, _: Any, namespace: argparse.Namespace, value: Any, __: str | None = None) -> None:
+        name = self.option_strings[0].lstrip("-").replace("-", "_")
+        given: dict[str, Any] = {name: True if self.nargs == 0 else value}
+        try:
+            stated = reading_of(**given)
+            namespace.table = namespace.table.with_(stated)
+        except ValueError as error:
+            raise argparse.ArgumentError(self, str(error)) from error
+
+
+def _add_table_reading(parser: argparse.ArgumentParser) -> None:
+    """What the columns of a table are, where their names do not say it."""
+    group = parser.add_argument_group("columns of a table, where their names do not say what they are")
+
+    def add(name: str, text: str, metavar: str | None = None) -> None:
+        words: dict[str, Any] = {"nargs": 0} if metavar is None else {"metavar": metavar}
+        group.add_argument(name, action=_Stated, dest="table", default=AS_NAMED, help=text, **words)
+
+    add("--unit", f"positions are in {', '.join(LENGTHS)}", "UNIT")
+    add("--time-unit", f"times are in {TIME_UNIT_HELP}", "UNIT")
+    add(
+        "--euler",
+        "rotations are angles in this order: xyz about fixed axes, XYZ about the body's; XYZ:deg",
+        "XYZ",
+    )
+    add("--rotation-vector", "rotations are vectors along the axis, as long as the angle")
+    add("--matrix", "rotations are matrices, numbered along their rows or columns", "rows|columns")
+    add(
+        "--columns",
+        "names of columns: x, qx, rx (angles), or groups of numbered ones: position=p[0:3],quaternion=p[3:7]",
+        "time=NAME,...",
     )
 
 
@@ -63,8 +96,8 @@ def open_poses(args: argparse.Namespace, log: str, *live: Any) -> "PoseLog":
     """The poses that ``add_source`` selects in a recording; ``live`` as of ``recording.open_log``."""
     from contact_tracker.recording import open_log
 
-    others = {"relative_to": args.relative_to, "time_unit": args.time_unit}
-    return open_log(log, args.topic, args.frame, *live, **others)
+    chosen = {"relative_to": args.relative_to, "table": args.table}
+    return open_log(log, args.topic, args.frame, *live, **chosen)
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:

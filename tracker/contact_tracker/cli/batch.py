@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         args.frame,
         args.relative_to,
         args.ticks,
-        args.time_unit,
+        args.table,
         None if args.wrench is None else WrenchSettings(args.wrench, args.mass),
     )
     recordings = list(find(_names(args.logs)))

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.relative_to is not None and args.log == "-":
         raise UsageError(_ONCE)
-    summary = summarise(args.log, args.time_unit)
+    summary = summarise(args.log, args.table)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
     if summary.sources and (not chosen or args.relative_to is not None):
         chosen = [_composed(args)]
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
     if not summary.sources and args.log != "-":
-        open_log(args.log)  # raises an error with the reason
+        open_log(args.log, table=args.table)  # raises an error with the reason
     if not any(source.poses for source in summary.sources):
         raise NoPoses(f"{args.log}: no pose in it that can be used")
     return DONE if summary.damage is None and not losses else DAMAGED

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
+from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, NoPoses, UsageError
 from contact_tracker.exit_codes import DONE
 from contact_tracker.exports.formats import SUFFIXES, format_of, require_library
@@ -35,7 +36,8 @@ DESCRIPTION: Final = """\
 Cut a recording into segments of one contact each, with all the data at hand: the most probable
 sequence, smoothed probabilities and the geometry of each segment. FILE.csv and FILE.srt (subtitles)
 get an entry per segment, FILE.jsonl and FILE.parquet one per tick; FILE.mcap is the recording with
-what Foxglove draws beside it, and FILE.html a report; without -o a table goes to stdout."""
+what Foxglove draws beside it, FILE.html a report, and FILE.png, .pdf and .svg a figure; without -o a
+table goes to stdout."""
 EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o out.csv"
 
 
@@ -95,7 +97,7 @@ def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
 
     if log == "-":
         raise UsageError("--all reads a recording twice: name a file, not -")
-    sources = [s for s in list_sources(log) if args.topic is None or s.topic == args.topic]
+    sources = [s for s in list_sources(log, args.table) if args.topic is None or s.topic == args.topic]
     sources = [s for s in sources if args.frame is None or s.is_named(args.frame)]
     if not sources:
         fault = NoPoses if args.topic is None and args.frame is None else ChoiceError
@@ -245,6 +247,6 @@ def _write(
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
     outcome = source.outcome(Poses.join(kept), found, tracker.report, notes)
-    is_readable = not source.is_stdin and os.path.exists(args.log)
+    is_readable = not source.is_stdin and os.path.exists(args.log) and args.table == AS_NAMED
     read = args.log if is_readable else None
     write_outcome(outcome, args.output, read, log.stamping.log_offset_ns, check)

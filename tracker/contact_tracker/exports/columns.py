@@ -1,5 +1,5 @@
 """Beliefs and segments as flat columns of one schema for all contacts (docs/conventions.md), also as a
-DataFrame of pandas or polars, whose types do not depend on the values (extras)."""
+DataFrame of pandas, whose types do not depend on the values (an extra)."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -13,7 +13,6 @@ from contact_tracker.tracking.belief import Belief, Segment
 
 if TYPE_CHECKING:
     import pandas
-    import polars
 
 Kind = Literal["integer", "number", "text"]
 Columns = dict[str, list[Any]]
@@ -47,8 +46,10 @@ _TICK: Final[dict[str, Kind]] = {"stamp_ns": "integer", "onset_ns": "integer"}
 _SPAN: Final[dict[str, Kind]] = {"start_ns": "integer", "end_ns": "integer"}
 _NUMBER: Final[Kind] = "number"
 _POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
-BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT
-SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT
+_DECIDED: Final[dict[str, Kind]] = {"decided": "text"}
+BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
+SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
+OPEN: Final = "open"
 
 
 def belief_columns(beliefs: Iterable[Belief]) -> Columns:
@@ -59,7 +60,7 @@ def belief_columns(beliefs: Iterable[Belief]) -> Columns:
         cells: dict[str, Any] = dict(zip(PROBABILITIES, probability, strict=True))
         cells |= {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns, "contact": one.contact.value}
         cells |= {"probability": probability[one.contact.column], "inseparable": " ".join(one.inseparable)}
-        cells["contacts"] = _kinds(one)
+        cells |= {"contacts": _kinds(one), "decided": decided(one)}
         cells |= _joint_cells(one.joint)
         rows.add(cells, one.geometry)
     return rows.columns
@@ -71,7 +72,7 @@ def segment_columns(segments: Iterable[Segment]) -> Columns:
     for one in segments:
         cells: dict[str, Any] = {"start_ns": one.start_ns, "end_ns": one.end_ns, "contact": one.contact.value}
         cells |= {"probability": one.probability, "inseparable": " ".join(one.inseparable)}
-        cells["contacts"] = _kinds(one)
+        cells |= {"contacts": _kinds(one), "decided": decided(one)}
         cells |= _joint_cells(one.joint)
         rows.add(cells, one.geometry)
     return rows.columns
@@ -87,6 +88,11 @@ def _joint_cells(joint: Joint | None) -> dict[str, Any]:
     cells |= {f"joint_point_{axis}_m": value for axis, value in zip(_AXES, values["point_m"], strict=True)}
     cells |= {"joint": joint.kind.value, "joint_probability": float(joint.probability)}
     return cells | {"joint_pitch_m_per_rad": joint.pitch_m_per_rad}
+
+
+def decided(one: Belief | Segment) -> str:
+    """The contact, or ``open`` where the motion does not distinguish it from others."""
+    return OPEN if one.inseparable else one.contact.value
 
 
 def _kinds(one: Belief | Segment) -> str:
@@ -135,12 +141,3 @@ def to_pandas(columns: Columns, kinds: dict[str, Kind]) -> "pandas.DataFrame":
 
     types = {"integer": "int64", "number": "float64", "text": "string"}
     return DataFrame({name: Series(columns[name], dtype=types[kind]) for name, kind in kinds.items()})
-
-
-def to_polars(columns: Columns, kinds: dict[str, Kind]) -> "polars.DataFrame":
-    """The columns as a DataFrame of polars; raises MissingExtra."""
-    with extra("tables", "a DataFrame of polars"):
-        import polars
-
-    types = {"integer": polars.Int64(), "number": polars.Float64(), "text": polars.String()}
-    return polars.DataFrame(columns, schema={name: types[kind] for name, kind in kinds.items()})

@@ -1,54 +1,79 @@
-"""A figure for papers and notebooks, drawn by matplotlib (extra ``plot``)."""
+"""A figure for papers and notebooks, drawn by matplotlib."""
 
+from pathlib import Path
 from typing import Final
 
 import numpy as np
-from matplotlib import pyplot
-from matplotlib.axes import Axes
+from matplotlib import get_backend, pyplot
+from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure as Figure
 
+from contact_tracker.exports.outcome import Outcome
 from contact_tracker.paper.window_curves import WindowCurves
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.scene import COLOUR, Colour
 
 _NAMED: Final = 0.03
-"""Smallest share of the recording for which a segment is labelled."""
+"""Smallest share of the recording for which a segment is named."""
+_DOTS_PER_INCH: Final = 200
+_RIBBON: Final = (1.04, 1.18)
+"""Where the labels are above the probabilities."""
 
 
 def draw_figure(found: Segmentation, origin_ns: int, curves: WindowCurves | None = None) -> Figure:
-    """A ribbon of the segments, below it their posteriors, and the paper's curves if given.
+    """The segments and their probabilities on one axes, and the paper's curves below them if given.
 
     Time counts from ``origin_ns``.
     """
-    has_curves = curves is not None and len(curves.stamp_ns) > 0
-    figure = pyplot.figure(figsize=(10.0, 7.5 if has_curves else 4.5), layout="constrained")
-    rows = 3 if has_curves else 2
-    ribbon, posterior, *below = figure.subplots(rows, 1, sharex=True, height_ratios=(1.0, 4.0, 4.0)[:rows])
+    rows = 1 if curves is None or not len(curves.stamp_ns) else 2
+    figure = pyplot.figure(figsize=(10.0, 1.0 + 3.2 * rows), layout="constrained")
+    first, *below = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    draw_on(first, found, origin_ns)
+    for axes in below:
+        assert curves is not None
+        _draw_curves(axes, curves, origin_ns)
+        axes.set_xlabel("time (s)")
+        first.set_xlabel("")
+    if "inline" in get_backend():  # a notebook shows what is returned, and what pyplot keeps
+        pyplot.close(figure)
+    return figure
+
+
+def draw_on(axes: Axes, found: Segmentation, origin_ns: int) -> None:
+    """The probabilities of all states, and above them the segments by name, hatched where the motion fits
+    other contacts as well."""
     seconds = (found.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in found.segments]
     total_s = sum(duration for _, duration in spans)
+    low, high = _RIBBON
     for segment, (start_s, duration_s) in zip(found.segments, spans, strict=True):
-        colour = _fraction(COLOUR[segment.contact])
-        ribbon.axvspan(
-            start_s, start_s + duration_s, color=colour, alpha=0.25 + 0.75 * segment.probability, lw=0
+        axes.broken_barh(
+            [(start_s, duration_s)],
+            (low, high - low),
+            facecolor=_fraction(COLOUR[segment.contact]),
+            edgecolor="white",
+            alpha=0.25 + 0.75 * segment.probability,
+            hatch="///" if segment.inseparable else None,
+            linewidth=0.0,
         )
         if duration_s > _NAMED * total_s:
-            middle_s = start_s + 0.5 * duration_s
-            ribbon.text(middle_s, 0.5, segment.contact.value, ha="center", va="center", clip_on=True)
-    ribbon.set(yticks=[], ylim=(0.0, 1.0))
-    ribbon.set_ylabel("label")
+            middle = start_s + 0.5 * duration_s, 0.5 * (low + high)
+            axes.text(*middle, segment.contact.value, ha="center", va="center", clip_on=True)
     for state, share in zip(STATES, np.transpose(found.beliefs.probability), strict=True):
-        posterior.plot(seconds, share, color=_fraction(COLOUR[state]), label=state.value)
-    posterior.set(ylabel="probability", ylim=(0.0, 1.02))
-    posterior.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        axes.plot(seconds, share, color=_fraction(COLOUR[state]), label=state.value)
+    axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, high + 0.02))
+    axes.set_yticks(np.linspace(0.0, 1.0, 6))
+    axes.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     if len(seconds):
-        posterior.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
-    if curves is not None:
-        for axes in below:
-            _draw_curves(axes, curves, origin_ns)
-    (below or [posterior])[-1].set_xlabel("time (s)")
-    return figure
+        axes.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
+
+
+def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
+    """Write the figure in the format of a suffix."""
+    figure = draw_figure(outcome.found, outcome.origin_ns)
+    figure.savefig(path, format=suffix.removeprefix("."), dpi=_DOTS_PER_INCH)
+    pyplot.close(figure)
 
 
 def _draw_curves(axes: Axes, curves: WindowCurves, origin_ns: int) -> None:

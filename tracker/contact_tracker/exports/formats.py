@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 CSV_COLUMNS: Final = (
     *("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint"),
+    "decided",
 )
 _TOGETHER: Final = 256
 """Rows of Parquet that are written at a time, at least."""
@@ -39,9 +40,10 @@ class Format(NamedTuple):
 FORMATS: Final = {
     ".csv": Format("segments"),
     ".jsonl": Format("ticks"),
-    ".parquet": Format("ticks", "parquet", "parquet", "a Parquet file"),
+    ".parquet": Format("ticks"),
     ".mcap": Format("whole", "foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
     ".html": Format("whole", "report_html", "report", "a report"),
+    **dict.fromkeys((".png", ".pdf", ".svg"), Format("whole")),
     ".srt": Format("segments"),
 }
 SUFFIXES: Final = tuple(FORMATS)
@@ -124,7 +126,7 @@ def write_outcome(
     log_offset_ns: int = 0,
     check: Callable[[], None] = accept_any,
 ) -> None:
-    """Write an output of a whole recording atomically.
+    """Write an output of a whole recording atomically: MCAP for Foxglove, a report or a figure.
 
     Parameters
     ----------
@@ -133,14 +135,19 @@ def write_outcome(
     """
     require_library(path)
     with whole_file(path, check) as temporary:
-        if path.suffix.lower() == ".mcap":
+        suffix = path.suffix.lower()
+        if suffix == ".mcap":
             from contact_tracker.exports.foxglove_scene import write_mcap
 
             write_mcap(outcome, temporary, log, log_offset_ns)
-        else:
+        elif suffix == ".html":
             from contact_tracker.exports.report_html import write_report
 
             write_report(outcome, temporary)
+        else:
+            from contact_tracker.exports.figure import write_figure
+
+            write_figure(outcome, temporary, suffix)
 
 
 def _text(path: Path) -> TextIO:
@@ -160,6 +167,8 @@ def write_jsonl(beliefs: "Iterable[Belief]", file: TextIO) -> None:
 def write_csv(segments: "Iterable[Segment]", file: TextIO) -> None:
     """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks;
     ``contacts`` is JSON text, a list of all contacts of the segment, and ``joint``, ``{}`` without one."""
+    from contact_tracker.exports.columns import decided
+
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     for one in segments:
@@ -167,7 +176,7 @@ def write_csv(segments: "Iterable[Segment]", file: TextIO) -> None:
         joint = one.joint.to_json() if one.joint else {}
         encoded = [json.dumps(value, allow_nan=False) for value in (geometry, one.contacts_json, joint)]
         label = one.start_ns, one.end_ns, one.contact.value, one.probability
-        writer.writerow((*label, encoded[0], " ".join(one.inseparable), *encoded[1:]))
+        writer.writerow((*label, encoded[0], " ".join(one.inseparable), *encoded[1:], decided(one)))
 
 
 def write_srt(segments: "Iterable[Segment]", file: TextIO, origin_ns: Callable[[], int]) -> None:

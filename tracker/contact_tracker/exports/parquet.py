@@ -1,4 +1,4 @@
-"""Parquet files, written incrementally, and updates of tables, by pyarrow (extra ``parquet``)."""
+"""Parquet files, written incrementally, and updates of tables, by pyarrow."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow
+from pyarrow import Table as Table
 from pyarrow import compute
 from pyarrow.parquet import ParquetFile, ParquetWriter, read_table, write_table
 
@@ -34,6 +35,11 @@ def open_parquet(
                 writer.write_table(pyarrow.table(columns, schema=schema))
 
         yield append
+
+
+def to_arrow(columns: Columns, kinds: dict[str, Kind]) -> Table:
+    """The columns as a table, with types independent of the values."""
+    return pyarrow.table(columns, schema=_schema(kinds))
 
 
 def require_kind(kind: Kind, value: Any) -> None:

@@ -4,6 +4,7 @@ from contact_tracker.recording.annotations import need_truth, read_metadata, rea
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.copying import write_beside
 from contact_tracker.recording.items import BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC, Channel, RawMessage
+from contact_tracker.recording.labels import read_labels
 from contact_tracker.recording.log import PoseLog, list_sources, open_log
 from contact_tracker.recording.reading import may_be_recording, parts_of
 from contact_tracker.recording.sources import PoseSource
@@ -29,6 +30,7 @@ __all__ = [
     "need_truth",
     "open_log",
     "parts_of",
+    "read_labels",
     "read_metadata",
     "read_truth",
     "read_wrenches",

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Final
 
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoTruth
 from contact_tracker.ground_truth import Truth
 from contact_tracker.recording.bytestream import is_regular, open_stream
@@ -11,7 +12,7 @@ from contact_tracker.recording.decoding import MessageDecoder, Undecodable
 from contact_tracker.recording.file_index import place_of, summary_of
 from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
-from contact_tracker.recording.reading import Reading, parts_of
+from contact_tracker.recording.reading import Reading, is_table_file, parts_of
 
 TRUTH_ATTACHMENT: Final = "truth.json"
 TRUTH_TOPIC: Final = "/contact/truth"
@@ -30,7 +31,7 @@ def read_truth(path: str) -> Truth | None:
     NoTruth
         The truth is not in the documented form.
     """
-    if not _is_rereadable(path):
+    if not _is_rereadable(path) or is_table_file(path):
         return None
     stored = _stored(path)
     attached = [i.data for i in stored if isinstance(i, Attachment) and i.name == TRUTH_ATTACHMENT]
@@ -39,8 +40,10 @@ def read_truth(path: str) -> Truth | None:
     return _from_messages(path)
 
 
-def need_truth(path: str, topic: str | None = None, frame: str | None = None) -> Truth:
-    """The ground truth of a recording, which must have one; ``topic`` and ``frame`` as of ``open_log``.
+def need_truth(
+    path: str, topic: str | None = None, frame: str | None = None, table: TableReading = AS_NAMED
+) -> Truth:
+    """The ground truth of a recording, which must have one; the other parameters are those of ``open_log``.
 
     Raises
     ------
@@ -53,7 +56,7 @@ def need_truth(path: str, topic: str | None = None, frame: str | None = None) ->
         raise NoTruth(f"{path}: it is not a regular file: a recording is read twice, once for its truth")
     truth = read_truth(path)
     if truth is None:
-        next(iter(open_log(path, topic, frame)), None)
+        next(iter(open_log(path, topic, frame, table=table)), None)
         raise NoTruth(f"{path}: no truth in it, neither {TRUTH_ATTACHMENT} nor {TRUTH_TOPIC}")
     if all(interval.contact is None for interval in truth.intervals):
         raise NoTruth(f"{path}: its truth names no contact, as that of a joint: there is nothing to compare")
@@ -68,7 +71,7 @@ def read_metadata(path: str) -> dict[str, dict[str, str]]:
     UnreadableRecording
         No such file, or not MCAP.
     """
-    if not _is_rereadable(path):
+    if not _is_rereadable(path) or is_table_file(path):
         return {}
     return {item.name: item.values for item in _stored(path) if isinstance(item, Metadata)}
 

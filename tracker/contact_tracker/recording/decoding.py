@@ -12,6 +12,8 @@ import numpy as np
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
+from contact_tracker.errors import MissingExtra
+from contact_tracker.extras import module_of_extra
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
 from contact_tracker.recording.definitions import (
@@ -21,7 +23,6 @@ from contact_tracker.recording.definitions import (
     parse_definition,
     work_of,
 )
-from contact_tracker.recording.extras import MissingExtra, need
 from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 from contact_tracker.recording.limits import BYTES_PER_RECORD, TooMuchWork, WorkBudget
@@ -319,7 +320,7 @@ def cdr_decoder(definition: Definition) -> Decoder | None:
 
 def protobuf_reading(channel: Channel) -> Callable[[bytes], Any] | None:
     """The decoder of a protobuf channel; an invalid schema can raise any error of the library."""
-    factory = need("mcap_protobuf.decoder", "protobuf").DecoderFactory()
+    factory = module_of_extra("mcap_protobuf.decoder", "foxglove", "protobuf").DecoderFactory()
     decoder: Callable[[bytes], Any] | None = factory.decoder_for(
         channel.encoding, Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
     )

@@ -8,7 +8,8 @@ from itertools import chain
 from types import MappingProxyType
 from typing import Final
 
-from contact_tracker.errors import NoPoses, UnreadableRecording
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.errors import MissingExtra, NoPoses, UnreadableRecording
 from contact_tracker.motion.pose_validation import (
     Arrival,
     PoseGate,
@@ -20,7 +21,6 @@ from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer
 from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text, is_row
-from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.file_index import summary_of
 from contact_tracker.recording.frames import (
     ARROW,
@@ -306,7 +306,7 @@ def open_log(
     follow: Follow | None = None,
     count_late: bool = False,
     relative_to: str | None = None,
-    time_unit: str | None = None,
+    table: TableReading = AS_NAMED,
 ) -> PoseLog:
     """Open the poses of a recording.
 
@@ -321,8 +321,7 @@ def open_log(
         iteration ends with AmbiguousSource.
     relative_to : a frame, or another body (its topic, or its name in a file of several), in which poses are
         given instead of the header's frame.
-    time_unit : ``s``, ``ms``, ``us`` or ``ns``, of the times of a table; by default by the column's name,
-        else guessed from the values.
+    table : what the columns of a table are, where their names do not say it.
 
     Raises
     ------
@@ -331,13 +330,13 @@ def open_log(
     NoPoses
         It has no pose of a known type and encoding.
     ChoiceError
-        None matches ``topic``, ``frame`` and ``relative_to``, or ``time_unit`` or ``follow`` does not fit.
+        None matches ``topic``, ``frame`` and ``relative_to``, or ``table`` or ``follow`` does not fit.
     AmbiguousSource
         Several sources match.
     """
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
     wanted = FrameFilter(topic, relative_to) if is_chain else ChannelFilter(topic)
-    reading = Reading(path, wanted, follow, time_unit)
+    reading = Reading(path, wanted, follow, table)
     decoder = MessageDecoder(reading.budget)
     items = iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
@@ -415,7 +414,7 @@ def _note(
     return moving_parent_note(sources, source)
 
 
-def list_sources(path: str) -> list[PoseSource]:
+def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
     """The pose sources of a recording, found as by ``open_log``; of ``-`` this consumes the start.
 
     Raises
@@ -425,7 +424,7 @@ def list_sources(path: str) -> list[PoseSource]:
     """
     wanted = ChannelFilter(None)
     try:
-        messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted)))
+        messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted, table=table)))
     except NoPoses:
         return []
     counts = _messages_by_topic(path)

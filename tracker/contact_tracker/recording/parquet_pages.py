@@ -23,13 +23,15 @@ _WHOLE: Final = (0, 6)
 """Encodings in which each text is there in full; in others many values may share a long one."""
 _MOST_SHARED: Final = 2**28
 """Most bytes that texts in other encodings may become."""
+_VALUES_PER_ROW: Final = 7
+"""Values of lists that count as a row: a pose has as many."""
 _BOOLEANS, _NUMBERS, _DOUBLE, _BINARY, _LISTS, _STRUCT = (1, 2), (3, 4, 5, 6), 7, 8, (9, 10), 12
 _Struct = Mapping[int, Any]
 """The fields of a Thrift struct by number."""
 
 
-def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> list[int]:
-    """Number of rows in each row group of a file with ``bodies`` bodies.
+def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> None:
+    """Check the columns of these names in a file with ``bodies`` bodies.
 
     Raises
     ------
@@ -37,16 +39,15 @@ def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> 
         Columns or rows exceed the limits for the file's size, or page headers cannot be parsed.
     """
     size = os.path.getsize(path)
-    budget.count_read(size)
-    rows = list[int]()
     with open(path, "rb") as file:
         try:
             for group in _footer(file, size).get(4, ()):
                 budget.count_rows(group[3] * bodies)
-                rows.append(group[3])
                 chosen = [column for column in group[1] if _name(column) in names]
                 pages = list[tuple[int, int]]()
                 for column in chosen:
+                    if len(column[3][3]) > 1:  # lists have more values than there are rows
+                        budget.count_rows(column[3][5] // _VALUES_PER_ROW)
                     for page in _pages(file, column[3], group[3], size):
                         budget.count_records(1)  # several columns may name the same pages
                         pages.append(page)
@@ -58,7 +59,6 @@ def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> 
             raise UnreadableRecording(
                 f"it is damaged: where its pages begin cannot be read ({error})"
             ) from error
-    return rows
 
 
 def _footer(file: IO[bytes], size: int) -> _Struct:
@@ -80,7 +80,7 @@ def _pages(file: IO[bytes], column: _Struct, rows: int, size: int) -> Iterator[t
     """Stored and decompressed bytes of each page of a column."""
     at = min(column[9], column.get(11) or column[9])
     end = at + column[7]
-    if not 0 < at <= end <= size or column[5] > rows:
+    if not 0 < at <= end <= size or (column[5] > rows and len(column[3]) == 1):
         raise ValueError("a column is elsewhere, or has more values than there are rows")
     values = longest = shared = 0
     while at < end:

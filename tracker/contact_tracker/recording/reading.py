@@ -10,27 +10,19 @@ from typing import Final
 from mcap.opcode import Opcode
 from mcap.summary import Summary
 
+from contact_tracker.config.table_reading import AS_NAMED, NO_TABLE, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.file_index import place_of, summary_of
 from contact_tracker.recording.items import MAGIC, Channel, DamageReport, Item, RawMessage, in_log_order
 from contact_tracker.recording.limits import WorkBudget
-from contact_tracker.recording.table_times import OWN_UNIT
-from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_text
+from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
 
 STDIN: Final = "-"
 _PATTERN: Final = "; it looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
 _COMPRESSED: Final = (".zstd", ".zst")
 _ENDINGS: Final = (".mcap", ".db3", *(f".mcap{end}" for end in _COMPRESSED))
-_PACKED: Final = {
-    b"\x04\x22\x4d\x18": "lz4 -d",
-    b"\x1f\x8b": "gunzip",
-    b"PK\x03\x04": "unzip",
-    b"BZh": "bunzip2",
-}
-"""First bytes of other compressed files, and the commands that decompress them."""
-_LFS: Final = b"version https://git-lfs"
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
@@ -164,6 +156,11 @@ def is_in_log_order(summary: Summary) -> bool:
     return all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
 
 
+def is_table_file(path: str) -> bool:
+    """Whether a recording is a table, which has poses and nothing else."""
+    return not os.path.isdir(path) and path != STDIN and is_table(path, _begin(path))
+
+
 class Reading:
     """Iterate once for the items of all parts; afterwards ``damage`` names what could not be read.
 
@@ -172,7 +169,7 @@ class Reading:
     path : file, folder or ``-``.
     wanted : messages of other channels are skipped unread.
     follow : wait for more data; a folder is complete once it has a metadata.yaml.
-    time_unit : of the times of a table, as in ``config.quantities.TIMES_NS``; by default guessed from values.
+    table : what the columns of a table are, where their names do not say it.
 
     Attributes
     ----------
@@ -183,7 +180,7 @@ class Reading:
     UnreadableRecording
         No such file, or, while iterating, nothing of it is MCAP.
     ChoiceError
-        The file cannot be followed, or is no table whose times lack a unit.
+        The file cannot be followed, or ``table`` does not fit.
     AmbiguousSource
         A folder of separate recordings.
     """
@@ -193,18 +190,17 @@ class Reading:
         path: str,
         wanted: Callable[[Channel], bool],
         follow: Follow | None = None,
-        time_unit: str | None = None,
+        table: TableReading = AS_NAMED,
     ) -> None:
         path = recording_of(path)
         if follow is None:
             refuse_unrelated(path, parts_of(path))
-        for part in () if time_unit is None else parts_of(path):
-            if not is_table(part, _begin(part)):
-                raise ChoiceError(f"{_shown(part)}: {OWN_UNIT}")
+        if table != AS_NAMED and not is_table_file(path):
+            raise ChoiceError(f"{_shown(path)}: {NO_TABLE}")
         self.path = path
         self._wanted = wanted
         self._follow = follow
-        self._time_unit = time_unit
+        self._table_reading = table
         self.assumption: str | None = None
         self._damage = DamageReport()
         self.budget = WorkBudget()
@@ -236,10 +232,9 @@ class Reading:
     def _part(self, part: str, single: bool) -> Iterator[Item]:
         prefix = "" if single else f"{os.path.basename(part)}: "
         begin = _begin(part)
-        _refuse_packed(part, begin)
-        if not is_bag(begin):
-            refuse_other_text(part, begin)
         read = read_bag if is_bag(begin) else self._table if is_table(part, begin) else None
+        if read is None:
+            refuse_other_formats(part, begin)
         if read is not None:
             if self._follow:
                 raise ChoiceError(f"{_shown(part)}: only an MCAP file can be followed")
@@ -263,7 +258,7 @@ class Reading:
     def _table(
         self, part: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
     ) -> Iterator[Item]:
-        return read_table(part, wanted, report, budget, self._assume, self._time_unit)
+        return read_table(part, wanted, report, budget, self._assume, self._table_reading)
 
     def _assume(self, text: str) -> None:
         self.assumption = text
@@ -341,14 +336,6 @@ def _begin(part: str) -> bytes:
             return file.read(_BEGIN)
     except OSError:
         return b""
-
-
-def _refuse_packed(part: str, begin: bytes) -> None:
-    for magic, command in _PACKED.items():
-        if begin.startswith(magic):
-            raise UnreadableRecording(f"it is compressed: {command} {os.path.basename(part)} first")
-    if begin.startswith(_LFS):
-        raise UnreadableRecording("it is a pointer of Git LFS, not the file itself: git lfs pull")
 
 
 def _is_sortable(summary: Summary, loop: RecordLoop) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
 from contact_tracker.recording.decoding import (
@@ -100,8 +101,8 @@ class RecordingSummary:
     assumptions: tuple[str, ...] = ()
 
 
-def summarise(path: str, time_unit: str | None = None) -> RecordingSummary:
-    """Read a whole recording once, in bounded memory; ``time_unit`` is that of ``open_log``.
+def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
+    """Read a whole recording once, in bounded memory; ``table`` is that of ``open_log``.
 
     Raises
     ------
@@ -111,7 +112,7 @@ def summarise(path: str, time_unit: str | None = None) -> RecordingSummary:
     topics: Counter[Channel] = Counter()
     metadata: dict[str, Mapping[str, str]] = {}
     attachments: list[str] = []
-    reading = Reading(path, lambda channel: True, time_unit=time_unit)
+    reading = Reading(path, lambda channel: True, table=table)
     tallies = _Tallies(MessageDecoder(reading.budget))
     for item in reading:
         match item:

@@ -1,25 +1,31 @@
 """Stamps of the rows of a table: their times are numbers in some unit, or dates (ISO 8601)."""
 
-from collections.abc import Callable
-from typing import Any, Final
+import re
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from decimal import Decimal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
-from contact_tracker.errors import ChoiceError
-from contact_tracker.recording.table_layouts import TableLayout
-from contact_tracker.recording.time_units import doubt_of_unit, unit_of
+from contact_tracker.config.quantities import RANGE_NS
+from contact_tracker.config.table_reading import TICK, TIME_UNITS_NS, TableReading
+from contact_tracker.errors import ChoiceError, UnreadableRecording
+from contact_tracker.recording.table_layouts import BLANKS, TableLayout, number
+from contact_tracker.recording.time_units import doubt_of_unit, epoch_of_ticks, unit_of
 
 NEVER: Final = np.iinfo(np.int64).min
 """The stamp of text that is no time."""
 OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 DATES: Final = "its times are dates: leave out --time-unit, which is for tables whose times are numbers"
-_DATE: Final = r"^\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d"
-_ZONE: Final = r"[+-]\d\d:?\d\d$"
-_FORMAT: Final = "%Y-%m-%dT%H:%M:%S%.f%:z"
-_YEARS: Final = (1900, 2110)
+_DATE: Final = re.compile(
+    r"\s*(\d{4})-(\d\d)-(\d\d)[T ](\d\d?):(\d\d)(?::(\d\d)(?:[.,](\d{1,18}))?)?"
+    r"(?: ?(?:Z|UTC)| ?([+-])(\d\d)(?::?(\d\d))?)?\s*"
+)
+_YEARS: Final = range(1900, 2110)
 """Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class TableTimes:
@@ -27,9 +33,8 @@ class TableTimes:
 
     Parameters
     ----------
-    name : of the table.
-    time_unit : a key of ``config.quantities.TIMES_NS``, as the user gives it; None to take that of the
-        layout, or to guess it.
+    path : of the table.
+    reading : its time unit is used, else that of the layout; without either the unit is guessed.
     assume : called with one line on an assumption.
 
     Raises
@@ -39,76 +44,118 @@ class TableTimes:
     """
 
     def __init__(
-        self, name: str, layout: TableLayout, time_unit: str | None, assume: Callable[[str], None]
+        self, path: str, layout: TableLayout, reading: TableReading, assume: Callable[[str], None]
     ) -> None:
-        if time_unit is not None and layout.has_own_unit:
-            raise ChoiceError(f"{name}: {OWN_UNIT}")
-        self._name, self._assume = name, assume
-        self._is_given = time_unit is not None
-        self._scale = layout.time_ns if time_unit is None else TIMES_NS[time_unit]
-        self._is_certain = self._is_given or layout.has_own_unit
+        if reading.time_unit is not None and layout.has_own_unit:
+            raise ChoiceError(f"{path}: {OWN_UNIT}")
+        self._path, self._assume, self._reading = path, assume, reading
+        self._scale = layout.time_ns if layout.rest is not None else reading.time_ns or layout.time_ns
+        self._is_certain = reading.time_unit is not None or layout.has_own_unit or layout.rest is not None
         self._are_dates: bool | None = None
+        self._epoch_ns = 0
 
-    def stamps_ns(self, polars: Any, times: Any) -> NDArray[np.int64]:
-        """Stamps (N,) of times, a series of ``polars`` with text; ``NEVER`` for other text.
+    def stamps_ns(self, times: Sequence[str], rests: Sequence[str] | None = None) -> NDArray[np.int64]:
+        """Stamps (N,) of times as text, and of the nanoseconds of their seconds if these have a column;
+        ``NEVER`` for other text.
 
         Raises
         ------
         ChoiceError
             The user gives a unit, but they are dates.
+        UnreadableRecording
+            They are ticks since another year than 1970.
         """
+        floats = np.array([_float(time) for time in times])
+        known = np.isfinite(floats)
         if self._are_dates is None:
-            dates, numbers = int(times.str.contains(_DATE).sum() or 0), len(_numbers(polars, times))
-            if not dates and not numbers:
+            dates = sum(map(bool, map(_DATE.fullmatch, times)))
+            if not dates and not known.any():
                 return np.full(len(times), NEVER)
-            self._are_dates = dates > numbers
-            if self._are_dates and self._is_given:
-                raise ChoiceError(f"{self._name}: {DATES}")
+            self._are_dates = dates > known.sum()
+            if self._are_dates and self._reading.time_unit is not None:
+                raise ChoiceError(f"{self._path}: {DATES}")
+            if not self._are_dates:
+                self._find_unit(floats[known])
         if self._are_dates:
-            return _stamps_of_dates(polars, times)
-        return _stamps_of_numbers(polars, times, self._unit_ns(polars, times))
+            dated = map(stamp_of_date, times)
+            return np.array([NEVER if stamp is None else stamp for stamp in dated], np.int64)
+        assert self._scale is not None
+        stamps = _stamps_of_numbers(times, floats, self._scale, self._epoch_ns)
+        if rests is not None:
+            floats = np.array([_float(rest) for rest in rests])
+            is_rest = (stamps != NEVER) & (floats >= 0) & (floats < 1e9)
+            stamps = np.where(is_rest, stamps + np.where(is_rest, floats, 0.0).astype(np.int64), NEVER)
+        return stamps
 
-    def _unit_ns(self, polars: Any, times: Any) -> float:
-        """The unit of times that are numbers; the first are checked."""
-        scale, doubt = self._scale, None
-        if scale is None:
-            unit, doubt = unit_of(_numbers(polars, times))
-            scale = self._scale = TIMES_NS[unit]
+    def _find_unit(self, times: NDArray[np.float64]) -> None:
+        """The unit and epoch of times that are numbers, by the first ones."""
+        doubt, epoch_ns = None, epoch_of_ticks(times)
+        if self._reading.time_unit == TICK:
+            self._epoch_ns = epoch_ns or 0
+        elif epoch_ns is not None and not self._is_certain:
+            command = TableReading(time_unit=TICK).with_(self._reading).command(self._path)
+            raise UnreadableRecording(
+                f"its times look like ticks of 100 ns since the year 1 or 1601: read them by {command}"
+            )
+        if self._scale is None:
+            unit, doubt = unit_of(times)
+            self._scale = TIME_UNITS_NS[unit]
         elif not self._is_certain:
-            doubt = doubt_of_unit(_numbers(polars, times), scale)
-        self._is_certain = True
+            doubt = doubt_of_unit(times, self._scale)
         if doubt is not None:
             self._assume(doubt)
-        return scale
 
 
-def _numbers(polars: Any, times: Any) -> NDArray[np.float64]:
-    """The times that are finite numbers, in the unit of the table."""
-    floats = times.cast(polars.Float64, strict=False).drop_nulls().to_numpy()
-    return np.asarray(floats[np.isfinite(floats)], np.float64)
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return number(text)
+    except ValueError:
+        return np.nan
 
 
-def _stamps_of_numbers(polars: Any, times: Any, unit_ns: float) -> NDArray[np.int64]:
-    """Stamps of numbers as text, exact to the written nanosecond."""
-    floats = times.cast(polars.Float64, strict=False).fill_null(np.nan).to_numpy() * unit_ns
-    known = np.isfinite(floats) & (np.abs(floats) < RANGE_NS)
-    stamps = np.where(known, np.round(np.where(known, floats, 0.0)), 0.0).astype(np.int64)
-    if unit_ns in (1e9, 1e6, 1e3, 1.0):
-        usual = times.set(~polars.Series(known, dtype=polars.Boolean), None)  # others may overflow
-        exact = usual.cast(polars.Decimal(38, 9), strict=False)
-        whole = (exact * round(unit_ns)).cast(polars.Int64, strict=False)
-        stamps = np.where(whole.is_null().to_numpy(), stamps, whole.fill_null(0).to_numpy())
-    return np.asarray(np.where(known, stamps, NEVER), np.int64)
+def numbers(cells: Sequence[str]) -> NDArray[np.float64]:
+    """The numbers in cells, which may have decimal commas; NaN for other text."""
+    return np.array([_float(cell) for cell in cells], np.float64)
 
 
-def _stamps_of_dates(polars: Any, dates: Any) -> NDArray[np.int64]:
-    """Nanoseconds since 1970 of dates as text; those without a time zone are taken as UTC, since only
-    differences matter."""
-    text = dates.str.strip_chars().str.replace(" ", "T", literal=True)
-    text = text.str.replace(r" ?(?:Z|UTC)$", "+00:00").str.replace(r"(T.*[+-]\d\d)$", "${1}:00")
-    text = text.str.replace(r"(T\d\d:\d\d)($|[+-])", "${1}:00${2}")  # without seconds
-    has_zone = text.str.contains(_ZONE).fill_null(value=False)
-    zoned = text.zip_with(has_zone, text + "+00:00")
-    stamps = zoned.str.to_datetime(_FORMAT, time_unit="ns", strict=False).dt.timestamp("ns")
-    is_usual = text.str.slice(0, 4).cast(polars.Int32, strict=False).is_between(*_YEARS, closed="left")
-    return np.where(is_usual.fill_null(value=False).to_numpy(), stamps.fill_null(NEVER).to_numpy(), NEVER)
+def _stamps_of_numbers(
+    times: Sequence[str], floats: NDArray[np.float64], unit_ns: float, epoch_ns: int
+) -> NDArray[np.int64]:
+    """Stamps of numbers as text, exact to the written nanosecond, after an epoch."""
+    known = np.isfinite(floats) & (np.abs(floats * unit_ns - epoch_ns) < RANGE_NS)
+    if unit_ns != round(unit_ns):
+        return np.where(known, np.round(np.where(known, floats, 0.0) * unit_ns), NEVER).astype(np.int64)
+    unit = round(unit_ns)
+    exact = [
+        exact_ns(time, unit) - epoch_ns if one else NEVER for time, one in zip(times, known, strict=True)
+    ]
+    return np.array(exact, np.int64)
+
+
+def exact_ns(time: str, unit_ns: int) -> int:
+    """Nanoseconds of a number as text; raises ValueError or OverflowError if it is none."""
+    plain = time.strip(BLANKS).replace(",", ".")
+    try:
+        return round(Decimal(plain) * unit_ns)
+    except ArithmeticError:  # an exponent of many digits
+        return round(float(plain) * unit_ns)
+
+
+def stamp_of_date(text: str) -> int | None:
+    """Nanoseconds since 1970 of a date, None for other text; without a time zone it is taken as UTC, since
+    only differences matter."""
+    match = _DATE.fullmatch(text)
+    if match is None or int(match[1]) not in _YEARS:
+        return None
+    year, month, day, hour, minute = map(int, match.groups()[:5])
+    try:
+        since = datetime(year, month, day, hour, minute, int(match[6] or 0), tzinfo=UTC) - _EPOCH
+    except ValueError:  # as the 31st of June
+        return None
+    zone_s = 60 * (60 * int(match[9] or 0) + int(match[10] or 0)) * (-1 if match[8] == "-" else 1)
+    fraction_ns = int(f"{match[7] or 0:0<9}"[:9])
+    return (since.days * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model, Transitions
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoPoses, NoTruth
 from contact_tracker.ground_truth import Truth
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -91,14 +92,12 @@ class Source:
     use_truth: bool = True
     knowledge: PriorMap = EMPTY_MAP
     relative_to: str | None = None
-    time_unit: str | None = None
+    table: TableReading = AS_NAMED
 
     def read(self) -> tuple[Poses, Truth | None, str | None]:
         """The poses, any truth, and any damage of the file."""
         truth = read_truth(self.name)
-        log = open_log(
-            self.name, self.topic, self.frame, relative_to=self.relative_to, time_unit=self.time_unit
-        )
+        log = open_log(self.name, self.topic, self.frame, relative_to=self.relative_to, table=self.table)
         poses = Poses.collect(log)
         if not len(poses):
             raise NoPoses(f"{self.name}: no pose that can be used")

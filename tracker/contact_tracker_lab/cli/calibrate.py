@@ -118,14 +118,8 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
-    chosen = (
-        args.topic,
-        args.frame,
-        not args.unlabelled,
-        arguments.load_map(args),
-        args.relative_to,
-        args.time_unit,
-    )
+    prior_map = arguments.load_map(args)
+    chosen = args.topic, args.frame, not args.unlabelled, prior_map, args.relative_to, args.table
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
@@ -175,7 +169,7 @@ def _command(args: argparse.Namespace) -> str:
     words += ["--topic", args.topic] if args.topic else []
     words += ["--frame", args.frame] if args.frame else []
     words += ["--relative-to", args.relative_to] if args.relative_to else []
-    words += ["--time-unit", args.time_unit] if args.time_unit else []
+    words += args.table.words()
     words += ["--known", os.path.relpath(args.known)] if args.known else []
     words += ["--start", start] if args.start != "default" else []
     words += ["--unlabelled"] if args.unlabelled else []

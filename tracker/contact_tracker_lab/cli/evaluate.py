@@ -6,20 +6,22 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, warn
-from contact_tracker.errors import NoPoses
+from contact_tracker.errors import NoPoses, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
+    from contact_tracker.ground_truth import Truth
     from contact_tracker.landmarks.prior_map import PriorMap
     from contact_tracker_lab.evaluation.evaluate import Evaluation
 
-HELP: Final = "compare with the truth that recordings carry"
+HELP: Final = "compare with the truth that recordings carry, or with your own labels"
 DESCRIPTION: Final = """\
 Segment recordings and compare with the truth in them, offline and online side by side: accuracy,
 F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total. These
 score the contact at each time, the first one if there are several. Further contacts are scored in a
-separate table, without their elements. With --relative-to the truth of elements, which is in the frame of the
+separate table, without their elements. --labels FILE compares with your own labels, which may be
+coarse, as touch and no touch. With --relative-to the truth of elements, which is in the frame of the
 recording, is not used."""
 EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
@@ -30,6 +32,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_model(parser)
     arguments.add_known(parser)
     arguments.add_wrench(parser)
+    parser.add_argument(
+        "--labels",
+        metavar="FILE",
+        help="your own labels of one LOG: start, end and contact, in s since the first pose or as stamps",
+    )
+    parser.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        metavar="LABEL=STATES",
+        help="what a label means: touch=any, flat='f-f|e-f', or ? for what is not scored",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
 
 
@@ -37,15 +51,18 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker_lab.evaluation.report import Report
 
     model, prior_map = arguments.load_model(args), arguments.load_map(args)
+    names = arguments.recordings_in(args.logs, "evaluate")
+    if args.labels is not None and len(names) != 1:
+        raise UsageError(f"--labels are of one recording, and there are {len(names)}")
+    if args.map and args.labels is None:
+        raise UsageError("--map is of use with --labels only")
     evaluations = dict[str, "Evaluation"]()
 
     def evaluate(name: str) -> int:
         evaluations[name], is_damaged = _evaluate(name, args, model, prior_map)
         return DAMAGED if is_damaged else DONE
 
-    codes = list(
-        arguments.run_each(partial(evaluate, name) for name in arguments.recordings_in(args.logs, "evaluate"))
-    )
+    codes = list(arguments.run_each(partial(evaluate, name) for name in names))
     if args.wrench is not None and evaluations:
         say("the online figures are those of the motion alone: wrenches are used offline")
     if evaluations:
@@ -55,18 +72,33 @@ def run(args: argparse.Namespace) -> int:
     return unusable[-1] if unusable else max(codes, default=DONE)
 
 
+def _truth(name: str, args: argparse.Namespace) -> "Truth":
+    """The truth in a recording, or the user's labels."""
+    from contact_tracker.recording import need_truth, read_labels
+    from contact_tracker.recording.labels import meanings_of
+
+    if args.labels is None:
+        return need_truth(name, args.topic, args.frame, args.table)
+    log = arguments.open_poses(args, name)
+    first_ns = last_ns = log.first_stamp_ns
+    for poses in log.batches():
+        last_ns = int(poses.stamp_ns[-1])
+    truth, text = read_labels(args.labels, first_ns, last_ns, meanings_of(args.map))
+    say(text)
+    return truth
+
+
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", prior_map: "PriorMap"
 ) -> "tuple[Evaluation, bool]":
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.outputs.adaptation import warnings
-    from contact_tracker.recording import need_truth
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import with_pose_callback
     from contact_tracker_lab.evaluation.answers import Answering
     from contact_tracker_lab.evaluation.evaluate import Evaluator
 
-    truth = need_truth(name, args.topic, args.frame)
+    truth = _truth(name, args)
     if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
         warn(
             f"{name}: elements are not compared: the truth has them in the recording's frame, not in that of "

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.ground_truth import CoarseLabel
 from contact_tracker.states import STATES
 from contact_tracker_lab.evaluation.scoring import Subset
 
@@ -27,6 +28,7 @@ class Tally:
     Parameters
     ----------
     confusion_s : (5, 7, 8) seconds per ``Subset``, true state and label; the last column is without a label.
+        Coarse labels have further rows, here and in what is by state.
     calibration : (15, 3) per bin of the top probability, equally wide over [0, 1]: seconds,
         seconds x probability, seconds in which the top state was true.
     calibration_by_state : (7, 15, 3) the same for each state's probability and the seconds it was true.
@@ -48,12 +50,24 @@ class Tally:
     into: Ints
     boundary_error_s: Array
     detection_delay_s: Array
+    coarse: tuple[CoarseLabel, ...] = ()
 
     def __add__(self, other: "Tally") -> "Tally":
+        """The sum; both have the same coarse labels."""
         a, b = vars(self), vars(other)
-        sums = {name: a[name] + b[name] for name in a if name not in _CHANGES}
+        sums = {name: a[name] + b[name] for name in a if name not in (*_CHANGES, "coarse")}
         lists = {name: np.concatenate([a[name], b[name]]) for name in _CHANGES}
-        return Tally(**sums, **lists)
+        return Tally(**sums, **lists, coarse=self.coarse)
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names of the rows of ``confusion_s``."""
+        return (*(state.value for state in STATES), *(label.name for label in self.coarse))
+
+    def right_s(self, subset: Subset = Subset.ALL) -> Array:
+        """Time in which each row was true and the label right."""
+        found = self.confusion_s[subset][:, : len(STATES)]
+        return np.asarray((found * right_states(self.coarse)).sum(axis=1))
 
     def seconds(self, subset: Subset = Subset.ALL) -> float:
         """Time scored in ``subset``."""
@@ -61,7 +75,7 @@ class Tally:
 
     def accuracy(self, subset: Subset = Subset.ALL) -> float:
         """Share of the time in which the label was right; nan where there was none."""
-        return _ratio(float(np.trace(self.confusion_s[subset])), self.seconds(subset))
+        return _ratio(float(self.right_s(subset).sum()), self.seconds(subset))
 
     @property
     def seconds_by_state(self) -> Array:
@@ -71,14 +85,15 @@ class Tally:
     @property
     def recall(self) -> Array:
         """Share (7,) of a state's time in which the label was right; nan where it never was true."""
-        return _ratios(np.diag(self.confusion_s[Subset.ALL]), self.seconds_by_state)
+        return _ratios(self.right_s(), self.seconds_by_state)
 
     @property
     def f1(self) -> Array:
         """F1 (7,) of each state; nan where it never was true."""
-        confusion = self.confusion_s[Subset.ALL]
-        found_s = np.where(self.seconds_by_state > 0, confusion.sum(axis=0)[: len(STATES)], 0.0)
-        return _ratios(2 * np.diag(confusion), self.seconds_by_state + found_s)
+        admits = right_states(self.coarse)
+        wrong_s = (self.confusion_s[Subset.ALL][:, : len(STATES)] * ~admits).sum(axis=0)
+        found_s = np.where(self.seconds_by_state > 0, self.right_s() + admits @ wrong_s, 0.0)
+        return _ratios(2 * self.right_s(), self.seconds_by_state + found_s)
 
     @property
     def macro_f1(self) -> float:
@@ -150,6 +165,12 @@ class Tally:
     def never_share(self) -> float:
         """Share of the true phases that were never detected."""
         return _ratio(len(self.into) - len(self.delay_s), len(self.into))
+
+
+def right_states(coarse: tuple[CoarseLabel, ...]) -> NDArray[np.bool_]:
+    """Which states (7 + C, 7) each state and each coarse label admits."""
+    rows = [[state in label.states for state in STATES] for label in coarse]
+    return np.array([*np.eye(len(STATES), dtype=bool), *rows], bool)
 
 
 def quantile(values: Array, q: float) -> float:

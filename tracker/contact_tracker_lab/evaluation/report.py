@@ -48,6 +48,9 @@ class Report:
 
     recordings: Mapping[str, Evaluation]
 
+    def __str__(self) -> str:
+        return self.to_text()
+
     @property
     def total(self) -> Evaluation:
         return reduce(add, self.recordings.values())
@@ -166,11 +169,14 @@ def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str
 
 
 def _confusion_text(mode: str, tally: Tally) -> str:
-    names = [s.value for s in STATES]
-    rows = zip(names, tally.confusion_s[Subset.ALL], strict=True)
-    cells = [[name, *(number(s, 1) if s > 0 else "." for s in row)] for name, row in rows]
+    rows = zip(tally.rows, tally.confusion_s[Subset.ALL], strict=True)
+    cells = [
+        [printable(name), *(number(s, 1) if s > 0 else "." for s in row)]
+        for name, row in rows
+        if row.any() or not tally.coarse  # a state that no coarse label names has no row
+    ]
     return f"Confusion {mode}, seconds: true state by row, label by column\n" + table(
-        ["", *names, "none"], cells
+        ["", *(s.value for s in STATES), "none"], cells
     )
 
 
@@ -216,6 +222,7 @@ def _tally_json(tally: Tally) -> dict[str, Any]:
         "sure_wrong": _finite(tally.sure_wrong),
         "boundary_s": {**_quantiles(tally.boundary_s), "missed_share": _finite(tally.missed_share)},
         "delay_s": {**_quantiles(tally.delay_s), "never_share": _finite(tally.never_share)},
+        "rows": tally.rows,
         "confusion_s": confusion[:, : len(STATES)].tolist(),
         "unanswered_s": confusion[:, len(STATES)].tolist(),
     }

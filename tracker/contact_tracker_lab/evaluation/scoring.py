@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.ground_truth import CoarseLabel, Truth, TruthInterval
+from contact_tracker.states import STATES
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -47,7 +48,7 @@ class Change:
 
     The change is in one of the frames ``earliest`` to ``onset``, which differ if there are unscored frames
     between the phases. The old phase begins at ``begin``; the new one is ``onset`` to ``end`` (excluded), in
-    the state with the column ``into``.
+    the state or coarse label with the column ``into``.
     """
 
     begin: int
@@ -64,15 +65,18 @@ class Scoring:
     Parameters
     ----------
     edges_ns : (N + 1,) their stamps, strictly increasing, and the end of the last, as long as the one before.
-    truth : (N,) column of the true state, ``UNSCORED`` where there is none.
+    truth : (N,) column of the true state, or, from 7 on, index of a coarse label; ``UNSCORED`` where there is
+        neither.
     subsets : (5, N) membership of the frames in each ``Subset``.
     changes : the true changes in order.
+    coarse : the coarse labels of the truth.
     """
 
     edges_ns: Ints
     truth: Columns
     subsets: Bools
     changes: tuple[Change, ...]
+    coarse: tuple[CoarseLabel, ...] = ()
 
     @property
     def stamp_ns(self) -> Ints:
@@ -92,7 +96,7 @@ class Scoring:
     def part(self, frames: slice) -> "Scoring":
         """Only consecutive ``frames``, without changes."""
         edges_ns = self.edges_ns[frames.start : frames.stop + 1]
-        return Scoring(edges_ns, self.truth[frames], self.subsets[:, frames], ())
+        return Scoring(edges_ns, self.truth[frames], self.subsets[:, frames], (), self.coarse)
 
     def within(self, subset: Subset) -> "Scoring":
         """Only the frames of ``subset``, and the changes whose onset is among them."""
@@ -108,8 +112,8 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     moved = False
     for interval, frames in _frames(stamp_ns, truth):
         moved |= interval.motion != "rest"
-        if interval.contact is not None:
-            column[frames] = interval.contact.column
+        if interval.contact is not None or interval.coarse is not None:
+            column[frames] = _column(interval, truth.coarse)
             subsets[Subset.MOVED, frames] = moved
             subsets[Subset.AMBIGUOUS, frames] = interval.singular or not moved
     subsets[Subset.ALL] = column != UNSCORED
@@ -119,7 +123,14 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     for near in _near_changes(stamp_ns, column, runs):
         subsets[Subset.CLEAR, near] = False
     edges_ns = _edges(stamp_ns)
-    return Scoring(edges_ns, column, subsets, _changes(edges_ns, column, runs))
+    return Scoring(edges_ns, column, subsets, _changes(edges_ns, column, runs), truth.coarse)
+
+
+def _column(interval: TruthInterval, coarse: tuple[CoarseLabel, ...]) -> int:
+    if interval.contact is not None:
+        return interval.contact.column
+    assert interval.coarse is not None
+    return len(STATES) + coarse.index(interval.coarse)
 
 
 def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:

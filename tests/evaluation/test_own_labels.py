@@ -1,0 +1,140 @@
+"""A user's own labels: the files in which they come, what they mean, and how a result compares with them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import contact_tracker
+from contact_tracker.cli.main import run
+from contact_tracker.errors import ChoiceError, NoTruth
+from contact_tracker.ground_truth import Truth
+from contact_tracker.recording import read_labels
+from contact_tracker.recording.labels import meanings_of
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker_lab.evaluation.scoring import scoring
+from contact_tracker_lab.evaluation.tallying import tally
+from mcap_logs import poses_topic, smooth_poses, write_log
+
+FIRST_NS, LAST_NS = 1_700_000_000 * 10**9, 1_700_000_010 * 10**9
+MAP = {"touch": "any", "flat": "f-f|e-f", "unclear": "?"}
+
+
+def read(path: Path, text: str, meanings: dict[str, str] | None = None) -> Truth:
+    path.write_text(text)
+    return read_labels(str(path), FIRST_NS, LAST_NS, meanings)[0]
+
+
+EXPECTED = [(0, 2_000, Contact.FREE), (2_500, 10_000, Contact.EF)]
+FILES = {
+    "commas": "start,end,contact\n0,2,free\n2.5,10,e-f\n",
+    "spreadsheet": "Start (ms);End (ms);Label\n2500;10000;e-f\n0;2000;free\n",
+    "ELAN": "Tier\tBegin Time - ss.msec\tEnd Time - ss.msec\tAnnotation\n"
+    "x\t0.0\t2.0\tfree\nx\t2.500\t10.000\te-f\n",
+    "clock": "begin,stop,label\n0:00.0,0:02,free\n0:00:02.5,0:10,e-f\n",
+    "stamps": f"start_ns,end_ns,contact\n{FIRST_NS},{FIRST_NS + 2 * 10**9},free\n"
+    f"{FIRST_NS + 25 * 10**8},{LAST_NS},e-f\n",
+    "Label Studio": json.dumps(
+        [
+            {
+                "annotations": [
+                    {
+                        "result": [
+                            {"value": {"start": s, "end": e, "timeserieslabels": [name]}}
+                            for s, e, name in ((0, 2, "free"), (2.5, 10, "e-f"))
+                        ]
+                    }
+                ]
+            }
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_files_of_labels(tmp_path: Path, kind: str) -> None:
+    truth = read(tmp_path / "labels.csv", FILES[kind])
+    found = [(one.start_ns, one.end_ns + 1, one.contact) for one in truth.intervals]
+    assert found == [(FIRST_NS + s * 10**6, FIRST_NS + e * 10**6, contact) for s, e, contact in EXPECTED]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("start,end\n0,1\n", "its columns are start, end: needed are start, end and contact"),
+        ("start,end,contact\n", "it has no label"),
+        ("start,end,contact\n0,2,free\n1,3,e-f\n", "free and e-f overlap at 1 s"),
+        ("start,end,contact\n3,2,free\n", "free ends at 2, before it starts at 3"),
+        ("start,end,contact\na,2,free\n", "'a' is no time"),
+        ("start,end,contact\n0,2\n", "row 2 has 2 values"),
+        ("start,end,contact\n100000,100001,free\n", "name their unit, as in start_ms"),
+        ("[1", "it is no JSON"),
+    ],
+)
+def test_what_is_no_table_of_labels_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(NoTruth, match=message):
+        read(tmp_path / "labels.csv", text)
+
+
+def test_labels_that_mean_nothing_known_are_refused(tmp_path: Path) -> None:
+    text = "start,end,contact\n0,2,touch\n"
+    with pytest.raises(
+        ChoiceError, match="the label 'touch' is no state: say which it is, as in --map 'touch=any'"
+    ):
+        read(tmp_path / "labels.csv", text)
+    with pytest.raises(ChoiceError, match="no label tuoch; did you mean touch"):
+        read(tmp_path / "labels.csv", text, {"touch": "any", "tuoch": "any"})
+    with pytest.raises(ChoiceError, match="a label means states as in touch=any, not 'touch'"):
+        meanings_of(["touch"])
+    assert meanings_of(["a=b=any", "x=f-f|e-f"]) == {"a=b": "any", "x": "f-f|e-f"}
+
+
+def test_coarse_labels_are_right_with_each_of_their_states(tmp_path: Path) -> None:
+    """Labels at 100 Hz: f-f to 2 s, e-f to 5 s, free to 10 s; touch is true to 5.5 s."""
+    truth = read(
+        tmp_path / "a.csv", "start,end,label\n0,3,flat\n3,5.5,touch\n5.5,9,free\n9,10,unclear\n", MAP
+    )
+    assert [one.coarse.states for one in truth.intervals if one.coarse] == [
+        (Contact.FF, Contact.EF),
+        CONTACTS,
+    ]
+    stamps = FIRST_NS + np.arange(0, 10 * 10**9, 10**7)
+    found = np.repeat([STATES.index(one) for one in (Contact.FF, Contact.EF, Contact.FREE)], [200, 300, 500])
+    result = tally(scoring(stamps, truth), np.arange(1000), found, 0.93 * np.eye(7)[found] + 0.01)
+    assert result.seconds() == pytest.approx(9.0)
+    assert result.accuracy() == pytest.approx(8.5 / 9)
+    assert result.rows == (*STATES, "flat", "touch")
+    confusion = {name: row for name, row in zip(result.rows, result.confusion_s[0], strict=True) if row.any()}
+    assert confusion["flat"][[0, 1, 6]] == pytest.approx([2.0, 1.0, 0.0])
+    assert confusion["touch"][[0, 1, 6]] == pytest.approx([0.0, 2.0, 0.5])
+    assert result.recall[[6, 7, 8]] == pytest.approx([1.0, 1.0, 0.8])
+    assert result.f1[[6, 7, 8]] == pytest.approx([7 / 7.5, 1.0, 4 / 4.5])  # flat is also a touch
+    assert result.boundary_error_s == pytest.approx([np.nan, 0.5], nan_ok=True)
+    assert result.detection_delay_s == pytest.approx([0.0, 0.0])
+    assert result.log_loss_by_state[7] == pytest.approx(-np.log(0.95))
+    assert result.calibration[:, 0].sum() == pytest.approx(9.0)
+
+
+def test_a_result_and_the_command_compare_with_labels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    poses = smooth_poses(200)
+    log = write_log(tmp_path / "a.mcap", [poses_topic(poses, "/a")])
+    labels = tmp_path / "labels.csv"
+    labels.write_text("start,end,contact\n0,0.5,touch\n0.5,0.9,air\n")
+    options = ["--map", "touch=any", "--map", "air=free"]
+    assert run(["evaluate", str(log), "--labels", str(labels), *options, "--json"]) == 0
+    shown = capsys.readouterr()
+    assert "the times of its 2 labels are taken since the first pose" in shown.err
+    total = json.loads(shown.out)["total"]
+    result = contact_tracker.segment(contact_tracker.read(log))
+    report = contact_tracker.evaluate(result, labels, {"touch": "any", "air": "free"}, by_arrival=True)
+    assert report.total.offline.accuracy() == pytest.approx(total["offline"]["accuracy"]["all"])
+    assert report.total.offline.seconds() == pytest.approx(0.9, abs=0.01)
+    assert total["arrival"]["scored_s"] == pytest.approx(0.9, abs=0.01)
+    assert report.total.arrival is not None
+    assert "touch" in str(report)
+    other = write_log(tmp_path / "b.mcap", [poses_topic(poses, "/a")])
+    assert run(["evaluate", str(log), str(other), "--labels", str(labels)]) == 2
+    assert "--labels are of one recording" in capsys.readouterr().err

@@ -1,0 +1,347 @@
+"""What users say of the columns of a table, what its names say of it, and exports that people have."""
+
+import json
+import pickle
+import shlex
+from collections.abc import Callable, Iterable, Sequence
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pytest
+from pyarrow import feather, parquet
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+import contact_tracker
+from contact_tracker import Trajectory
+from contact_tracker.cli.main import build_parser, run
+from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+from mcap_logs import smooth_poses
+from motive_export import write_motive
+
+POSES = smooth_poses(120)
+SINCE_NS = POSES.stamp_ns - POSES.stamp_ns[0]
+T, P, Q = SINCE_NS / 1e9, POSES.position_m, POSES.quat_xyzw
+TURN = Rotation.from_quat(Q)
+VECTORS, MATRICES = TURN.as_rotvec(), TURN.as_matrix()
+POSE = np.column_stack([P, Q])
+NAMES = "x,y,z,qx,qy,qz,qw"
+WHOLE = np.tile(np.eye(4), (len(T), 1, 1))
+WHOLE[:, :3, :3], WHOLE[:, :3, 3] = MATRICES, P
+
+
+def rows(*columns: np.ndarray | Sequence[str]) -> list[list[str]]:
+    """The cells of columns, of text or of numbers (N,) or (N, k)."""
+    cells = [
+        [[repr(value) for value in row] for row in np.reshape(one, (len(one), -1)).tolist()]
+        if isinstance(one, np.ndarray)
+        else [[text] for text in one]
+        for one in columns
+    ]
+    return [[cell for part in parts for cell in part] for parts in zip(*cells, strict=True)]
+
+
+def write(path: Path, head: Sequence[str], lines: Iterable[Sequence[str]], separator: str = ",") -> Path:
+    path.write_text("\n".join([*head, *(separator.join(line) for line in lines), ""]))
+    return path
+
+
+def assert_read(path: Path, *options: str, frame: str | None = None) -> None:
+    """The file is read as the poses; stamps from the first on."""
+    table = build_parser().parse_args(["segment", str(path), *options]).table
+    log = open_log(str(path), frame=frame, table=table)
+    found = Poses.collect(log)
+    np.testing.assert_allclose(found.stamp_ns - found.stamp_ns[0], SINCE_NS, rtol=0, atol=600)
+    np.testing.assert_allclose(found.position_m, P, rtol=0, atol=1e-9)
+    turned = np.abs(np.sum(found.quat_xyzw * Q, axis=1))
+    np.testing.assert_allclose(turned, 1.0, rtol=0, atol=1e-9)
+    assert log.damage is None
+
+
+def proposed(path: Path) -> list[str]:
+    """The options of the first command that a refusal names."""
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path))
+    command = str(raised.value).partition("contact-tracker ")[2].partition(" or contact-tracker")[0]
+    words = shlex.split(command.split(", with the rate")[0].split(". Orders")[0])
+    assert words[:2] == ["segment", str(path)]
+    return words[2:]
+
+
+Writer = Callable[[Path], Path]
+SECONDS, REST = [str(1_700_000_000 + n // 10**9) for n in SINCE_NS], [str(n % 10**9) for n in SINCE_NS]
+SHARES: dict[str, Writer] = {
+    "camel case": lambda path: write(
+        path,
+        ["Timestamp,PositionX,PositionY,PositionZ,RotationX,RotationY,RotationZ,RotationW"],
+        rows(T, POSE),
+    ),
+    "PlotJuggler": lambda path: write(
+        path,
+        [
+            "__time,"
+            + ",".join(f"/o/pose/position/{a}" for a in "xyz")
+            + ","
+            + ",".join(f"/o/pose/orientation/{a}" for a in "xyzw")
+        ],
+        rows(T, POSE),
+    ),
+    "two columns of a time": lambda path: write(path, [f"secs,nsecs,{NAMES}"], rows(SECONDS, REST, POSE)),
+    "a line for Excel": lambda path: write(
+        path, ["sep=;", f"Time;{NAMES.replace(',', ';')}"], rows(T, POSE), ";"
+    ),
+    "a preamble": lambda path: write(
+        path, ["Project: demo", "Sample rate (Hz),200", "", f"Time,{NAMES}"], rows(T, POSE)
+    ),
+    "a row of units": lambda path: write(path, [f"Time,{NAMES}", "s,mm,mm,mm,,,,"], rows(T, 1e3 * P, Q)),
+    "the real part is q0": lambda path: write(
+        path, ["t,x,y,z,q0,qx,qy,qz"], rows(T, P, np.roll(Q, 1, axis=1))
+    ),
+    "Qualisys": lambda path: write(
+        path,
+        [
+            *("NO_OF_FRAMES\t120", "FREQUENCY\t200", "TIME_STAMP\t2024-05-14, 10:22:31.123\t5021.1"),
+            *("DATA_INCLUDED\t6D", "BODY_NAMES\tblock"),
+            "Frame\tTime\tX\tY\tZ\tRoll\tPitch\tYaw\tResidual\t" + "\t".join(f"Rot[{i}]" for i in range(9)),
+        ],
+        rows(np.arange(120), T, 1e3 * P, np.degrees(VECTORS), T, MATRICES.transpose(0, 2, 1)),
+        "\t",
+    ),
+    "hours of one digit": lambda path: write(
+        path,
+        [f"time,{NAMES}"],
+        rows([f"2026-03-01 9:00:0{n // 10**9}.{n % 10**9:09d}" for n in SINCE_NS], POSE),
+    ),
+}
+
+
+@pytest.mark.parametrize("share", SHARES)
+def test_text_exports_whose_names_say_what_they_are(tmp_path: Path, share: str) -> None:
+    assert_read(SHARES[share](tmp_path / "a.csv"))
+
+
+def test_names_of_motive_may_be_in_lower_case(tmp_path: Path) -> None:
+    path = write_motive(tmp_path / "take.csv", POSES, POSES)
+    path.write_text(path.read_text(encoding="utf-8-sig").lower())
+    for options in ([], ["--unit", "mm"]):
+        assert_read(path, *options, frame="cup")
+
+
+def test_json_lines(tmp_path: Path) -> None:
+    lines = [
+        json.dumps(
+            {"time": t, "pose": {**dict(zip("xyz", p, strict=True)), "q": dict(zip("xyzw", q, strict=True))}}
+        )
+        for t, p, q in zip(T.tolist(), P.tolist(), Q.tolist(), strict=True)
+    ]
+    write(tmp_path / "a.jsonl", lines, [])
+    assert_read(tmp_path / "a.jsonl")
+    lines[5] = lines[5][:40]
+    write(tmp_path / "a.jsonl", lines, [])
+    log = open_log(str(tmp_path / "a.jsonl"))
+    assert len(Poses.collect(log)) == 119
+    assert str(log.damage).startswith("1 row has no time that is a number or a date ('{")
+
+
+EULER = ["--euler", "XYZ:deg"]
+PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
+    "UR": (
+        "timestamp," + ",".join(f"actual_TCP_pose_{i}" for i in range(6)),
+        rows(T, P, VECTORS),
+        ["--rotation-vector", "--columns", "position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]"],
+    ),
+    "libfranka": (
+        "time," + ",".join(f"O_T_EE[{i}]" for i in range(16)),
+        rows(T, WHOLE.transpose(0, 2, 1)),
+        ["--matrix", "columns", "--columns", "matrix=O_T_EE"],
+    ),
+    "KUKA": (
+        "t,X,Y,Z,A,B,C",
+        rows(T, 1e3 * P, TURN.as_euler("ZYX", degrees=True)),
+        ["--unit", "mm", "--euler", "ZYX:deg", "--columns", "rz=A,ry=B,rx=C"],
+    ),
+    "ABB": (
+        "t,X,Y,Z,Q1,Q2,Q3,Q4",
+        rows(T, 1e3 * P, np.roll(Q, 1, axis=1)),
+        ["--unit", "mm", "--columns", "qw=Q1,qx=Q2,qy=Q3,qz=Q4"],
+    ),
+    "matrices": (
+        "t,x,y,z," + ",".join(f"r{i}{j}" for i in "123" for j in "123"),
+        rows(T, P, MATRICES),
+        ["--matrix", "rows"],
+    ),
+    "Windows' clock": (
+        f"timestamp,{NAMES}",
+        rows([str(133_500_000_000_000_000 + n // 100) for n in SINCE_NS], POSE),
+        ["--time-unit", "100ns"],
+    ),
+    "angles": (
+        "t,x,y,z,roll,pitch,yaw",
+        rows(T, P, TURN.as_euler("xyz", degrees=True)),
+        ["--euler", "xyz:deg"],
+    ),
+    "no names": ("", rows(T, POSE), ["--columns", "time=c0,x=c1,y=c2,z=c3,qx=c4,qy=c5,qz=c6,qw=c7"]),
+    "ros2 topic echo": (
+        "",
+        rows(SECONDS, REST, ["world"] * 120, POSE),
+        ["--columns", "time=c0,nanoseconds=c1,x=c3,y=c4,z=c5,qx=c6,qy=c7,qz=c8,qw=c9"],
+    ),
+}
+
+
+@pytest.mark.parametrize("system", PROPOSALS)
+def test_the_command_that_is_proposed_reads_the_columns(tmp_path: Path, system: str) -> None:
+    names, lines, options = PROPOSALS[system]
+    path = write(tmp_path / "a.csv", [names] if names else [], lines)
+    assert sorted(proposed(path)) == sorted(options)
+    assert_read(path, *options)
+
+
+def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path / "a.csv", [f"frame,{NAMES}"], rows(np.arange(100, 220), POSE))
+    assert proposed(path) == ["--time-unit", "100Hz"]
+    assert_read(path, "--time-unit", "200Hz")
+    assert_read(write(tmp_path / "b.csv", [NAMES], rows(POSE)), "--time-unit", "200Hz")  # by rows
+    assert run(["info", str(path)]) == 1
+    assert f"read them by contact-tracker segment {path} --time-unit 100Hz" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["list of seven", "two lists", "lists of any length"])
+def test_lists_in_parquet_are_numbered_columns(tmp_path: Path, kind: str) -> None:
+    table: dict[str, object] = {"timestamp": T}
+    if kind == "list of seven":
+        table["observation.state"] = pyarrow.array(POSE.tolist(), pyarrow.list_(pyarrow.float64(), 7))
+    elif kind == "two lists":
+        table |= {"position": pyarrow.array(P.tolist()), "orientation": pyarrow.array(Q.tolist())}
+    else:
+        table["a"] = pyarrow.array(POSE.tolist())
+    parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
+    assert_read(tmp_path / "a.parquet", *proposed(tmp_path / "a.parquet"))
+
+
+@pytest.mark.parametrize("kind", ["npy", "npz", "matrices.npz"])
+def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"a.{kind}"
+    if kind == "npy":
+        np.save(path, np.asfortranarray(np.column_stack([T, POSE])))
+    elif kind == "npz":
+        np.savez_compressed(path, t=T, p=P, q=Q, about="a test", other=np.zeros(3))
+    else:
+        np.savez(path, t=T, poses=WHOLE)
+    assert_read(path, *proposed(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "message"),
+    [
+        (
+            "a.npz",
+            lambda path: np.savez_compressed(path, t=np.zeros(40_000_000)),
+            "it is too much for its size",
+        ),
+        ("a.npy", lambda path: path.write_bytes(npy_of(10**9)), "an array is longer than its file"),
+        ("a.npz", lambda path: path.write_bytes(b"PK\3\4" * 9), "it cannot be read as arrays of NumPy"),
+        (
+            "a.npy",
+            lambda path: np.save(path, np.array([{}], object)),
+            "it has no array of numbers with a row",
+        ),
+        (
+            "a.mat",
+            lambda path: savemat(path, {"t": T, "p": P}),
+            r"with t \(1, 120\), p \(120, 3\), which is not",
+        ),
+        ("a.pkl", lambda path: path.write_bytes(pickle.dumps({"t": T})), "a pickle, which runs code"),
+        ("a.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n\0\0"), r"h5py\.File\('a\.h5'\)"),
+        (
+            "a.arrow",
+            lambda path: feather.write_feather(pyarrow.table({"t": T}), str(path)),
+            "feather.read_table",
+        ),
+        ("a.csv.gz", lambda path: path.write_bytes(b"\x1f\x8b\0"), "it is compressed: gunzip a.csv.gz first"),
+    ],
+)
+def test_what_is_not_read_is_named(
+    tmp_path: Path, name: str, make: Callable[[Path], object], message: str
+) -> None:
+    make(tmp_path / name)
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(tmp_path / name))
+
+
+def npy_of(rows: int) -> bytes:
+    """The beginning of an array that says that it has so many rows."""
+    out = BytesIO()
+    np.save(out, np.zeros((1, 8)))
+    return out.getvalue().replace(b"(1, 8), }" + b" " * 9, f"({rows}, 8), }}".encode().ljust(18))
+
+
+def test_lost_tracking_is_counted(tmp_path: Path) -> None:
+    """Blanks, NaN, and matrices of zeros."""
+    cells = rows(T, P, MATRICES)
+    for i, fill in ((10, ""), (11, "NaN"), (12, "0.0")):
+        cells[i][1:] = [fill] * 12
+    path = write(tmp_path / "a.csv", ["t,x,y,z," + ",".join(f"r{i}{j}" for i in "123" for j in "123")], cells)
+    log = open_log(str(path), table=build_parser().parse_args(["info", "a", "--matrix", "rows"]).table)
+    assert len(Poses.collect(log)) == 117
+    assert log.counts == {"nonfinite": 2, "bad_quaternion": 1}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--unit", "ms"], "unit is m, cm, mm, um, not 'ms'; a time has time_unit='ms'"),
+        (["--time-unit", "min"], "time_unit is s, ms, us, ns, 100ns, or the rate of frame numbers, as 200Hz"),
+        (["--euler", "XYx"], "euler is three of the letters xyz or XYZ"),
+        (["--matrix", "diagonal"], "matrix is rows or columns"),
+        (["--columns", "time"], "columns are given as time=t,x=px"),
+        (["--columns", "q=a"], "a column is time, nanoseconds, x"),
+        (["--columns", "x=posx"], "no column 'posx'; did you mean pos_x?"),
+        (["--columns", "matrix=t"], "no columns t[0], t[1], ...; there are t, pos_x"),
+    ],
+)
+def test_what_does_not_fit_is_wrong_usage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+) -> None:
+    path = write(tmp_path / "a.csv", ["t,pos_x,pos_y,pos_z,qx,qy,qz,qw"], rows(T, POSE))
+    assert run(["info", str(path), *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_readings_are_for_tables(tmp_path: Path) -> None:
+    shipped = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
+    with pytest.raises(ChoiceError, match="it is no table: leave out --unit"):
+        contact_tracker.read(shipped, unit="mm")
+
+
+def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:
+    angles = TURN.as_euler("XYZ", degrees=True)
+    lines = rows(SINCE_NS // 100, 1e3 * P, angles)
+    path = write(tmp_path / "a.csv", ["t,px,py,pz,rx,ry,rz"], lines)
+    given = {"unit": "mm", "time_unit": "100ns", "euler": "XYZ:deg"}
+    table = dict(
+        zip(
+            ("t", "px", "py", "pz", "rx", "ry", "rz"),
+            np.column_stack([SINCE_NS // 100, 1e3 * P, angles]).T,
+            strict=True,
+        )
+    )
+    for found in (
+        contact_tracker.read(path, **given),
+        Trajectory.from_arrays(SINCE_NS // 100, 1e3 * P, angles, **given),
+        Trajectory.from_dataframe(table, **given),
+        Trajectory.from_dataframe(pyarrow.table(table), columns={"time": "t"}, **given),
+        Trajectory.from_arrays(T, P, TURN),
+        Trajectory.from_arrays(T, P, MATRICES),
+        Trajectory.from_arrays(T, P, VECTORS, rotation_vector=True),
+        Trajectory.from_arrays(T, WHOLE),
+    ):
+        np.testing.assert_allclose(found.stamp_ns, SINCE_NS, rtol=0, atol=101)
+        np.testing.assert_allclose(found.position_m, P, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(np.abs(np.sum(found.quat_xyzw * Q, axis=1)), 1.0, rtol=0, atol=1e-9)
+    with pytest.raises(UsageError, match=r"Trajectory\.from_dataframe\(table, euler='xyz:deg'\)"):
+        Trajectory.from_dataframe(table)

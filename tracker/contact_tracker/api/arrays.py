@@ -1,0 +1,132 @@
+"""Arguments that are arrays: stamps in nanoseconds, positions, and rotations of any kind as quaternions."""
+
+from datetime import UTC, datetime, timedelta
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact_tracker.config.quantities import RANGE_NS
+from contact_tracker.config.table_reading import TIME_UNITS_NS, TableReading, reading_of
+from contact_tracker.errors import UsageError
+from contact_tracker.geometry.elements import Array
+from contact_tracker.motion.real_numbers import real_number, real_numbers
+from contact_tracker.recording.rotation_kinds import quaternions
+
+_NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
+_ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
+
+
+def stated(unit: Any = None, time_unit: Any = None, **others: Any) -> TableReading:
+    """The reading that arguments state; a ``unit`` of time is that of the stamps, as before there was a
+    ``time_unit``. Raises UsageError."""
+    if isinstance(unit, str) and unit in TIME_UNITS_NS and time_unit is None:
+        unit, time_unit = None, unit
+    try:
+        return reading_of(unit=unit, time_unit=time_unit, **others)
+    except (TypeError, ValueError) as error:
+        raise UsageError(str(error)) from error
+
+
+def nanoseconds(
+    stamps: ArrayLike, unit_ns: float
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Stamps in nanoseconds, which of them are finite times, and which of these are in range."""
+    given = times(stamps)
+    if given.ndim != 1:
+        raise UsageError(f"stamps have the shape (N,), not {given.shape}")
+    if given.dtype.kind in "mM":
+        is_time = ~np.isnat(given)
+        return given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
+    try:
+        numbers = given if given.dtype.kind in "iu" and not np.ma.is_masked(given) else real_numbers(given)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(_NO_TIMES) from error
+    with np.errstate(all="ignore"):
+        is_time = np.isfinite(numbers)
+        in_range = is_time & (np.abs(numbers.astype(float)) * unit_ns <= RANGE_NS)
+    sound = np.where(in_range, numbers, 0)
+    if sound.dtype.kind in "iu" and unit_ns == round(unit_ns):
+        return sound.astype(np.int64) * round(unit_ns), is_time, in_range
+    whole = np.floor(sound) if unit_ns == round(unit_ns) else np.zeros(len(sound))
+    rest_ns = np.round((sound - whole) * unit_ns).astype(
+        np.int64
+    )  # keeps the precision of seconds since 1970
+    return whole.astype(np.int64) * round(unit_ns) + rest_ns, is_time, in_range
+
+
+def moment_ns(value: Any, first_ns: int) -> int:
+    """The stamp of a time: seconds or a duration since the first pose, or a date; raises UsageError."""
+    try:
+        given = times([value])
+        if given.dtype.kind == "M":
+            return int(given.astype("datetime64[ns]").astype(np.int64)[0])
+        if given.dtype.kind == "m":
+            return first_ns + int(given.astype("timedelta64[ns]").astype(np.int64)[0])
+        return first_ns + round(real_number(value) * 1e9)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(
+            f"a time is seconds or a duration since the first pose, or a date, not {value!r}"
+        ) from error
+
+
+def have_own_unit(stamps: ArrayLike) -> bool:
+    """Whether stamps are dates or durations."""
+    return times(stamps).dtype.kind in "mM"
+
+
+def times(stamps: ArrayLike) -> NDArray[Any]:
+    """Stamps as numbers, or as dates and durations of numpy; those with a time zone in UTC."""
+    if getattr(getattr(stamps, "dtype", None), "tz", None) is not None:  # dates of pandas
+        return np.asarray(stamps.to_numpy("datetime64[ns]"))  # type: ignore[union-attr]
+    try:
+        given = np.asanyarray(stamps)  # with its mask, if it has one
+    except ValueError as error:  # lists of different lengths
+        raise UsageError(_NO_TIMES) from error
+    if given.dtype.kind == "O" and given.size and all(isinstance(one, timedelta) for one in given.flat):
+        return given.astype("timedelta64[ns]")
+    if given.dtype.kind != "O" or not all(isinstance(one, datetime) for one in given.flat):
+        return given
+    utc = [one.astimezone(UTC).replace(tzinfo=None) if one.tzinfo else one for one in given.flat]
+    return np.array(utc, "datetime64[ns]").reshape(given.shape)
+
+
+def rows(values: ArrayLike, name: str, *shape: int) -> Array:
+    """Real numbers of the shape (N, *shape); raises UsageError."""
+    try:
+        found = real_numbers(values)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(f"{name} are no real numbers") from error
+    if found.ndim != 1 + len(shape) or found.shape[1:] != shape:
+        raise UsageError(f"{name} have the shape (N, {', '.join(map(str, shape))}), not {found.shape}")
+    return found
+
+
+def positions_and_quaternions(
+    positions: ArrayLike, rotations: Any, order: Any, reading: TableReading
+) -> tuple[Array, Array]:
+    """Positions in their unit, and quaternions ``xyzw``: of quaternions in ``order``, of angles or vectors as
+    ``reading`` says, of matrices (N, 3, 3), of SciPy's Rotation; or both of matrices (N, 4, 4).
+
+    Raises
+    ------
+    UsageError
+        Shapes differ, or values are no real numbers.
+    """
+    if not isinstance(order, str) or order not in _ORDERS:
+        raise UsageError(f"order is 'xyzw' or 'wxyz', not {order!r}")
+    if rotations is None:
+        whole = rows(positions, "poses without rotations", 4, 4)
+        return whole[:, :3, 3], quaternions("matrix", whole[:, :3, :3].reshape(-1, 9), "rows")
+    place = rows(positions, "positions_m", 3)
+    if hasattr(rotations, "as_quat"):  # SciPy's Rotation
+        return place, rows(rotations.as_quat(), "rotations", 4)
+    if reading.euler is not None:
+        if ":" not in reading.euler:
+            raise UsageError(f"euler has the unit of the angles, as in {reading.euler}:deg")
+        return place, quaternions("euler", rows(rotations, "Euler angles", 3), reading.euler)
+    if reading.rotation_vector:
+        return place, quaternions("rotation_vector", rows(rotations, "rotation vectors", 3), "rad")
+    if getattr(rotations, "ndim", 2) == 3:
+        return place, quaternions("matrix", rows(rotations, "matrices", 3, 3).reshape(-1, 9), "rows")
+    return place, np.ascontiguousarray(rows(rotations, "quaternions", 4)[:, _ORDERS[order]])
