@@ -84,9 +84,9 @@ class Dataset:
     def record(self, answer: Answer) -> None:
         """Append an answer to the journal, and save at intervals."""
         line = {"recording": rows.shown(answer.name), "signature": answer.signature, "row": answer.row}
+        self._take(line)  # first: if an interrupt comes between, saving writes what was taken
         self._journal.write(json.dumps(line).encode() + b"\n")
         self._journal.flush()
-        self._take(line)
         if time.monotonic() >= self._next_save_s:
             begin_s = time.monotonic()
             self.save()
