@@ -227,7 +227,7 @@ def test_outputs_contain_the_joint(tmp_path: Path) -> None:
     assert last["joint"]["kind"] == "hinge"
     result.save(tmp_path / "a.csv")
     header, row = (tmp_path / "a.csv").read_text().splitlines()[:2]
-    assert header.endswith(",joint")
+    assert header.endswith(",joint,decided")
     assert '""kind"": ""hinge""' in row
 
 
