@@ -4,8 +4,6 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from contact_tracker.api.given import errors_as, path_from
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.errors import OutputError, UsageError
@@ -49,7 +47,7 @@ class Map:
         return self._elements(1)
 
     def _elements(self, side: int) -> tuple[Element, ...]:
-        covariance = np.asarray(np.linalg.pinv(self.learned.information, hermitian=True), float)
+        covariance = self.learned.covariance()
         slots = self.learned.slots
         return tuple(
             one.with_covariance(covariance[slots[key], slots[key]])

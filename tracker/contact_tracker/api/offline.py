@@ -312,7 +312,8 @@ def segment(
     frame_moves = poses.source is not None and poses.source.frame_moves
     tracker = OfflineTracker(given, knowledge, wrenches=evidence, frame_moves=frame_moves)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
-    learned = None if tracker.map is None else tracker.map.learned
+    world = tracker.map
+    learned = None if world is None else world.learned
     touched = Map(learned) if learned else None
     result = Result(poses, found, tracker.report, tuple(notes), evidence is not None, touched)
     warn_of(result._own_warnings)

@@ -213,7 +213,10 @@ def check_map_out(args: argparse.Namespace, prior_map: "PriorMap") -> None:
         )
     if getattr(args, "wrench", None) is not None:
         raise UsageError("--map-out learns from the motion: without --wrench")
-    read = [one for one in files_read([args.log], args.model, args.known) if one != args.known]
+    if getattr(args, "state", None) is not None:
+        raise UsageError("--map-out is of a stream that ends: without --state, which has the map as well")
+    known = None if args.known is None else Path(args.known)
+    read = [one for one in files_read([args.log], args.model, args.known) if Path(one) != known]
     check_output(args.map_out, True, read, written=[args.output])
 
 

@@ -2,13 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
 from contact_tracker.geometry.elements import Array
 from contact_tracker.geometry.vectors import sphere_tangent
-from contact_tracker.map.elements import MapElement
+from contact_tracker.map.elements import MapElement, prior_variance
 from contact_tracker.map.view import Key
+
+ANYWHERE_M: Final = 1.0
+"""Standard deviation of places that nothing is known of, for users."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +41,27 @@ class MapPrior:
             slots[key] = slice(end, end + one.size)
             end += one.size
         return slots
+
+    def weak(self, reach_m: float) -> Array:
+        """Variance (P,) of elements that nothing is known of."""
+        variances = [prior_variance(one.kind, reach_m) for one in self.elements.values()]
+        return np.concatenate([np.zeros(0), *variances])
+
+    def covariance(self, reach_m: float = ANYWHERE_M) -> Array:
+        """Covariance (P, P) of the free coordinates; wide in what is not known."""
+        return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / self.weak(reach_m))))
+
+    def without_weak(self, reach_m: float) -> "MapPrior":
+        """The same without the weak prior, which its information has beside what was seen."""
+        sd = np.sqrt(self.weak(reach_m))
+        return self.with_scaled(sd[:, None] * self.information * sd - np.eye(len(sd)), sd)
+
+    def with_scaled(self, scaled: Array, sd: Array) -> "MapPrior":
+        """The same with the information of coordinates in units of ``sd`` (P,), symmetric and not negative
+        whatever rounding has left."""
+        values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        sound = (axes * np.maximum(values, 0.0)) @ axes.T
+        return replace(self, information=sound / (sd[:, None] * sd))
 
     def shifted(self, by_m: Array) -> "MapPrior":
         """The same with the environment moved by ``by_m`` (3,), as for another origin of the world."""

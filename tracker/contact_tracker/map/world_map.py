@@ -30,6 +30,8 @@ online (0.658), but short contacts in noise are lost (hard_01 0.71 instead of 0.
 0.96)."""
 MOST_SIGHTINGS: Final = 60
 """Most contacts in a map, those with the most information: if nothing is shared, 60 take some seconds."""
+MOST_LEARNED: Final = 40
+"""Most elements that are kept for another recording."""
 MOST_SWEEPS: Final = 3
 SOLVER_ROUNDS: Final = 4
 LONGEST_TURN_RAD: Final = 0.3
@@ -106,14 +108,18 @@ class Map:
 
     @property
     def learned(self) -> MapPrior:
-        """All that is known now, in the coordinates of the world, for another recording."""
-        view, keys = self.whole, sorted(self.whole.elements)
-        information, _ = self.normal_equations(view.slots, self.pairs)
-        weak = [prior_variance(view.elements[key].kind, self.reach_m) for key in keys]
-        information -= np.diag(1.0 / np.concatenate([np.zeros(0), *weak]))
+        """What is known now of the elements that were touched most, in the coordinates of the world, for
+        another recording."""
+        view = self.whole
+        often = sorted(view.counts, key=lambda key: (-view.counts[key], key))
+        keys = sorted(often[:MOST_LEARNED])
+        kept = [view.slots[key] for key in keys]
+        rows = np.concatenate([np.zeros(0, int), *(np.arange(one.start, one.stop) for one in kept)])
         found = MapPrior(
-            {key: view.elements[key] for key in keys}, {key: view.counts[key] for key in keys}, information
-        )
+            {key: view.elements[key] for key in keys},
+            {key: view.counts[key] for key in keys},
+            np.linalg.inv(view.covariance[np.ix_(rows, rows)]),
+        ).without_weak(self.reach_m)
         return found if self.origin_m is None else found.shifted(self.origin_m)
 
     def insert(self, sighting: Sighting) -> "Map":
@@ -124,9 +130,11 @@ class Map:
         if not self.prior:
             return self._insert(sighting)
         bare = self._without_prior()
-        odds = log_marginal(sighting, self.whole, self.reach_m)
-        odds -= log_marginal(sighting, bare.whole, self.reach_m)
-        prior_log_odds = {**self.prior_log_odds, sighting.first: odds}
+        own = (sighting.first,)  # an earlier estimate of the same contact
+        odds = log_marginal(sighting, self.without(own), self.reach_m)
+        odds -= log_marginal(sighting, bare.without(own), self.reach_m)
+        kept = {first: one for first, one in self.prior_log_odds.items() if first in self.pairs}
+        prior_log_odds = {**kept, sighting.first: odds}
         if sum(prior_log_odds.values()) < -DROPPED_NATS:
             return bare.insert(sighting)
         return replace(self, prior_log_odds=prior_log_odds)._insert(sighting)
@@ -154,6 +162,9 @@ class Map:
                 replace(one, first=number[one.first], end=number[one.first]) for one in self.sightings
             ),
             pairs={number[first]: pair for first, pair in self.pairs.items()},
+            prior_log_odds={
+                number[first]: one for first, one in self.prior_log_odds.items() if first in number
+            },
         )
 
     @cached_property

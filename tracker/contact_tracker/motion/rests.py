@@ -52,7 +52,7 @@ def completes_rest(ticks: SlidingWindow, tick_s: float) -> bool:
     count, newest = rest_ticks(tick_s), len(ticks.frames) - 1
     if not ticks.frames[newest]:
         return False
-    filled = np.flatnonzero(ticks.frames[-2 * count :]) + max(newest + 1 - 2 * count, 0)
+    filled = np.flatnonzero(ticks.frames)[-2 * count :]
     still = _still(ticks.window, filled, count)
     return bool(still[-1:].any() and not still[:-1].any())
 

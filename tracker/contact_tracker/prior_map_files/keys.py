@@ -13,6 +13,8 @@ from contact_tracker.suggestions import closest, suggestion
 FARTHEST_M: Final = 1e6
 SIZES_M: Final = (1e-4, 1e3)
 """Range of a body's size along an edge (m)."""
+LARGEST: Final = 1e18
+"""Largest entry of a matrix."""
 LONGEST_TEXT: Final = 200
 UNIT_TOLERANCE: Final = 0.01
 """Largest deviation of a direction's length from 1."""
@@ -135,7 +137,7 @@ class Keys:
 
 def _is_number(value: Any) -> bool:
     is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    return is_number and math.isfinite(value)
+    return is_number and bool(abs(value) <= LARGEST)
 
 
 def _is_coordinate(value: Any) -> bool:

@@ -10,12 +10,13 @@ from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.landmarks.prior_map import KINDS
 from contact_tracker.map.elements import MapElement
-from contact_tracker.map.prior import NO_PRIOR, MapPrior
+from contact_tracker.map.prior import ANYWHERE_M, NO_PRIOR, MapPrior
 from contact_tracker.map.view import Key
+from contact_tracker.map.world_map import MOST_LEARNED
 from contact_tracker.prior_map_files.keys import FARTHEST_M, Keys
 
 SIDES: Final = ("object", "environment")
-MOST_ELEMENTS: Final = 100
+MOST_ELEMENTS: Final = MOST_LEARNED
 _ROUNDING: Final = 1e-6
 """Largest share of an information matrix that rounding in a file makes asymmetric or negative."""
 
@@ -28,7 +29,7 @@ def learned_text(learned: MapPrior) -> str:
         "[learned]",
         f"information = {_numbers(learned.information)}",
     ]
-    variance = np.linalg.pinv(learned.information, hermitian=True).diagonal()
+    variance = learned.covariance().diagonal()
     for (side, number), one in learned.elements.items():
         own = variance[learned.slots[side, number]]
         lengths = own if one.kind == "v" else own[2:]
@@ -72,8 +73,8 @@ def learned_from(keys: Keys) -> MapPrior:
     keys.finish()
     if not rows:
         return NO_PRIOR
+    found = _sound(MapPrior(elements, counts, information))
     order = sorted(elements)
-    found = MapPrior(elements, counts, _sound(information))
     taken = np.concatenate([np.arange(found.slots[key].start, found.slots[key].stop) for key in order])
     return MapPrior(
         {key: elements[key] for key in order},
@@ -89,14 +90,16 @@ def _one_of(keys: Keys, key: str, choices: tuple[str, ...]) -> str:
     return value
 
 
-def _sound(information: Array) -> Array:
-    """The matrix, symmetric; raises KnowledgeError if it is not the information of a Gaussian."""
-    even = 0.5 * (information + information.T)
-    scale = np.sqrt(np.maximum(np.abs(even.diagonal()), np.finfo(float).tiny))
-    values = np.linalg.eigvalsh(even / (scale[:, None] * scale))
-    if np.abs(information - even).max() > _ROUNDING * np.abs(even).max() or values[0] < -_ROUNDING:
+def _sound(learned: MapPrior) -> MapPrior:
+    """The map with a symmetric matrix; raises KnowledgeError if it is not the information of a Gaussian."""
+    sd = np.sqrt(learned.weak(ANYWHERE_M))
+    scaled = sd[:, None] * learned.information * sd
+    largest = float(np.abs(scaled).max())
+    values = np.linalg.eigvalsh(0.5 * (scaled + scaled.T))
+    is_even = np.abs(scaled - scaled.T).max() <= _ROUNDING * largest
+    if not (is_even and values[0] >= -_ROUNDING * max(largest, 1.0)):
         raise KnowledgeError("learned.information", "is not symmetric with positive eigenvalues")
-    return np.asarray(even)
+    return learned.with_scaled(scaled, sd)
 
 
 def _numbers(values: Array | float) -> str:

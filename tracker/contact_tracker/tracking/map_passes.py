@@ -55,8 +55,8 @@ def with_map(
 def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation | None:
     """The last pass with a map that explains the recording better than the pass before; None without one.
 
-    In the first pass each contact had elements of its own, at no price. So that evidences compare, it pays
-    the price of a new element for each, and a map the complexity of what its contacts share.
+    In the first pass only sure contacts had a price, a small one. So that evidences compare, each of its
+    contacts pays that of new elements, and a map the complexity of what its contacts share.
     """
     best: Segmentation | None = None
     best_evidence = first.log_evidence + log_prior_of_new(one.value for one in first.contacts) + DECISIVE_NATS

@@ -16,7 +16,7 @@ from contact_tracker.hypotheses.pruning import Births
 from contact_tracker.hypotheses.tick_update import TickInput, TickWeights
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R
-from contact_tracker.motion.rests import completes_rest, rests_now
+from contact_tracker.motion.rests import completes_rest, rest_ticks, rests_now
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import SlidingWindow, advance_window
 from contact_tracker.states import STATES, Contact
@@ -43,11 +43,11 @@ def is_uninformative(state: TrackerState, tick: Tick, sliding: SlidingWindow) ->
     """Whether neither this tick nor the one before carries information: at rest, in a gap, or before the
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
     the posterior. With known elements every tick is informative, since it shows whether they touch, and with
-    those of the map each up to the one that completes a rest."""
+    those of the map each up to the one that completes a rest, except after a gap."""
     before, tick_s = state.window.innovation_excess[-1:], state.model.tick_s
     if state.knowledge or not len(before) or before.any() or tick.innovation_excess != NO_EXCESS:
         return False
-    if state.knows_elements and tick.count:
+    if state.knows_elements and sliding.frames[-rest_ticks(tick_s) :].all():
         return rests_now(sliding, tick_s) and not completes_rest(sliding, tick_s)
     return not completes_rest(sliding, tick_s)
 
