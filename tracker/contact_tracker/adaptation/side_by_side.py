@@ -223,7 +223,7 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
 
 
 def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """Start again with other ticks, at the first pose of the current tick; landmarks are kept, and the
+    """Start again with other ticks, at the first pose of the current tick; the map is kept, and the
     beliefs within the lag are reported first."""
     lagging = zip(*(tracker.flush_lag(one) for one in state.trackers), strict=True)
     before = [mixture(some, state.log_weight) for some in lagging]

@@ -54,7 +54,7 @@ class Noise:
 class SystematicErrors:
     """Errors of poses that depend on the pose, as those of calibration; standard deviations per axis.
 
-    They hardly show in the noise or in residuals. They add to the covariance of elements, by which landmarks
+    They hardly show in the noise or in residuals. They add to the covariance of elements, by which elements
     are recognised; the evidence of contacts does not use them.
     """
 
@@ -95,7 +95,8 @@ class Geometry:
     reach_m: float
     """Distance of touching points from the body's origin."""
     revisit_prior: float
-    """Prior probability that an element has touched before in the recording, if one of its kind has."""
+    """Prior probability that a contact which needs elements of other kinds than the last one is with some that
+    are incident with those."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 MOST: Final = 12
-"""Most ticks in one call. If one of them changes the landmark memory, the predictions after it are lost."""
+"""Most ticks in one call. If one of them changes the map, the predictions after it are lost."""
 
 
 def ticks_at_once(banks: Sequence[Bank]) -> int:

@@ -1,1 +1,1 @@
-"""The prior map, the memory of landmarks, and the association of elements."""
+"""The prior map, and the association of elements."""

@@ -193,7 +193,7 @@ def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...])
 
     The posterior of the hypotheses prefers the label by what came before and by their prior as well, which
     the motion has not shown. What the label has above its share goes to those below theirs. It is applied to
-    what is reported, not to what the tracker goes by (landmarks, further contacts).
+    what is reported, not to what the tracker goes by (the map, further contacts).
     """
     if not others:
         return probability

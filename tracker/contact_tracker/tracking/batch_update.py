@@ -1,7 +1,7 @@
 """Update by several ticks in one call, without a posterior for each: same result as tick by tick, but faster.
 
 First the predictions for all ticks are computed, then the hypothesis banks are updated tick by tick, up to
-the first tick after which an element may be added to the landmark memory.
+the first tick after which an element may be added to the map.
 """
 
 import math
@@ -107,7 +107,7 @@ def _predict_batch(
     state: TrackerState, ticks: Sequence[Tick], windows: Sequence[SlidingWindow]
 ) -> list[Prediction]:
     """Predictions for the first of the ticks: up to an uninformative one, or to that in which the elements of
-    the present contact are due again for the landmark memory."""
+    the present contact are due again for the map."""
     predictions = list[Prediction]()
     due_ns = math.inf if state.belief is None else state.map.due_ns.get(state.belief.onset_ns, math.inf)
     for tick, window in zip(ticks, windows, strict=True):

@@ -246,7 +246,7 @@ def _record_belief(state: TrackerState, tick: Tick, belief: Belief) -> tuple[Tra
 
 
 def _should_update_map(state: TrackerState, belief: Belief) -> bool:
-    """Whether the labelled contact is certain enough for the landmark memory, and due."""
+    """Whether the labelled contact is certain enough for the map, and due."""
     if (
         state.uses_later_contacts
         or belief.contact is Contact.FREE
