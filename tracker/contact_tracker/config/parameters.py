@@ -54,8 +54,8 @@ class Noise:
 class SystematicErrors:
     """Errors of poses that depend on the pose, as those of calibration; standard deviations per axis.
 
-    They hardly show in the noise or in residuals. They add to the covariance of elements, by which elements
-    are recognised; the evidence of contacts does not use them.
+    They hardly show in the noise or in residuals. They add to the covariance of elements; the
+    evidence of contacts and the map do not use them.
     """
 
     position_m: float = 0.0
@@ -95,8 +95,8 @@ class Geometry:
     reach_m: float
     """Distance of touching points from the body's origin."""
     revisit_prior: float
-    """Prior probability that a contact which needs elements of other kinds than the last one is with some that
-    are incident with those."""
+    """Prior probability that a contact which needs elements of other kinds than the last one is with some
+    that are incident with those."""
 
 
 @dataclass(frozen=True)
