@@ -209,7 +209,7 @@ def test_many_contacts_that_share_nothing_take_seconds_not_minutes() -> None:
     ]
     begin_s = time.process_time()
     world = Map.learn(sightings, REACH_M)
-    assert time.process_time() - begin_s < 10.0
+    assert time.process_time() - begin_s < 30.0  # of all threads of numpy
     assert world.complexity == 0.0
 
 
