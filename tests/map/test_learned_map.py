@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, seen
+from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, seen, unshared
 
 import contact_tracker as ct
 from contact_tracker.errors import KnowledgeError
@@ -96,22 +96,7 @@ def test_a_file_with_a_mistake_is_refused(key: str, value: object) -> None:
 
 def test_a_map_of_many_elements_can_be_read_again(tmp_path: Path) -> None:
     """With what was touched most; also where most directions are hardly known."""
-    rng = np.random.default_rng(6)
-    sightings = [
-        seen(
-            Contact.VF,
-            (
-                MapElement("v", np.zeros(3), rng.uniform(-0.2, 0.2, 3)),
-                MapElement(
-                    "f", Rotation.random(random_state=i).apply([0.0, 0.0, 1.0]), rng.uniform(-1.0, 1.0, 1)
-                ),
-            ),
-            100 * i,
-            unknown=[0, 1],
-        )
-        for i in range(30)
-    ]
-    ct.Map(Map.learn(sightings, REACH_M).learned).save(tmp_path / "scene.toml")
+    ct.Map(Map.learn(unshared(30, unknown=(0, 1)), REACH_M).learned).save(tmp_path / "scene.toml")
     again = ct.Map.load(tmp_path / "scene.toml")
     assert len(again) == MOST_LEARNED
     assert (np.linalg.eigvalsh(again.learned.covariance()) > 0.0).all()

@@ -192,21 +192,23 @@ def test_price_of_new_elements() -> None:
     assert log_prior_of_new(["v-f", "v-f"]) == pytest.approx(2.0 * second)
 
 
-def test_many_contacts_that_share_nothing_take_seconds_not_minutes() -> None:
+def unshared(count: int, unknown: tuple[int, ...] = ()) -> list[Sighting]:
+    """Sightings of vertices on faces, each of elements of its own."""
     rng = np.random.default_rng(6)
-    sightings = [
-        seen(
-            Contact.VF,
-            (
-                MapElement("v", np.zeros(3), rng.uniform(-0.2, 0.2, 3)),
-                MapElement(
-                    "f", Rotation.random(random_state=i).apply([0.0, 0.0, 1.0]), rng.uniform(-1.0, 1.0, 1)
-                ),
+    pairs = [
+        (
+            MapElement("v", np.zeros(3), rng.uniform(-0.2, 0.2, 3)),
+            MapElement(
+                "f", Rotation.random(random_state=i).apply([0.0, 0.0, 1.0]), rng.uniform(-1.0, 1.0, 1)
             ),
-            100 * i,
         )
-        for i in range(60)
+        for i in range(count)
     ]
+    return [seen(Contact.VF, pair, 100 * i, unknown=unknown) for i, pair in enumerate(pairs)]
+
+
+def test_many_contacts_that_share_nothing_take_seconds_not_minutes() -> None:
+    sightings = unshared(60)
     begin_s = time.process_time()
     world = Map.learn(sightings, REACH_M)
     assert time.process_time() - begin_s < 30.0  # of all threads of numpy

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from contact_tracker.api.given import errors_as, path_from
-from contact_tracker.atomic_file import whole_file
 from contact_tracker.errors import OutputError, UsageError
 from contact_tracker.geometry.elements import Element
 from contact_tracker.map.prior import MapPrior
-from contact_tracker.prior_map_files.learned import learned_text
+from contact_tracker.prior_map_files.learned import write_learned
 from contact_tracker.prior_map_files.loading import load_knowledge
 
 
@@ -33,8 +32,8 @@ class Map:
         name = Path(path_from(path))
         if name.suffix.lower() != ".toml":
             raise UsageError(f"cannot write {name}: its name must end in .toml")
-        with errors_as(OutputError, str(name)), whole_file(name) as temporary:
-            temporary.write_text(learned_text(self.learned), encoding="utf-8")
+        with errors_as(OutputError, str(name)):
+            write_learned(name, self.learned)
 
     @property
     def object(self) -> tuple[Element, ...]:

@@ -222,16 +222,14 @@ def check_map_out(args: argparse.Namespace, prior_map: "PriorMap") -> None:
 
 def write_map(path: Path, world: "Map | None") -> None:
     """Write a learned map, and say how many elements it has."""
-    from contact_tracker.atomic_file import whole_file
     from contact_tracker.map.prior import NO_PRIOR
-    from contact_tracker.prior_map_files.learned import learned_text
+    from contact_tracker.prior_map_files.learned import write_learned
 
     learned = NO_PRIOR if world is None else world.learned
     if not learned:
         warn(f"{path} is not written: no contact is sure enough to learn from")
         return
-    with whole_file(path) as temporary:
-        temporary.write_text(learned_text(learned), encoding="utf-8")
+    write_learned(path, learned)
     say(f"wrote {path}: {len(learned.elements)} elements")
 
 

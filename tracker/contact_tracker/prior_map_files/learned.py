@@ -1,11 +1,13 @@
 """Maps that were learned from recordings, as a part of a prior-map file."""
 
 import math
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from contact_tracker import __version__
+from contact_tracker.atomic_file import whole_file
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.landmarks.prior_map import KINDS
@@ -49,6 +51,12 @@ def learned_text(learned: MapPrior) -> str:
         mm = 1e3 * math.sqrt(max(float(lengths.max()), 0.0))
         lines.append(f"{name} = {_numbers(place)}  # to {mm:.2g} mm")
     return "\n".join(lines) + "\n"
+
+
+def write_learned(path: Path, learned: MapPrior) -> None:
+    """Write a map to a file, atomically; raises OSError."""
+    with whole_file(path) as temporary:
+        temporary.write_text(learned_text(learned), encoding="utf-8")
 
 
 def learned_from(keys: Keys) -> MapPrior:
