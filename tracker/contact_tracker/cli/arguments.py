@@ -208,7 +208,7 @@ def check_map_out(args: argparse.Namespace, prior_map: "PriorMap") -> None:
     if args.map_out is None:
         return
     if prior_map:
-        raise UsageError("--map-out cannot be combined with --up, --plane, --box or elements listed in --known")
+        raise UsageError("--map-out cannot be combined with --up, --plane, --box or elements in --known")
     if getattr(args, "wrench", None) is not None:
         raise UsageError("--map-out learns from the motion: without --wrench")
     if getattr(args, "state", None) is not None:
