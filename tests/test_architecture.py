@@ -22,14 +22,14 @@ LAYERS = (
     ("motion", "ground_truth"),
     ("contacts", "inspection", "wrenches"),
     ("map", "paper"),
-    ("landmarks",),
     ("hypotheses",),
     ("formations",),
     ("joints",),
     ("tracking",),
+    ("checks",),
     ("adaptation",),
     ("extras", "interrupts"),
-    ("recording", "prior_map_files", "saved_state", "processes"),
+    ("recording", "saved_state", "processes"),
     ("outputs",),
     ("viewer",),
     ("exports",),
@@ -44,6 +44,7 @@ CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
 # beside them.
 READS_FILES = {"config/loading.py", "config/shipped.py", "hypotheses/compiled/__init__.py"}
 READS_FILES |= {"hypotheses/compiled/sources.py", "atomic_file.py", "regular_file.py"}
+READS_FILES |= {"map/file.py", "map/learned_file.py", "map/mesh.py"}
 ALONE = {"hmm"}  # it sees arrays only, and imports nothing of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",

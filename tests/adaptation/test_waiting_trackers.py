@@ -9,12 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import adaptation
-from contact_tracker.adaptation import rest, window_scores
+from contact_tracker.adaptation import rest
 from contact_tracker.adaptation.online import AdaptiveState
+from contact_tracker.checks import window_scores
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
+from contact_tracker.map.file import knowledge_from
 from contact_tracker.motion.poses import Poses
-from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.saved_state import is_same, load, save
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief

@@ -25,7 +25,7 @@ from contact_tracker.batch.finding import find
 from contact_tracker.batch.segmenting import Answer, segment_recording
 from contact_tracker.batch.settings import Settings
 from contact_tracker.config.loading import load_model
-from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.processes import local_processes
 
 T = TypeVar("T")

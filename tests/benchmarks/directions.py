@@ -21,9 +21,9 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Plane
+from contact_tracker.map.file import knowledge_from
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker_lab.evaluation.tables import number, table
 from shared_recordings import SHARED_RECORDINGS

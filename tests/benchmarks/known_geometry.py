@@ -29,7 +29,7 @@ from contact_tracker.config.quantities import deviations
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.ground_truth import Truth
-from contact_tracker.landmarks.prior_map import (
+from contact_tracker.map.map import (
     Accuracy,
     NamedElement,
     PriorMap,

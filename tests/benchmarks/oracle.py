@@ -25,10 +25,10 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import evidence
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
-from contact_tracker.hypotheses.element_prior import element_priors
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.window_fit import fit_window
-from contact_tracker.landmarks.prior_map import Accuracy, known_to
+from contact_tracker.map.element_prior import element_priors
+from contact_tracker.map.map import Accuracy, known_to
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact

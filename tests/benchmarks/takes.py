@@ -16,8 +16,8 @@ import numpy as np
 
 from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.config.loading import load_model
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
-from contact_tracker.map.prior import NO_PRIOR, MapPrior
+from contact_tracker.map.learned import NO_PRIOR, MapPrior
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking.belief import Detail

@@ -16,7 +16,7 @@ from contact_tracker.formations.naming import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled
-from contact_tracker.landmarks.prior_map import Accuracy, NamedElement, PriorMap, known_to
+from contact_tracker.map.map import Accuracy, NamedElement, PriorMap, known_to
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.changes import Changes
 from contact_tracker.outputs.text import describe, table

@@ -21,8 +21,8 @@ from contact_tracker import adaptation
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError
+from contact_tracker.map.file import load_knowledge
 from contact_tracker.motion.pose_validation import gate
-from contact_tracker.prior_map_files.loading import load_knowledge
 from contact_tracker.saved_state import load
 
 CODES = {0, 1, 2, 3}

@@ -9,9 +9,9 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import global_search
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.window_fit import fit_window
+from contact_tracker.map.file import knowledge_from
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
-from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.states import Contact
 from contact_tracker.tracking.state import scales_of
 

@@ -15,13 +15,13 @@ from contact_tracker.contacts.parameter_layout import directions
 from contact_tracker.hypotheses import bank_update, gauss_newton, global_search
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
-from contact_tracker.hypotheses.element_prior import ElementPrior
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.pruning import Births, prune, residual
 from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
 from contact_tracker.hypotheses.tick_update import TickInput
+from contact_tracker.map.element_prior import ElementPrior
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker

@@ -17,12 +17,12 @@ from contact_tracker.hypotheses.proximity_prior import (
     proximity_evidence,
     reweight_transitions,
 )
-from contact_tracker.landmarks.element_pairs import element_pairs
-from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.map import EMPTY_MAP
+from contact_tracker.map.named_pairs import element_pairs
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import Window
-from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.prediction import predict_transitions

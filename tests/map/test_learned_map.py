@@ -12,10 +12,10 @@ from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, 
 import contact_tracker as ct
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.map.elements import MapElement
-from contact_tracker.map.prior import MapPrior
+from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.learned import MapPrior
+from contact_tracker.map.learned_file import learned_text
 from contact_tracker.map.world_map import MOST_LEARNED, Map
-from contact_tracker.prior_map_files.learned import learned_text
-from contact_tracker.prior_map_files.loading import knowledge_from
 from contact_tracker.states import Contact
 from short_recordings import recorded, true_contacts
 

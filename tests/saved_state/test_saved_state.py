@@ -20,10 +20,10 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.errors import StateError
 from contact_tracker.exports.formats import json_line
 from contact_tracker.hypotheses import compiled
-from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import is_same, load, save
 from contact_tracker.saved_state.encoding import schema

@@ -11,7 +11,7 @@ from contact_tracker.batch.rows import Row
 from contact_tracker.batch.run import Batch
 from contact_tracker.batch.settings import Settings
 from contact_tracker.config.loading import load_model
-from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.recording import write_recording
 from mcap_logs import poses_topic, smooth_poses, write_log
 

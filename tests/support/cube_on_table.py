@@ -1,6 +1,6 @@
 """A cube and a table that are known."""
 
-from contact_tracker.prior_map_files import knowledge_from
+from contact_tracker.map.file import knowledge_from
 
 ACCURACY = {"sigma_position_m": 1e-4, "sigma_rotation_deg": 0.05}
 CUBE_M = 0.2

@@ -11,7 +11,7 @@ from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import MOST
 from contact_tracker.hypotheses.tick_update import StopCondition
-from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact

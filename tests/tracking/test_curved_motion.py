@@ -7,7 +7,7 @@ import pytest
 
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.hypotheses import compiled
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, known_to
+from contact_tracker.map.map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, known_to
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact

@@ -13,7 +13,7 @@ from contact_tracker.formations.further import Candidate, FormationTicks, KnownC
 from contact_tracker.formations.presence import Presence
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, NamedElement, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, NamedElement, PriorMap
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.changes import Changes

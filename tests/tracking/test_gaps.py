@@ -11,11 +11,11 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.map.file import knowledge_from
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import empty_tick
 from contact_tracker.motion.tick_grid import EMPTY_PER_TICK, EMPTY_TICKS
 from contact_tracker.motion.window import EMPTY_WINDOW, advance_window, advance_windows
-from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.saved_state import is_same
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Detail

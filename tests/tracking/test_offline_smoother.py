@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from contact_tracker.geometry.elements import numbers
-from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.poses import BATCH, Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact

@@ -12,7 +12,8 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.hypotheses import compiled
-from contact_tracker.landmarks.prior_map import (
+from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.map import (
     EMPTY_MAP,
     Accuracy,
     NamedElement,
@@ -22,7 +23,6 @@ from contact_tracker.landmarks.prior_map import (
     known_to,
     number_name,
 )
-from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import tracker

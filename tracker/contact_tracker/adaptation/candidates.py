@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model, Noise
-from contact_tracker.motion.free_motion import LONGEST_COAST_S
+from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import begin, estimate_noise
 from contact_tracker.motion.tick_averaging import tick_variances
@@ -111,12 +111,6 @@ def with_other_ticks(model: Model, now: Model, latest_ns: NDArray[np.int64]) -> 
     other = with_ticks_for(model, usual_period_s(latest_ns))
     is_same = 1.0 / CHANGED <= other.tick_s / now.tick_s <= CHANGED
     return None if is_same or not can_be_compared(other) else other
-
-
-def can_be_compared(model: Model) -> bool:
-    """Whether poses with ticks of this model follow each other closely enough for free motion to be
-    predicted; otherwise no tick has evidence."""
-    return model.tick_s < max(model.poses_per_tick, 1.0) * LONGEST_COAST_S
 
 
 class Candidate(NamedTuple):

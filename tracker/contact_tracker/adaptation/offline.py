@@ -8,13 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation import misplaced, online, repeatability, untouched
+from contact_tracker.adaptation import online
 from contact_tracker.adaptation.candidates import period_for_all_s
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, map_findings, report
-from contact_tracker.adaptation.unconfirmed import WaitingPieces
+from contact_tracker.checks import misplaced, repeatability, untouched
+from contact_tracker.checks.unconfirmed import WaitingPieces
 from contact_tracker.config.parameters import Model
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.map.world_map import Map
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches

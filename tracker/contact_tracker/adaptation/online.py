@@ -3,15 +3,16 @@
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from contact_tracker.adaptation import clearance, contradiction, impacts, side_by_side
-from contact_tracker.adaptation.clearance import Clearance
-from contact_tracker.adaptation.contradiction import Contradiction
-from contact_tracker.adaptation.conventions import NOTHING_KNOWN, Conventions
-from contact_tracker.adaptation.conventions import advance as advance_conventions
-from contact_tracker.adaptation.conventions import findings as convention_findings
-from contact_tracker.adaptation.impacts import Impacts
+from contact_tracker.adaptation import side_by_side
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.side_by_side import SideBySide
+from contact_tracker.checks import clearance, contradiction, impacts
+from contact_tracker.checks.clearance import Clearance
+from contact_tracker.checks.contradiction import Contradiction
+from contact_tracker.checks.conventions import NOTHING_KNOWN, Conventions
+from contact_tracker.checks.conventions import advance as advance_conventions
+from contact_tracker.checks.conventions import findings as convention_findings
+from contact_tracker.checks.impacts import Impacts
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import (
     NOTHING_INSPECTED,
@@ -20,7 +21,7 @@ from contact_tracker.inspection.stream_checks import (
     findings,
     inspect,
 )
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.tracking.belief import Belief, Detail

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from contact_tracker.adaptation import clearance
 from contact_tracker.adaptation.online import AdaptiveState
+from contact_tracker.checks import clearance
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.world_map import Map

@@ -31,7 +31,7 @@ from contact_tracker.adaptation.comparison import (
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.adaptation.rest import NO_REST, Rest
 from contact_tracker.config.parameters import Model
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.map.world_map import Map
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.free_motion import NO_EXCESS

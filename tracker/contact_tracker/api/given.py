@@ -12,10 +12,10 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, UsageError
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
-from contact_tracker.map.prior import MapPrior
+from contact_tracker.map.file import knowledge_from, load_knowledge
+from contact_tracker.map.learned import MapPrior
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.real_numbers import real_number
-from contact_tracker.prior_map_files.loading import knowledge_from, load_knowledge
 
 
 class HasMap(Protocol):

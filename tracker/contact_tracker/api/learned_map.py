@@ -7,9 +7,9 @@ from pathlib import Path
 from contact_tracker.api.given import errors_as, path_from
 from contact_tracker.errors import OutputError, UsageError
 from contact_tracker.geometry.elements import Element
-from contact_tracker.map.prior import MapPrior
-from contact_tracker.prior_map_files.learned import write_learned
-from contact_tracker.prior_map_files.loading import load_knowledge
+from contact_tracker.map.file import load_knowledge
+from contact_tracker.map.learned import MapPrior
+from contact_tracker.map.learned_file import write_learned
 
 
 @dataclass(frozen=True, eq=False)

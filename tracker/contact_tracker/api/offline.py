@@ -44,7 +44,7 @@ from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.extras import extra
-from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.map.map import PriorMap
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from contact_tracker import __version__
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
-from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.map.map import PriorMap
 from contact_tracker.saved_state.encoding import fingerprint
 
 

@@ -21,7 +21,7 @@ from contact_tracker.exit_codes import INPUT, USAGE
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
-    from contact_tracker.landmarks.prior_map import PriorMap
+    from contact_tracker.map.map import PriorMap
     from contact_tracker.map.world_map import Map
     from contact_tracker.recording import PoseLog
     from contact_tracker.wrenches.contact_evidence import WrenchEvidence
@@ -176,7 +176,7 @@ def add_known(parser: argparse.ArgumentParser) -> None:
 
 def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "PriorMap":
     """The map of ``add_known``, with a ``note`` of what is doubtful in it; raises KnowledgeError."""
-    from contact_tracker.prior_map_files.loading import knowledge_from, merged, read_table
+    from contact_tracker.map.file import knowledge_from, merged, read_table
 
     tables: list[dict[str, Any]] = [] if args.known is None else [read_table(args.known)]
     if args.up is not None:
@@ -220,8 +220,8 @@ def check_map_out(args: argparse.Namespace, prior_map: "PriorMap") -> None:
 
 def write_map(path: Path, world: "Map | None") -> None:
     """Write a learned map, and say how many elements it has."""
-    from contact_tracker.map.prior import NO_PRIOR
-    from contact_tracker.prior_map_files.learned import write_learned
+    from contact_tracker.map.learned import NO_PRIOR
+    from contact_tracker.map.learned_file import write_learned
 
     learned = NO_PRIOR if world is None else world.learned
     if not learned:
@@ -328,7 +328,7 @@ def files_read(logs: Iterable[str], model: str, known: str | None) -> list[str]:
         A recording or the prior-map file cannot be read.
     """
     from contact_tracker.config.loading import model_file
-    from contact_tracker.prior_map_files.loading import files_named
+    from contact_tracker.map.file import files_named
     from contact_tracker.recording import parts_of
 
     parts = [part for log in logs for part in parts_of(log)]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.config.parameters import Model
-    from contact_tracker.landmarks.prior_map import PriorMap
+    from contact_tracker.map.map import PriorMap
     from contact_tracker.motion.poses import Pose
     from contact_tracker.recording import PoseLog
     from contact_tracker.tracking.belief import Segment

@@ -15,7 +15,7 @@ from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
-    from contact_tracker.landmarks.prior_map import PriorMap
+    from contact_tracker.map.map import PriorMap
     from contact_tracker.motion.poses import Pose
     from contact_tracker.tracking.segmentation import Segmentation
     from contact_tracker.viewer.offline import Shown

@@ -16,7 +16,7 @@ from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, canonical
-from contact_tracker.landmarks.association import is_same_element
-from contact_tracker.landmarks.prior_map import NamedElement, PriorMap
+from contact_tracker.map.map import NamedElement, PriorMap
+from contact_tracker.map.same_element import is_same_element
 
 
 def named_by(knowledge: PriorMap, geometry: ContactGeometry) -> ContactGeometry:

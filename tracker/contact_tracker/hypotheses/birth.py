@@ -11,8 +11,8 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.parameter_layout import directions
 from contact_tracker.geometry.elements import Pair
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.element_prior import ElementPrior, by_feet, element_priors
 from contact_tracker.hypotheses.schedule import burn_in_ticks
+from contact_tracker.map.element_prior import ElementPrior, by_feet, element_priors
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

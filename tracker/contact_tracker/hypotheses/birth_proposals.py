@@ -13,9 +13,9 @@ from contact_tracker.hypotheses.birth import (
     uninformed_proposal,
     with_prior,
 )
-from contact_tracker.hypotheses.element_prior import ElementPrior, by_feet, element_priors
-from contact_tracker.landmarks.element_pairs import ElementPair, element_pairs
-from contact_tracker.landmarks.prior_map import NamedElement, PriorMap, Up
+from contact_tracker.map.element_prior import ElementPrior, by_feet, element_priors
+from contact_tracker.map.map import NamedElement, PriorMap, Up
+from contact_tracker.map.named_pairs import ElementPair, element_pairs
 from contact_tracker.map.pairs import MapPair, map_pairs
 from contact_tracker.map.view import Key, MapView
 from contact_tracker.map.world_map import Map

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.element_prior import ElementPrior
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.pruning import best_of, is_protected, within_far_margin
 from contact_tracker.hypotheses.refit import prior_at_anchors, refit
@@ -26,6 +25,7 @@ from contact_tracker.hypotheses.schedule import (
     SEARCH_REFITS,
     burn_in_ticks,
 )
+from contact_tracker.map.element_prior import ElementPrior
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]

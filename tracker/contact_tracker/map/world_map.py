@@ -17,7 +17,7 @@ import numpy as np
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.association import log_marginal, weigh_pairs
 from contact_tracker.map.elements import MapElement, prior_variance
-from contact_tracker.map.prior import NO_PRIOR, MapPrior
+from contact_tracker.map.learned import NO_PRIOR, MapPrior
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.map.view import Key, MapView, Side
 

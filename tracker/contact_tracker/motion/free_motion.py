@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.rotation import (
     between,
     from_rotation_vectors,
@@ -306,3 +307,9 @@ def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tup
     step.update(_UNIT)
     gain, covariance = step.K @ _UNIT, step.P
     return prediction.x + gain.reshape(2, 3, 1) * innovation[:, None], covariance
+
+
+def can_be_compared(model: Model) -> bool:
+    """Whether poses with ticks of this model follow each other closely enough for free motion to be
+    predicted; otherwise no tick has evidence."""
+    return model.tick_s < max(model.poses_per_tick, 1.0) * LONGEST_COAST_S

@@ -14,7 +14,7 @@ from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE
 from contact_tracker.hypotheses.pruning import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
-from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.map.map import PriorMap
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact

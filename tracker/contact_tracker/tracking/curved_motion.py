@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.hypotheses.curved_evidence import curved_evidence, fit_curved
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.map.map import PriorMap
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.ambiguity import p_curved
 

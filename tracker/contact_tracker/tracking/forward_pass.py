@@ -11,7 +11,7 @@ from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import Tick

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS
 from contact_tracker.motion.poses import Pose

@@ -9,7 +9,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.birth_proposals import named
 from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
-from contact_tracker.landmarks.element_pairs import element_pairs
+from contact_tracker.map.named_pairs import element_pairs
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.motion.rests import rests_now
 from contact_tracker.motion.window import Window

@@ -21,9 +21,9 @@ from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_windows
 from contact_tracker.joints.evidence import find_joint
 from contact_tracker.joints.geometry import Joint, joint_of
-from contact_tracker.landmarks.association import is_same_element
-from contact_tracker.landmarks.element_pairs import element_pairs
-from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.map.map import PriorMap
+from contact_tracker.map.named_pairs import element_pairs
+from contact_tracker.map.same_element import is_same_element
 from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.lifted_pose import T

@@ -14,7 +14,7 @@ from contact_tracker.hypotheses.birth import uninformed_proposal
 from contact_tracker.hypotheses.birth_proposals import CachedProposals
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.map.view import Key
 from contact_tracker.map.world_map import Map
 from contact_tracker.motion.tick_grid import TickState

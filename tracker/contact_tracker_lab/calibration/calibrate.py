@@ -14,7 +14,7 @@ from contact_tracker.config.parameters import Model, Transitions
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoPoses, NoTruth
 from contact_tracker.ground_truth import Truth
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import Runner
 from contact_tracker.recording import open_log, read_truth

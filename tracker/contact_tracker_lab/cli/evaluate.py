@@ -12,7 +12,7 @@ from contact_tracker.exit_codes import DAMAGED, DONE
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.ground_truth import Truth
-    from contact_tracker.landmarks.prior_map import PriorMap
+    from contact_tracker.map.map import PriorMap
     from contact_tracker_lab.evaluation.evaluate import Evaluation
 
 HELP: Final = "compare with the truth that recordings carry, or with your own labels"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import adaptation
 from contact_tracker.config.parameters import Model
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.pose_validation import Arrival, PoseGate
 from contact_tracker.motion.poses import Pose
 from contact_tracker.tracking.belief import Belief, Detail

@@ -1,0 +1,149 @@
+"""Known geometry is compared with where the object is: inside a body, behind all faces, or away from all."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.adaptation import online
+from contact_tracker.checks import clearance
+from contact_tracker.config.loading import load_model
+from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.map import PriorMap
+from contact_tracker.motion.poses import Poses
+
+SIGMA = {"sigma_position_m": 5e-4, "sigma_rotation_deg": 0.2}
+TABLE = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0, **SIGMA}
+BENCH = {"name": "bench", "size_m": [2.0, 1.0, 0.1], "position_m": [0.0, 0.0, -0.05], **SIGMA}
+CUBE = {"size_m": [0.1, 0.1, 0.1], **SIGMA}
+
+
+def at_rest(*position_m: float, turn: Rotation | None = None) -> Poses:
+    """A hundred poses in one place."""
+    quat = (turn or Rotation.identity()).as_quat()
+    return Poses(
+        np.arange(100) * 10_000_000, np.tile(np.array(position_m), (100, 1)), np.tile(quat, (100, 1))
+    )
+
+
+def known(**environment: Any) -> PriorMap:
+    return knowledge_from({"environment": environment, "object": {"box": CUBE}})
+
+
+def compared(knowledge: PriorMap, *poses: Poses) -> clearance.Clearance:
+    found = clearance.Clearance()
+    for some in poses:
+        found = clearance.advance(found, knowledge, some)
+    return found
+
+
+def said(found: clearance.Clearance) -> Sequence[str]:
+    assert all(finding.doubts_labels for finding in clearance.findings(found))
+    return [finding.text for finding in clearance.findings(found)]
+
+
+@pytest.mark.parametrize(("height_m", "is_said"), [(0.05, False), (0.048, False), (0.035, True)])
+def test_a_body_that_the_object_passes_through_is_named(height_m: float, is_said: bool) -> None:
+    knowledge = known(box=[BENCH])
+    texts = said(compared(knowledge, at_rest(0.0, 0.0, height_m)))
+    assert bool(texts) is is_said
+    assert all("15 mm inside bench face +z" in text for text in texts)
+    single = compared(knowledge, at_rest(0.0, 0.0, height_m)[:1])
+    assert said(single) == [], "one pose may be wrong"
+
+
+@pytest.mark.parametrize(
+    "place_m", [(0.3, 0.2, 0.05), (1.06, 0.0, -0.2), (0.0, -0.56, 0.02), (1.0, 0.0, 0.05)]
+)
+def test_an_object_on_or_beside_a_known_body_fits(place_m: tuple[float, float, float]) -> None:
+    """It is behind some of the faces of every body that it is outside of."""
+    second = BENCH | {"name": "shelf", "position_m": [0.0, 3.0, 0.5]}
+    assert said(compared(known(box=[BENCH, second]), at_rest(*place_m))) == []
+
+
+def test_a_turned_body_is_compared_where_it_is() -> None:
+    turned = BENCH | {"quat_xyzw": Rotation.from_euler("z", 90, degrees=True).as_quat().tolist()}
+    assert said(compared(known(box=[turned]), at_rest(0.8, 0.0, -0.02))) == []
+    assert said(compared(known(box=[turned]), at_rest(0.0, 0.8, -0.02)))
+
+
+def test_a_body_whose_underside_is_covered_ends_there() -> None:
+    board = BENCH | {"name": "board", "size_m": [0.6, 0.4, 0.02], "position_m": [0.0, 0.0, 0.99]}
+    block = BENCH | {"name": "block", "size_m": [0.2, 0.2, 0.2], "position_m": [0.0, 0.0, 1.1]}
+    assert said(compared(known(box=[board, block]), at_rest(0.0, 0.0, 0.5))) == []
+
+
+def test_an_object_in_a_hollow_body_fits(tmp_path: Path) -> None:
+    bottom = trimesh.creation.box((0.4, 0.4, 0.02))
+    wall = trimesh.creation.box((0.02, 0.4, 0.1)).apply_translation((0.19, 0.0, 0.04))
+    trimesh.util.concatenate([bottom, wall]).export(tmp_path / "tray.stl")
+    given = {"environment": {"mesh": [{"path": "tray.stl"}]}, "object": {"box": CUBE}}
+    assert said(compared(knowledge_from(given, tmp_path), at_rest(0.0, 0.0, 0.06))) == []
+
+
+def test_one_pose_counts_once_in_several_bodies() -> None:
+    boxes = [BENCH | {"name": str(number)} for number in range(4)]
+    assert said(compared(known(box=boxes), at_rest(0.0, 0.0, 0.0)[:2])) == []
+    assert said(compared(known(box=boxes), at_rest(0.0, 0.0, 0.0)[:3]))
+
+
+def test_bodies_far_from_the_origin_are_as_certain_as_near_ones() -> None:
+    far = BENCH | {"position_m": [30.0, 20.0, -10.05]}
+    assert said(compared(known(box=[far]), at_rest(30.0, 20.0, -9.965)))
+
+
+def test_an_object_that_hangs_over_the_edge_of_a_face_fits() -> None:
+    tilted = Rotation.from_euler("y", 40, degrees=True)
+    assert said(compared(known(plane=[TABLE]), at_rest(1.0, 0.0, 0.02, turn=tilted))) == []
+
+
+def test_an_object_beside_a_step_fits() -> None:
+    step = TABLE | {"name": "step", "offset_m": 0.2}
+    assert said(compared(known(plane=[TABLE, step]), at_rest(0.0, 0.0, 0.05))) == []
+
+
+def test_an_object_that_stays_behind_all_faces_contradicts_them() -> None:
+    """As with a normal of the wrong sign, or an offset in mm."""
+    knowledge = known(plane=[TABLE | {"offset_m": 0.71}])
+    (text,) = said(compared(knowledge, at_rest(0.0, 0.0, 0.05)))
+    assert "behind every face" in text
+    assert said(compared(knowledge, at_rest(0.0, 0.0, 0.05)[:2])) == []
+    later = compared(knowledge, at_rest(0.0, 0.0, 0.05), at_rest(0.0, 0.0, 0.8), at_rest(0.0, 0.0, 0.05))
+    assert said(later) == [], "it was lifted from below"
+
+
+@pytest.mark.parametrize(("height_m", "is_said"), [(0.052, False), (0.048, False), (0.15, True)])
+def test_an_object_that_stays_away_from_all_known_elements_is_reported(
+    height_m: float, is_said: bool
+) -> None:
+    knowledge = known(plane=[TABLE])
+    found = compared(knowledge, at_rest(0.0, 0.0, height_m))
+    assert said(found) == [], "it may come nearer yet"
+    texts = clearance.final_findings(found, knowledge)
+    assert bool(texts) is is_said
+    assert all("mm off table" in one.text for one in texts)
+    with_body = known(plane=[TABLE], box=[BENCH | {"position_m": [5.0, 0.0, 0.0]}])
+    assert clearance.final_findings(found, with_body) == (), "its edges and vertices may be touched"
+    assert not any(one.doubts_labels for one in texts)
+    some = replace(knowledge, object_complete=False)
+    assert clearance.final_findings(found, some) == (), "another vertex may touch"
+
+
+def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> None:
+    knowledge, poses = known(plane=[TABLE]), at_rest(0.0, 0.0, 0.05)
+    noise = np.random.default_rng(3).normal(scale=1e-4, size=poses.position_m.shape)
+    poses = replace(poses, position_m=poses.position_m + noise)
+    for model, most in (("default", 0.6), ("impacts", 1.0)):
+        state = online.start(load_model(model), knowledge=knowledge)
+        state, beliefs = online.advance(state, poses[:40])
+        assert beliefs
+        sure = max(belief.probability.max() for belief in beliefs)
+        assert sure <= most
+        assert state.may_be_in_doubt is (model == "default")
+        state, _ = online.advance(state, poses[40:90])  # a hundred that never turn are in doubt again
+        assert not state.may_be_in_doubt

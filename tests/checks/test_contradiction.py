@@ -1,0 +1,179 @@
+"""A prior map that contradicts the motion is reported, and one that fits is not."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker import adaptation
+from contact_tracker.adaptation import online
+from contact_tracker.checks import contradiction
+from contact_tracker.checks.contradiction import Contradiction
+from contact_tracker.hypotheses import compiled
+from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log, read_truth
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.evaluation.evaluate import evaluate
+from distortions import moving_average
+from short_recordings import MODEL
+from smooth_motion import moving, slid_and_tilted
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+UP = [0.5657, 0.5557, 0.6092]
+"""Upward direction, normal to the faces, in all of them."""
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
+
+
+def up(direction: list[float]) -> PriorMap:
+    return knowledge_from({"up": {"direction": list(np.array(direction) / np.linalg.norm(direction))}})
+
+
+def poses_of(name: str) -> Poses:
+    return gate(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap"))))
+
+
+def tracked(name: str, knowledge: PriorMap) -> tuple[list[str], Segmentation]:
+    tracker = adaptation.OfflineTracker(MODEL, knowledge)
+    found = Segmentation.join(list(tracker.pieces(poses_of(name))))
+    assert tracker.report is not None
+    return [one.text for one in tracker.report.findings if one.kind == "knowledge"], found
+
+
+@needs_kernels
+@pytest.mark.parametrize(
+    ("name", "direction"),
+    [
+        ("robot_1khz", [1.0, 0.0, 0.0]),
+        pytest.param("wall_in_between", [0.7, 0.2, 0.6], marks=pytest.mark.long),
+    ],
+)
+def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong(
+    name: str, direction: list[float]
+) -> None:
+    texts, found = tracked(name, up(direction))
+    assert len(texts) == 1
+    assert texts[0].startswith("--up does not fit the motion")
+    assert "\n" not in texts[0]
+    truth = read_truth(str(RECORDINGS / f"{name}.mcap"))
+    assert truth is not None
+    scores = evaluate(poses_of(name), truth, found)
+    assert scores.offline.sure_wrong == 0.0
+    assert scores.online.sure_wrong < 0.01, "before it is reported"
+
+
+@pytest.mark.long
+@needs_kernels
+def test_a_correct_direction_is_not_reported() -> None:
+    texts, found = tracked("vision_30hz", up([*UP[:2], UP[2] + 0.03]))  # a degree and more off
+    assert texts == []
+    assert found.beliefs.probability.max(axis=1).mean() > 0.8
+
+
+def tilting(rng: np.random.Generator, normal: np.ndarray[Any, Any]) -> Poses:
+    """A box in the hand, then on an edge on a table with this normal, about which alone it turns."""
+    poses = moving(rng, 12.0, 200.0)
+    time_s = (poses.stamp_ns - poses.stamp_ns[0]) * 1e-9
+    axis = np.cross(normal, [1.0, 0.0, 0.0])
+    axis /= np.linalg.norm(axis)
+    start = int(np.searchsorted(time_s, 3.0))
+    turn, place_m = Rotation.from_quat(poses.quat_xyzw), poses.position_m.copy()
+    tilt = 0.3 * np.sin(2.5 * (time_s - 3.0)) * (time_s >= 3.0)
+    turn = turn[np.minimum(np.arange(len(poses)), start)]
+    edge_m = place_m[start] + [0.05, 0.1, -0.1]
+    place_m[start:] = edge_m + Rotation.from_rotvec(tilt[start:, None] * axis).apply(place_m[start] - edge_m)
+    free = Rotation.from_quat(poses.quat_xyzw[:start])
+    turn = Rotation.concatenate([free, Rotation.from_rotvec(tilt[start:, None] * axis) * turn[start:]])
+    error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=(len(poses), 3)))
+    return Poses(poses.stamp_ns, place_m + 3e-4 * rng.normal(size=place_m.shape), (turn * error).as_quat())
+
+
+@needs_kernels
+def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edge() -> None:
+    """A box with a face on a wall across the edge would tilt like that too, if ``--up`` did not exclude it;
+    this counts for nothing, as the hand may restrict the motion."""
+    normal = np.array([0.0, -0.6, 0.8])
+    tracker = adaptation.OfflineTracker(MODEL, up(list(normal)))
+    assert list(tracker.pieces(tilting(np.random.default_rng(0), normal)))
+    assert tracker.report is not None
+    assert [one.text for one in tracker.report.findings if one.kind == "knowledge"] == []
+
+
+@needs_kernels
+@pytest.mark.parametrize(("width_m", "fits"), [(0.12, True), (0.02, False)])
+def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, fits: bool) -> None:
+    size_m = np.array([0.2, 0.12, 0.08])
+    table = {"normal": [0.0, 0.0, 1.0], "offset_m": 0.0, "name": "table"}
+    box = {"size_m": [0.2, width_m, 0.08]}
+    known = knowledge_from({"environment": {"plane": [table]}, "object": {"box": box}})
+    tracker = adaptation.OfflineTracker(MODEL, known)
+    found = Segmentation.join(list(tracker.pieces(slid_and_tilted(np.random.default_rng(0), size_m))))
+    assert tracker.report is not None
+    assert (tracker.report.findings == ()) == fits, tracker.report.findings
+    assert (found.beliefs.probability.max() > 0.9) == fits
+
+
+@pytest.mark.long
+@needs_kernels
+def test_exact_knowledge_fits_filtered_poses() -> None:
+    """Their errors look smaller than they are; what is left of them is no motion that refutes a table."""
+    table, size_m = {"normal": [0.0, 0.0, 1.0], "offset_m": 0.0}, [0.2, 0.12, 0.08]
+    known = knowledge_from({"environment": {"plane": [table]}, "object": {"box": {"size_m": size_m}}})
+    rng = np.random.default_rng(3)
+    first = slid_and_tilted(rng, np.array(size_m))[0]
+    error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=(450, 3)))
+    resting = Poses(
+        first.stamp_ns + np.arange(450) * 6_666_667,
+        first.position_m + 3e-4 * rng.normal(size=(450, 3)),
+        (Rotation.from_quat(first.quat_xyzw) * error).as_quat(),
+    )
+    state, _ = online.advance(online.start(MODEL, knowledge=known), moving_average(resting, 3))
+    assert not state.contradiction.is_likely
+
+
+@needs_kernels
+@pytest.mark.parametrize("is_filtered", [False, True])
+def test_before_the_noise_is_chosen_filtered_poses_refute_nothing_until_the_end(is_filtered: bool) -> None:
+    """It is taken for motion; labels are in doubt until then."""
+    known, box = (
+        Contradiction(),
+        slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))[:1500],
+    )
+    for some in box.batches():
+        known = contradiction.advance(known, MODEL, up([0.6, 0.0, 0.8]), some, False, False, is_filtered)
+    assert known.is_likely
+    assert known.is_found is not is_filtered
+    assert contradiction.finish(known).is_found
+
+
+@pytest.mark.long
+@needs_kernels
+def test_a_box_of_another_size_is_reported() -> None:
+    box = knowledge_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})
+    texts, found = tracked("robot_1khz", box)
+    assert texts[0].startswith("what is given does not fit the motion")
+    assert found.beliefs.probability.max() < 0.6
+
+
+@needs_kernels
+def test_results_do_not_depend_on_how_the_poses_are_split() -> None:
+    poses, knowledge = poses_of("robot_1khz")[:4000], up([1.0, 0.0, 0.0])
+    ends = []
+    for size in (7, 400):
+        known = Contradiction()
+        for first in range(0, len(poses), size):
+            known = contradiction.advance(known, MODEL, knowledge, poses[first : first + size])
+        ends.append((known.is_found, known.lead))
+    assert ends[0] == ends[1]
+    assert ends[0][0]
+
+
+def test_without_prior_knowledge_nothing_is_compared() -> None:
+    known = contradiction.advance(Contradiction(), MODEL, EMPTY_MAP, Poses.join([]))
+    assert known.is_settled
+    assert not known.is_likely
+    assert online.start(MODEL).findings == ()

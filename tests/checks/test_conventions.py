@@ -1,0 +1,221 @@
+"""Positions and orientations that do not fit together are found, with a remedy if one fits."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker import adaptation
+from contact_tracker.adaptation import online
+from contact_tracker.checks import conventions
+from contact_tracker.checks.conventions import NOTHING_KNOWN
+from contact_tracker.checks.readings import READINGS, Given, read_turns
+from contact_tracker.hypotheses import compiled
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.sensor_noise import estimate_noise
+from contact_tracker.recording import open_log
+from contact_tracker.tracking.segmentation import Segmentation
+from short_recordings import MODEL
+from smooth_motion import moving, slid_and_tilted, smooth
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+SIGMA = 3e-4, np.radians(0.15)
+MIRROR = np.diag([1.0, 1.0, -1.0])
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
+
+
+@cache
+def recorded(name: str = "paper_experiment") -> Poses:
+    return Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap")))
+
+
+def with_turns(poses: Poses, turn: Rotation) -> Poses:
+    return replace(poses, quat_xyzw=turn.as_quat())
+
+
+def turns(poses: Poses) -> Rotation:
+    return Rotation.from_quat(poses.quat_xyzw)
+
+
+def with_quaternions(poses: Poses, order: list[int], sign: float = 1.0) -> Poses:
+    return replace(poses, quat_xyzw=(poses.quat_xyzw * [sign, sign, sign, 1.0])[:, order])
+
+
+def inverse(poses: Poses) -> Poses:
+    turn = turns(poses).inv()
+    return replace(poses, position_m=-turn.apply(poses.position_m), quat_xyzw=turn.as_quat())
+
+
+def taken_for_fixed_axes(order: str) -> Callable[[Poses], Poses]:
+    """Angles in this order, taken for angles about the fixed axes x, y, z."""
+    return lambda poses: with_turns(poses, Rotation.from_euler("xyz", turns(poses).as_euler(order)))
+
+
+def late(poses: Poses, late_ms: float) -> Poses:
+    """Orientations that are later than positions."""
+    count = round(1e6 * late_ms / np.median(np.diff(poses.stamp_ns)))
+    return replace(poses[count:], quat_xyzw=poses.quat_xyzw[:-count])
+
+
+def turned_axes(poses: Poses) -> Poses:
+    return replace(poses, position_m=poses.position_m[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
+
+
+def of_mirrored_turns(poses: Poses) -> Poses:
+    return with_turns(poses, Rotation.from_matrix(MIRROR @ turns(poses).as_matrix() @ MIRROR))
+
+
+MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
+    "intrinsic": ('from_euler("XYZ", [a, b, c])', taken_for_fixed_axes("XYZ")),
+    "KUKA": ('from_euler("ZYX", [a, b, c])', taken_for_fixed_axes("ZYX")),
+    "proper Euler angles": ('from_euler("ZXZ", [a, b, c])', taken_for_fixed_axes("ZXZ")),
+    "rotation vectors": (
+        "from_rotvec([a, b, c])",
+        lambda poses: with_turns(poses, Rotation.from_euler("xyz", turns(poses).as_rotvec())),
+    ),
+    "turned positions": ("take positions as (x, -z, y), or", turned_axes),
+    "mirrored positions": (
+        "or as (x, y, -z) if an axis is mirrored",
+        lambda poses: replace(poses, position_m=poses.position_m @ MIRROR),
+    ),
+    "mirrored turns": ("or as (x, y, -z) if an axis is mirrored", of_mirrored_turns),
+    "late by 15 ms": ("orientations are 15 ms later than positions", lambda poses: late(poses, 15.0)),
+    "late by 50 ms": ("orientations are 50 ms later than positions", lambda poses: late(poses, 50.0)),
+    "w first": ("w x y z", lambda poses: with_quaternions(poses, [3, 0, 1, 2])),
+    "inverted": ("inverted", lambda poses: with_quaternions(poses, [0, 1, 2, 3], -1.0)),
+    "w first and inverted": (
+        "reorder and conjugate",
+        lambda poses: with_quaternions(with_quaternions(poses, [0, 1, 2, 3], -1.0), [3, 0, 1, 2]),
+    ),
+    "w last in fields of w first": (
+        "x y z w in fields that are w x y z",
+        lambda poses: with_quaternions(poses, [1, 2, 3, 0]),
+    ),
+    "w last in fields of w first, and inverted": (
+        "x y z w in fields that are w x y z, and inverted",
+        lambda poses: with_quaternions(with_quaternions(poses, [0, 1, 2, 3], -1.0), [1, 2, 3, 0]),
+    ),
+}
+WITHOUT_REMEDY: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
+    "axes and angles": ("paper_experiment", lambda poses: taken_for_fixed_axes("XYZ")(turned_axes(poses))),
+    "axes and inverted": (
+        "paper_experiment",
+        lambda poses: with_quaternions(turned_axes(poses), [0, 1, 2, 3], -1.0),
+    ),
+    "late by 150 ms": ("all_states", lambda poses: late(poses, 150.0)),
+}
+HARMLESS: dict[str, Callable[[Poses], Poses]] = {
+    "mirrored": lambda poses: of_mirrored_turns(replace(poses, position_m=poses.position_m @ MIRROR)),
+    "other axes of the body": lambda poses: with_turns(
+        poses, turns(poses) * Rotation.from_rotvec([1, 2, 0.5])
+    ),
+}
+
+
+def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA) -> str:
+    known = NOTHING_KNOWN
+    for some in poses.batches():
+        known = conventions.advance(known, MODEL, sigma, some)
+    return known.found
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_named_with_its_remedy(mistake: str) -> None:
+    said, wrong = MISTAKES[mistake]
+    assert said in mistake_in(wrong(recorded()))
+
+
+@pytest.mark.parametrize("mistake", WITHOUT_REMEDY)
+def test_a_mistake_without_a_reading_that_fits_has_no_remedy(mistake: str) -> None:
+    name, wrong = WITHOUT_REMEDY[mistake]
+    assert mistake_in(wrong(recorded(name))) == conventions.NAMELESS
+
+
+@pytest.mark.parametrize("change", HARMLESS)
+def test_other_frames_for_both_are_no_mistake(change: str) -> None:
+    assert mistake_in(HARMLESS[change](recorded())) == ""
+
+
+def test_free_motion_is_no_mistake() -> None:
+    assert mistake_in(moving(np.random.default_rng(0), 60.0, 100.0, *SIGMA)) == ""
+
+
+def tracked(poses: Poses) -> tuple[list[str], Segmentation]:
+    tracker = adaptation.OfflineTracker(MODEL)
+    found = Segmentation.join(list(tracker.pieces(poses)))
+    assert tracker.report is not None
+    return [finding.text for finding in tracker.report.findings], found
+
+
+@pytest.mark.long
+@needs_kernels
+@pytest.mark.parametrize("mistake", ["w first", "w last in fields of w first"])
+def test_readings_that_explain_the_motion_alike_are_all_named(mistake: str) -> None:
+    """Turns about few axes are alike in the orders of quaternions but for half turns."""
+    text = mistake_in(
+        MISTAKES[mistake][1](slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08])))
+    )
+    assert "like w x y z in fields that are x y z w: reorder them; or " in text
+    assert "x y z w in fields that are w x y z: reorder them" in text
+
+
+@needs_kernels
+def test_while_a_mistake_is_found_no_label_is_certain() -> None:
+    box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
+    (text,), found = tracked(turned_axes(box))
+    assert "orientations" in text
+    assert max(belief.probability.max() for belief in found.beliefs) < 0.9
+
+
+@pytest.mark.long
+@needs_kernels
+@pytest.mark.parametrize("frame_moves", [False, True])
+def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves: bool) -> None:
+    """Those of a table in the cup's frame are the inverse of the cup's poses."""
+    poses = inverse(recorded()[1000:3000])
+    state, _ = online.advance(online.start(MODEL, frame_moves=frame_moves), poses)
+    assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
+    assert state.is_in_doubt is not frame_moves
+    tracker = adaptation.OfflineTracker(MODEL, frame_moves=frame_moves)
+    found = Segmentation.join(list(tracker.pieces(poses)))
+    is_certain = max(belief.probability.max() for belief in found.beliefs) > 0.9
+    assert bool(is_certain) is frame_moves
+
+
+@pytest.mark.parametrize("name", ["paper_experiment", "all_states", "robot_1khz", "vision_30hz"])
+def test_valid_recordings_have_no_mistake(name: str) -> None:
+    poses = recorded(name)
+    assert mistake_in(poses, estimate_noise(poses)) == ""
+
+
+def located_by_a_camera() -> Poses:
+    """A camera that is carried at 1 m/s, with 50 mm and 0.3 deg of noise."""
+    time_s, rng = np.arange(0.0, 30.0, 1.0 / 30.0), np.random.default_rng(0)
+    yaw = 0.6 * np.sin(0.7 * time_s) + 0.2 * time_s
+    way = np.cumsum(np.stack([np.cos(yaw), np.sin(yaw), 0.3 * np.cos(11.0 * time_s)], axis=1), axis=0) / 30.0
+    tilt = Rotation.from_rotvec(smooth(rng, time_s, 0.1) + np.radians(0.3) * rng.normal(size=way.shape))
+    turn = Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0]) * tilt
+    stamp_ns = np.rint(1e9 * time_s).astype(np.int64)
+    return Poses(stamp_ns, way + 0.05 * rng.normal(size=way.shape), turn.as_quat())
+
+
+def test_a_unit_fits_only_where_contacts_do_in_it_and_not_in_metres() -> None:
+    poses = replace(recorded(), position_m=100.0 * recorded().position_m)
+    known = conventions.advance(NOTHING_KNOWN, MODEL, (100.0 * SIGMA[0], SIGMA[1]), poses, has_odd_unit=True)
+    assert "cm" in known.fitting_units
+    poses, sigma = located_by_a_camera(), (0.05, np.radians(0.3))
+    assert conventions.advance(NOTHING_KNOWN, MODEL, sigma, poses, has_odd_unit=True).fitting_units == ()
+
+
+def test_each_order_of_quaternions_undoes_its_mistake() -> None:
+    rng = np.random.default_rng(1)
+    clean = Poses(np.arange(5), rng.normal(size=(5, 3)), Rotation.random(5, random_state=2).as_quat())
+    orders = [one for one in READINGS if one.text.startswith("quaternions")]
+    for order, sign in (([3, 0, 1, 2], 1.0), ([1, 2, 3, 0], 1.0), ([0, 1, 2, 3], -1.0)):
+        stored = with_quaternions(clean, order, sign)
+        read = [read_turns(one, Given(stored)).quat_xyzw for one in orders]
+        assert sum(np.array_equal(one, clean.quat_xyzw) for one in read) == 1

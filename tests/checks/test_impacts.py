@@ -1,0 +1,145 @@
+"""Impacts on known geometry are told from fast motion in the free."""
+
+import numpy as np
+import pytest
+
+from contact_tracker.checks import impacts
+from contact_tracker.checks.impacts import Impacts
+from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.poses import Poses
+
+TICK_S = 0.1
+TABLE = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0}
+BENCH = {"name": "bench", "size_m": [2.0, 2.0, 0.1], "position_m": [0.0, 0.0, -0.05]}
+ON_TABLE_M = 0.05
+KNOWN = knowledge_from(
+    {"environment": {"plane": [TABLE]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
+)
+
+
+def moving(path_m: np.ndarray, rate_hz: float, noise_m: float = 1e-4) -> Poses:
+    """Poses without turns along ``path_m`` (N, 3)."""
+    noise = np.random.default_rng(0).normal(scale=noise_m, size=path_m.shape)
+    stamp_ns = np.round(1e9 / rate_hz * np.arange(len(path_m))).astype(np.int64)
+    return Poses(stamp_ns, path_m + noise, np.tile([0.0, 0, 0, 1], (len(path_m), 1)))
+
+
+def heights(height_m: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.zeros((len(height_m), 2)), height_m])
+
+
+def dropped(rate_hz: float, restitution: float) -> np.ndarray:
+    """Path of a cube that falls from 10 cm on the table at 1.4 m/s."""
+    time_s = np.arange(0.0, 1.0, 1.0 / rate_hz)
+    hit_s = np.sqrt(2 * 0.1 / 9.81)
+    after_s, speed = time_s - hit_s, restitution * 9.81 * hit_s
+    fall, bounce = 0.1 - 0.5 * 9.81 * time_s**2, speed * after_s - 0.5 * 9.81 * after_s**2
+    return heights(ON_TABLE_M + np.where(after_s < 0.0, fall, np.maximum(bounce, 0.0)))
+
+
+def placed(rate_hz: float) -> np.ndarray:
+    """Path of a cube that comes down at 1.5 m/s, slows down over 10 cm and is put on the table."""
+    time_s = np.arange(0.0, 2.0, 1.0 / rate_hz)
+    slow = 0.1 * np.exp(-15.0 * np.maximum(time_s - 0.5, 0.0))
+    return heights(ON_TABLE_M + np.where(time_s < 0.5, 0.1 + 1.5 * (0.5 - time_s), slow))
+
+
+def found_in(poses: Poses, knowledge: PriorMap = KNOWN, batch: int = 50) -> Impacts:
+    found = Impacts()
+    for first in range(0, len(poses), batch):
+        found = impacts.advance(found, knowledge, poses[first : first + batch])
+    return found
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 148.0, 240.0, 1000.0])
+@pytest.mark.parametrize("restitution", [0.0, 0.4])
+def test_a_dropped_object_is_reported(rate_hz: float, restitution: float) -> None:
+    found = found_in(moving(dropped(rate_hz, restitution), rate_hz))
+    (finding,) = impacts.findings(found, TICK_S)
+    assert finding.doubts_labels
+    assert "--model impacts" in finding.text
+    assert impacts.findings(found, impacts.LONGEST_TICK_S) == (), "such ticks are short enough"
+
+
+def test_a_body_of_faces_is_hit_like_a_single_face() -> None:
+    knowledge = knowledge_from(
+        {"environment": {"box": [BENCH]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
+    )
+    assert impacts.findings(found_in(moving(dropped(148.0, 0.3), 148.0), knowledge), TICK_S)
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 100.0, 1000.0])
+def test_an_object_that_is_put_down_is_not(rate_hz: float) -> None:
+    found = found_in(moving(placed(rate_hz), rate_hz))
+    assert impacts.findings(found, TICK_S) == ()
+    assert not found.is_near
+
+
+def test_an_object_that_slides_fast_is_not() -> None:
+    time_s = np.arange(0.0, 3.0, 0.01)
+    path = np.column_stack([0.6 * np.sin(3.0 * time_s), 0.0 * time_s, np.full_like(time_s, ON_TABLE_M)])
+    assert impacts.findings(found_in(moving(path, 100.0, 5e-4)), TICK_S) == ()
+
+
+def test_an_object_that_turns_back_high_above_is_not() -> None:
+    time_s = np.arange(0.0, 3.0, 0.01)
+    back_and_forth = 0.3 + 0.2 * np.abs(((2.0 * time_s) % 2.0) - 1.0) * 2.0
+    assert impacts.findings(found_in(moving(heights(back_and_forth), 100.0)), TICK_S) == ()
+
+
+@pytest.mark.parametrize("poses", [1, 2])
+def test_outliers_are_no_impacts(poses: int) -> None:
+    path = heights(np.full(300, ON_TABLE_M))
+    for first, off_m in ((40, 0.05), (100, -0.05), (160, 0.05), (220, -0.05)):
+        path[first : first + poses, 2] += off_m
+    assert impacts.findings(found_in(moving(path, 100.0)), TICK_S) == ()
+
+
+def test_a_gap_is_no_impact() -> None:
+    """Speeds before and after it differ, but not by a hit."""
+    path = placed(100.0)
+    kept = np.r_[0:56, 96:200]
+    whole = moving(path, 100.0)
+    assert impacts.findings(found_in(whole[kept]), TICK_S) == ()
+
+
+def test_beside_a_body_its_faces_end() -> None:
+    """An object turns back in the air, half a metre over the bench, in the plane of its side."""
+    knowledge = knowledge_from(
+        {"environment": {"box": [BENCH]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
+    )
+    time_s = np.arange(0.0, 2.0, 0.01)
+    along = 1.05 + np.abs(time_s - 1.0)
+    path = np.column_stack([along, np.zeros_like(along), np.full_like(along, 0.5)])
+    found = found_in(moving(path, 100.0), knowledge)
+    assert impacts.findings(found, TICK_S) == ()
+    assert not found_in(moving(path, 100.0)[:90], knowledge).is_near
+
+
+def test_bursts_of_poses_keep_little() -> None:
+    burst_ns = np.add.outer(np.arange(300) * 50_000_000, np.arange(10)).ravel()
+    poses = moving(heights(np.full(3000, ON_TABLE_M)), 100.0)
+    found = found_in(Poses(burst_ns, poses.position_m, poses.quat_xyzw))
+    assert len(found.recent) < 120
+
+
+def test_before_an_impact_the_labels_are_in_doubt() -> None:
+    falling = moving(dropped(240.0, 0.0), 240.0)
+    assert found_in(falling[:30]).is_near  # it hits after 34 poses
+    assert not found_in(falling).is_near
+
+
+@pytest.mark.parametrize("batch", [1, 7, 50, 1000])
+def test_batches_make_no_difference(batch: int) -> None:
+    whole = found_in(moving(dropped(148.0, 0.3), 148.0), batch=1000)
+    assert found_in(moving(dropped(148.0, 0.3), 148.0), batch=batch).top_m_per_s == pytest.approx(
+        whole.top_m_per_s
+    )
+
+
+def test_without_known_faces_and_vertices_nothing_is_said() -> None:
+    only_table = knowledge_from({"environment": {"plane": [TABLE]}})
+    for knowledge in (EMPTY_MAP, only_table):
+        found = found_in(moving(dropped(148.0, 0.0), 148.0), knowledge)
+        assert found == Impacts()

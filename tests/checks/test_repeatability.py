@@ -1,0 +1,159 @@
+"""A finding says where estimates of what seems to be one element differ by more than noise allows."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.distortions import bent
+
+from contact_tracker.adaptation import OfflineTracker
+from contact_tracker.api.given import model_from
+from contact_tracker.checks import repeatability
+from contact_tracker.checks.repeatability import Repeatability, advance, difference, findings
+from contact_tracker.config.parameters import SystematicErrors
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Segment
+
+PAPER = Path(__file__).resolve().parents[2] / "recordings" / "paper_experiment.mcap"
+NONE = SystematicErrors()
+TURN, SHIFT = 1e-3, 1e-3
+"""Standard deviations (rad, m) of the elements below."""
+
+
+def plane(normal=(0.0, 0.0, 1.0), offset_m=0.5):
+    normal = np.array(normal) / np.linalg.norm(normal)
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3], covariance[3, 3] = TURN**2 * (np.eye(3) - np.outer(normal, normal)), SHIFT**2
+    return Plane(normal, offset_m, covariance)
+
+
+def point(x_m=0.0):
+    return Point(np.array([x_m, 0.0, 0.0]), SHIFT**2 * np.eye(3))
+
+
+def segments(*pairs):
+    return [
+        Segment(10**9 * i, 10**9 * (i + 1) - 1, Contact.VF, 1.0, ContactGeometry(*pair))
+        for i, pair in enumerate(pairs)
+    ]
+
+
+def accuracy_finding(poses, accuracy=None):
+    tracker = OfflineTracker(model_from("default", accuracy=accuracy))
+    for _ in tracker.pieces(gate(poses)):
+        pass
+    return [one for one in tracker.report.findings if one.kind == "accuracy"]
+
+
+@pytest.mark.long
+def test_it_is_found_in_a_bent_volume_and_not_where_errors_are_given():
+    distorted = bent(Poses.collect(open_log(str(PAPER)))[::2], np.random.default_rng(6))
+    (found,) = accuracy_finding(distorted)
+    assert "--accuracy" in found.text
+    assert "\n" not in found.text
+    assert not found.doubts_labels
+    assert not accuracy_finding(distorted, "0.5mm,0.1deg")
+
+
+def test_estimates_that_agree_are_no_finding():
+    found = advance(Repeatability(), segments((point(), plane()), (point(1e-3), plane(offset_m=0.502))))
+    assert (found.near, found.apart) == (2, 0)
+    assert findings(found, NONE) == ()
+
+
+def test_the_text_has_the_pair_that_differs_most():
+    made = segments(
+        (point(), plane()), (point(0.0), plane((0.01, 0.0, 1.0))), (point(), plane((0.02, 0.0, 1.0)))
+    )
+    found = advance(Repeatability(), made)
+    assert (found.near, found.apart) == (6, 3)
+    (said,) = findings(found, NONE)
+    assert "3 of 6 pairs; the face of the surroundings from 0.00 s and from 2.00 s by 1.1 deg, " in said.text
+
+
+@pytest.mark.parametrize(
+    "other",
+    [plane((0.05, 0.0, 1.0)), plane(offset_m=0.52), plane((0.0, 0.0, -1.0), -0.5)],
+    ids=["turned", "shifted", "the other side"],
+)
+def test_elements_that_are_not_near_are_different_ones(other):
+    assert advance(Repeatability(), segments((point(), plane()), (point(0.05), other))).near == 0
+
+
+def test_given_elements_and_those_without_covariance_are_not_compared():
+    given = replace(plane(), name="table")
+    unknown = replace(plane((0.01, 0.0, 1.0)), covariance=None)
+    found = advance(
+        Repeatability(), segments((point(), given), (point(0.05), plane()), (point(0.1), unknown))
+    )
+    assert found.near == 0
+    assert len(found.latest) == 4
+
+
+def test_the_distance_of_planes_is_that_where_they_are_known():
+    """Not at the origin, where a small angle is a large distance."""
+    place = np.array([3.0, 0.0, 0.0])
+
+    def at_place(tilt):
+        normal = np.array([tilt, 0.0, 1.0]) / np.hypot(tilt, 1.0)
+        turns = np.zeros((4, 3))
+        turns[:3] = np.eye(3) - np.outer(normal, normal)
+        turns[3] = place @ turns[:3]
+        covariance = TURN**2 * turns @ turns.T
+        covariance[3, 3] += SHIFT**2
+        return Plane(normal, float(normal @ place), covariance)
+
+    by = difference(at_place(0.0), at_place(0.01))
+    assert by.angle_rad == pytest.approx(0.01, rel=1e-3)
+    assert by.distance_m < 1e-4
+    assert by.sigmas == pytest.approx(0.01 / TURN / np.sqrt(2.0), rel=0.05)
+
+
+def test_lines_are_compared_across_and_without_regard_to_their_sense():
+    across = np.diag([0.0, 1.0, 1.0])
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3], covariance[3:, 3:] = TURN**2 * across, SHIFT**2 * across
+    x = np.array([1.0, 0.0, 0.0])
+    by = difference(Line(x, np.zeros(3), covariance), Line(-x, np.array([0.3, 0.004, 0.0]), covariance))
+    assert by.angle_rad == 0.0
+    assert by.distance_m == pytest.approx(0.004)
+    assert by.sigmas == pytest.approx(4.0 / np.sqrt(2.0), rel=0.02)
+
+
+def test_segments_whose_contact_is_open_or_improbable_do_not_count():
+    made = segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0))))
+    others = tuple(state for state in STATES if state is not Contact.VF)
+    for doubtful in ({"probability": 0.2}, {"inseparable": others}):
+        assert advance(Repeatability(), [made[0], replace(made[1], **doubtful)]).near == 0
+
+
+def test_faces_of_unknown_offset_are_compared_until_the_contact_ends():
+    """A table and a shelf may be nearly parallel; a face on which an object tilts is one."""
+
+    def face(tilt):
+        one = plane((tilt, 0.0, 1.0), 0.0)
+        open_ = one.covariance.copy()
+        open_[3, 3] = 0.09
+        return replace(one, covariance=open_)
+
+    made = segments((face(0.0), face(0.0)), (point(), plane((0.01, 0.0, 1.0), 0.1)))
+    found = advance(Repeatability(), made)
+    assert (found.near, found.apart) == (1, 1)
+    free = replace(made[0], contact=Contact.FREE, geometry=None)
+    assert advance(Repeatability(), [made[0], free, made[1]]).near == 0
+
+
+def test_larger_errors_are_asked_for_where_some_are_given():
+    found = advance(Repeatability(), segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0)))))
+    (said,) = findings(found, SystematicErrors(1e-5, 1e-5))
+    assert "errors larger than these" in said.text
+
+
+def test_only_the_latest_elements_are_kept():
+    found = advance(Repeatability(), segments(*[(point(), plane())] * 100))
+    assert len(found.latest) == repeatability.MOST_ELEMENTS

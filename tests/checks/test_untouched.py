@@ -1,0 +1,133 @@
+"""A finding says that no contact confirms any of the known elements of a side."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_tracker.api import Trajectory, read, segment
+from contact_tracker.api.given import knowledge_of
+from contact_tracker.checks import unconfirmed
+from contact_tracker.checks.unconfirmed import WaitingPieces
+from contact_tracker.checks.untouched import Untouched, advance, findings
+from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = {"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.5}]}}
+CORNER = {"object": {"point": [{"point_m": [0.1, 0.0, 0.0], "name": "tip"}]}}
+
+
+def on(offset_m, name=None, normal=(0.0, 0.0, 1.0), probability=1.0, inseparable=(), tip=None):
+    pair = ContactGeometry(
+        Point(np.array([0.1, 0.0, 0.0]), np.eye(3) * 1e-6, name=tip),
+        Plane(np.array(normal), offset_m, np.eye(4) * 1e-6, name=name),
+    )
+    return Segment(0, 10**9, Contact.VF, probability, pair, inseparable)
+
+
+def found(given, *segments):
+    knowledge = knowledge_of(given, lambda _: None)
+    return findings(advance(Untouched(), knowledge, segments), knowledge)
+
+
+def test_a_face_that_no_contact_is_on_is_named_with_its_distance():
+    (one,) = found(TABLE, on(0.34))
+    assert "surroundings (plane 1)" in one.text
+    assert "parallel to plane 1, 160 mm from it" in one.text
+    assert "\n" not in one.text
+    assert not one.doubts_labels
+    (other,) = found(TABLE, on(0.34, normal=(1.0, 0.0, 0.0)))
+    assert "parallel" not in other.text
+    (vertex,) = found(CORNER, on(0.5))
+    assert "object (tip)" in vertex.text
+
+
+@pytest.mark.parametrize(
+    "segments",
+    [
+        [],
+        [on(0.34), on(0.5, "plane 1")],
+        [on(0.34), on(0.498)],
+        [on(0.34, probability=0.3)],
+        [on(0.34, inseparable=tuple(state for state in STATES if state is not Contact.VF))],
+        [Segment(0, 10**9, Contact.FREE, 1.0, None)],
+    ],
+)
+def test_it_is_not_found_where_one_is_touched_or_nothing_is_sure(segments):
+    assert not found(TABLE, *segments)
+    assert not found({"up": {"direction": [0, 0, 1]}}, *segments)
+
+
+def test_a_face_on_a_face_does_not_show_the_place():
+    """Of unknown offset, the object's face is on any parallel one."""
+    covariance = np.eye(4) * 1e-6
+    up = np.array([0.0, 0.0, 1.0])
+    flat = ContactGeometry(Plane(up, 0.0, covariance), Plane(up, 0.5, covariance, name="plane 1"))
+    resting = Segment(0, 10**9, Contact.FF, 1.0, flat)
+    assert not found(TABLE, resting)
+    (one,) = found(TABLE, resting, on(0.34))
+    assert "160 mm" in one.text
+
+
+def flat_on(name, normal=(0.0, 0.0, 1.0)):
+    """A face on a face, whose place along the normal the motion does not show."""
+    covariance = np.diag([1e-6, 1e-6, 1e-6, 0.1])
+    pair = ContactGeometry(
+        Plane(np.array([1.0, 0.0, 0.0]), 0.0, covariance),
+        Plane(np.array(normal), 0.5, np.eye(4) * 1e-6, name=name),
+    )
+    return Segmentation((Segment(0, 10**9, Contact.FF, 1.0, pair),), Beliefs(np.zeros(10, BELIEF)))
+
+
+def names(pieces):
+    return [one.geometry.environment.name for piece in pieces for one in piece.segments]
+
+
+def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
+    knowledge = knowledge_of(TABLE, lambda _: None)
+    nothing, other = Untouched(), Untouched((False, True), (False, False), "plane 1", 0.1)
+    waiting = WaitingPieces(knowledge)
+    assert names(waiting.passed(flat_on(None), nothing)) == [None]
+    assert names(waiting.passed(flat_on("plane 1"), nothing)) == []
+    assert names(waiting.passed(flat_on(None), other)) == []
+    assert names(waiting.finish(other)) == [None, None]
+    assert names(waiting.passed(flat_on("plane 1"), other)) == []
+    assert names(waiting.passed(flat_on("plane 1"), Untouched(known=(False, True)))) == ["plane 1"] * 2
+    waiting = WaitingPieces(knowledge)
+    assert names(waiting.passed(flat_on("wall", (1.0, 0.0, 0.0)), other)) == []
+    assert names(waiting.finish(other)) == ["wall"], "of another direction"
+    monkeypatch.setattr(unconfirmed, "MOST_TICKS", 15)
+    assert names(waiting.passed(flat_on("plane 1"), nothing)) == []
+    assert names(waiting.passed(flat_on("plane 1"), nothing)) == ["plane 1"] * 2, "memory is bounded"
+
+
+@pytest.mark.long
+def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
+    """One of the right direction, 10 cm off: a face on a face alone would be on it."""
+    paper = Trajectory(read(ROOT / "recordings" / "paper_experiment.mcap").poses[:5000])
+    normal = [0.566, 0.556, 0.609]
+    wrong, right = (
+        segment(paper, known={"environment": {"plane": [{"normal": normal, "offset_m": offset_m}]}})
+        for offset_m in (0.137, 0.037)
+    )
+    assert any("parallel to plane 1" in line for line in wrong.warnings)
+    assert not right.warnings
+    assert wrong.segments[0].contact is right.segments[0].contact is Contact.FF
+    assert right.segments[0].geometry.environment.name == "plane 1"
+    for one in (*wrong.segments, *wrong.beliefs):
+        assert one.geometry is None or one.geometry.environment.name is None
+    assert wrong.segments[0].geometry.has_open_offset == (True, True)
+    assert [line[:8] for line in str(wrong).splitlines() if "plane 1" in line] == ["warning:"]
+    wrong.save(tmp_path / "out.csv")
+    assert "plane 1" not in (tmp_path / "out.csv").read_text()
+
+
+def test_it_is_a_warning_of_a_recording():
+    robot = ROOT / "recordings" / "robot_1khz.mcap"
+    (line,) = segment(
+        robot, known={"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 9.0}]}}
+    ).warnings
+    assert "no contact confirms what is given of the surroundings (plane 1)" in line

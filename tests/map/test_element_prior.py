@@ -1,0 +1,228 @@
+"""Known elements as priors: the mean satisfies the contact, the information is that of their accuracy."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.contacts import CONTACT_MODELS, face_face
+from contact_tracker.geometry.elements import Line, by_foot, canonical, numbers
+from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
+from contact_tracker.hypotheses.pruning import Birth, add
+from contact_tracker.map.element_prior import ElementPrior, by_feet, element_priors
+from contact_tracker.map.map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, Up, known_to
+from contact_tracker.map.named_pairs import UNLISTED, element_pairs
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.tracking.forward_pass import forward
+from contact_tracker_lab.simulate import Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import Phase
+
+ACCURACY = Accuracy(2e-3, 0.01)
+FREEDOM = {"f": 3, "e": 4, "v": 3}
+each_contact = pytest.mark.parametrize("model", CONTACT_MODELS, ids=list(CONTACTS))
+
+
+@cache
+def touching(contact):
+    """Exact poses in a contact, and its true elements with an accuracy."""
+    scenario = Scenario((Phase(contact, 1.0),), sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    simulated = simulate(scenario, 5)
+    geometry, poses = simulated.truth.intervals[0].geometry, simulated.poses
+    return poses, known_to(geometry.object, ACCURACY), known_to(geometry.environment, ACCURACY)
+
+
+def prior(model, object=True, environment=True):
+    poses, ours, theirs = touching(model.contact)
+    pair = ours if object else None, theirs if environment else None
+    known, (pivot,) = element_priors(model, [pair])
+    anchors = np.where(np.isnan(pivot), model.anchors(poses.position_m.mean(axis=0)), pivot)
+    return ElementPrior(known.mean[0], known.information[0]), anchors
+
+
+@each_contact
+def test_the_prior_mean_satisfies_the_contact(model):
+    poses = touching(model.contact)[0]
+    known, anchors = prior(model)
+    seen = model.measure(known.mean[None], lift(poses.rotation, poses.position_m))
+    assert np.abs(seen.residual).max() < 1e-9
+    np.testing.assert_allclose(model.family.normalise(known.mean, anchors), known.mean, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", ["object", "environment"])
+def test_a_known_face_determines_the_normal_of_the_other(side):
+    """For either sign of the normals of the best hypothesis."""
+    model, (poses, *elements) = CONTACT_MODELS[Contact.FF.column], touching(Contact.FF)
+    both, _ = prior(model)
+    reversed_ = both.mean.copy()
+    reversed_[face_face.M if side == "environment" else face_face.N] *= -1.0
+    knowledge = PriorMap(**{side: (NamedElement("table", elements[side == "environment"]),)})
+    begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
+    turn = poses.rotation[0]
+    bank = add(
+        blank(model, 1).replace_columns(x=reversed_),
+        model,
+        Birth(begins, 7, 0, 1, 0.0, np.zeros((0, 7)), turn),
+    )
+    knows = bank.prior_index > 0
+    assert knows.any()
+    np.testing.assert_allclose(bank.x[knows, :6], [both.mean[:6]] * knows.sum(), atol=1e-9)
+    np.testing.assert_array_equal(bank.x[~knows], [reversed_] * (~knows).sum())
+
+
+def drawn(element, rng, count):
+    """Parameters (count, n) of elements drawn with their covariance."""
+    size = len(numbers(element))
+    return rng.multivariate_normal(numbers(element), element.covariance, count, method="eigh").reshape(
+        -1, size
+    )
+
+
+@each_contact
+def test_information_is_that_of_the_covariance_of_the_elements(model):
+    """Elements drawn from their covariances have chi-squared distances from the mean."""
+    known, anchors = prior(model)
+    rng, count = np.random.default_rng(3), 4000
+    ours, theirs = (drawn(element, rng, count) for element in touching(model.contact)[1:])
+    if model.contact.value == "f-f":
+        x = np.concatenate([-ours[:, :3], theirs[:, :3], ours[:, 3:] + theirs[:, 3:]], axis=1)
+    else:
+        x = np.concatenate([ours, theirs] if model.body_in_1 else [theirs, ours], axis=1)
+    tangent = model.family.tangent(known.mean, anchors)
+    off = (model.family.normalise(x, anchors) - known.mean) @ np.linalg.pinv(tangent).T
+    along = tangent.T @ known.information @ tangent
+    squared = np.einsum("bp,pq,bq->b", off, along, off)
+    assert squared.mean() == pytest.approx(model.family.PARAMETERS, rel=0.05)
+    np.testing.assert_allclose(known.information, known.information.T, atol=1e-9 * np.abs(along).max())
+
+
+@each_contact
+def test_one_known_element_determines_its_part_of_x_only(model):
+    both = prior(model)[0]
+    one, other = prior(model, environment=False)[0], prior(model, object=False)[0]
+    if model.contact.value == "f-f":  # the offset takes both
+        assert np.linalg.matrix_rank(one.information) == np.linalg.matrix_rank(other.information) == 2
+        np.testing.assert_allclose((one.mean + other.mean)[:6], both.mean[:6])
+    else:
+        object_kind, _, environment_kind = model.contact.value
+        assert np.linalg.matrix_rank(one.information) == FREEDOM[object_kind]
+        assert np.linalg.matrix_rank(other.information) == FREEDOM[environment_kind]
+        np.testing.assert_allclose(one.mean + other.mean, both.mean)
+        second = model.family.FORM.d2
+        assert not both.information[:second, second:].any()  # kernels rely on that
+        np.testing.assert_allclose(one.information + other.information, both.information, atol=1e-6)
+    nothing = prior(model, object=False, environment=False)[0]
+    assert not nothing.mean.any()
+    assert not nothing.information.any()
+
+
+def knowledge(**changes):
+    corners = [NamedElement(f"corner {i}", touching(CONTACTS[3])[1]) for i in range(4)]
+    table = NamedElement("table", touching(CONTACTS[3])[2])
+    return PriorMap(**({"object": tuple(corners), "environment": (table,)} | changes))
+
+
+def test_a_reversed_line_has_the_same_prior():
+    """The covariance of direction and point changes its sign with the direction."""
+    rng = np.random.default_rng(0)
+    point_m = np.array([0.3, 0.0, -0.2])
+    for direction in (np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.6, -0.8])):
+        across = np.kron(np.eye(2), np.eye(3) - np.outer(direction, direction))
+        root = across @ (1e-3 * rng.normal(size=(6, 6)))
+        line = Line(direction, point_m, root @ root.T)
+        reversed_ = canonical(line)
+        np.testing.assert_array_equal(reversed_.direction, -direction)
+        assert canonical(reversed_) is reversed_
+        # points along it, s from the foot, are as uncertain as they were
+        for s in (-1.0, 0.0, 2.0):
+            at = [np.hstack([s * turned * np.eye(3), np.eye(3)]) for turned in (1.0, -1.0)]
+            expected, found = at[0] @ line.covariance @ at[0].T, at[1] @ reversed_.covariance @ at[1].T
+            np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("complete", [(False, False), (True, False), (False, True), (True, True)])
+def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
+    known = knowledge(object_complete=complete[0], environment_complete=complete[1])
+    for model in CONTACT_MODELS:
+        pairs = element_pairs(known, model)
+        object_kind, _, environment_kind = model.contact.value
+        impossible = (complete[0] and object_kind != "v") or (complete[1] and environment_kind != "f")
+        assert sum(np.exp(pair.log_share) for pair in pairs) == pytest.approx(0.0 if impossible else 1.0)
+        assert len({pair.touching for pair in pairs}) == len(pairs)
+
+
+def test_known_and_unknown_elements_are_equally_likely():
+    (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
+    pairs = element_pairs(knowledge(), v_f)
+    assert len(pairs) == 5 * 2
+    unknown = [pair for pair in pairs if pair.environment is None]
+    assert sum(np.exp(pair.log_share) for pair in unknown) == pytest.approx(UNLISTED)
+    assert [pair.touching for pair in pairs if pair.certain] == [(f"corner {i}", "table") for i in range(4)]
+
+
+def test_nothing_known_is_one_unknown_pair():
+    for model in CONTACT_MODELS:
+        (pair,) = element_pairs(EMPTY_MAP, model)
+        assert (pair.touching, pair.log_share, pair.certain) == ((None, None), 0.0, False)
+        known, pivot = element_priors(model, [pair.pair((0.0, 0.0, 0.0))])
+        assert not known.information.any()
+        assert np.isnan(pivot).all()
+
+
+def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
+    up = Up(np.array([0.0, 0.6, 0.8]), 0.02)
+    for model in CONTACT_MODELS:
+        pairs = element_pairs(knowledge(up=up), model)
+        for pair in pairs:
+            assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
+    (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
+    (pair,) = element_pairs(PriorMap(up=up), v_f)
+    known, _ = element_priors(v_f, [pair.pair((5.0, 6.0, 7.0))])
+    mean, information = known.mean[0], known.information[0]
+    np.testing.assert_allclose(mean[3:6], up.direction)
+    tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
+    assert tilt @ information @ tilt == pytest.approx(0.02**-2, rel=1e-3)
+    assert np.abs(information[[0, 1, 2, 6]][:, [0, 1, 2, 6]]).max() < 1e-5
+
+
+@pytest.mark.parametrize("along_m", [0.0, 0.5, 3.0])
+def test_a_line_is_recognised_wherever_along_it_its_point_is(along_m):
+    simulated = simulate(Scenario((Phase(Contact.FE, 4.0),)), 2)
+    edge = simulated.truth.intervals[0].geometry.environment
+    moved = known_to(replace(edge, point_m=edge.point_m + along_m * edge.direction), Accuracy())
+    *_, last = forward(
+        simulated.poses, load_model(), knowledge=PriorMap(environment=(NamedElement("rail", moved),))
+    )
+    assert last.belief.geometry.environment.name == "rail"
+
+
+on_edges = pytest.mark.parametrize("model", [m for m in CONTACT_MODELS if m.contact.value.endswith("e")])
+
+
+@on_edges
+def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model):
+    _, ours, theirs = touching(model.contact)
+    near_m = np.array([0.4, -0.3, 0.8])
+    unknown = None, None
+    known, pivot = element_priors(model, [(ours, theirs), (None, theirs), unknown])
+    expected, feet = element_priors(
+        model, [(ours, by_foot(theirs, near_m)), (None, by_foot(theirs, near_m)), unknown]
+    )
+    moved, found = by_feet(model, known, pivot, near_m)
+    np.testing.assert_allclose(moved.mean, expected.mean, atol=1e-14)
+    np.testing.assert_allclose(found, feet, atol=1e-14)
+    scale = np.abs(expected.information).max()
+    np.testing.assert_allclose(moved.information, expected.information, atol=1e-9 * scale)
+
+
+@each_contact
+def test_births_depend_on_the_bodys_position_only_by_an_edge_of_the_surroundings(model):
+    _, ours, theirs = touching(model.contact)
+    known = PriorMap(environment=(NamedElement("theirs", theirs),), object=(NamedElement("ours", ours),))
+    frames = (Frame.around(np.zeros(3), place_m) for place_m in np.diag([1.0, 2.0]) @ np.ones((2, 3)))
+    here, there = (propose_births(model, known, None, 0.0, frame) for frame in frames)
+    same = np.array_equal(here.rows.words, there.rows.words, equal_nan=True)
+    assert same == (not model.contact.value.endswith("e"))

@@ -1,0 +1,286 @@
+"""Files of any size and kind are read or refused, in bounded work, in one line."""
+
+import os
+import subprocess
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from command_line import ENVIRONMENT, PROGRAM
+from contact_tracker.cli.main import run
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.shipped import shipped
+from contact_tracker.errors import KnowledgeError, ModelError
+from contact_tracker.geometry import polyhedron
+from contact_tracker.map.file import knowledge_from, load_knowledge
+from contact_tracker.map.triangles import triangles_of_obj, triangles_of_stl
+
+FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+SEVERAL = b"".join(b"solid %d\n" % i + FACET + b"endsolid\n" for i in range(20_000))
+GROUPS = b"".join(b"o %d\ng a%d\nusemtl b%d\nf 1 2 3\n" % (i, i, i) for i in range(100_000))
+fifo = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+
+
+def ball(triangles: int) -> trimesh.Trimesh:
+    """A round body of points on a spiral, all of them vertices of its hull."""
+    number = np.arange(triangles // 2 + 2)
+    z = 1 - 2 * (number + 0.5) / len(number)
+    turn, radius = np.pi * (1 + 5**0.5) * number, np.sqrt(1 - z * z)
+    points = 0.1 * np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
+    return trimesh.Trimesh(points, ConvexHull(points).simplices, process=False)
+
+
+def cut(triangles: int) -> trimesh.Trimesh:
+    """A rotated prism with 19 sides, cut into at least ``triangles``, with rounding errors."""
+    body = trimesh.creation.cylinder(0.1, 0.2, sections=19)
+    body.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 2, 3)))
+    while len(body.faces) < triangles:
+        body = body.subdivide()
+    return body
+
+
+def known(folder: Path, mesh: str) -> str:
+    (folder / "known.toml").write_text(f'[object.mesh]\npath = "{mesh}"\n')
+    return str(folder / "known.toml")
+
+
+def refusal(folder: Path, mesh: str) -> str:
+    with pytest.raises(KnowledgeError) as error:
+        load_knowledge(known(folder, mesh))
+    assert error.value.key == "object.mesh.path"
+    return error.value.reason
+
+
+@pytest.fixture
+def no_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Computations that grow with the number of faces fail."""
+
+    def fail(*_: object) -> None:
+        pytest.fail("work that grows with the square of the number of faces")
+
+    monkeypatch.setattr(polyhedron, "_edge", fail)
+    monkeypatch.setattr(polyhedron, "_ordered", fail)
+
+
+@pytest.mark.parametrize(("suffix", "triangles"), [("obj", 50_000), ("stl", 300_000)])
+def test_a_round_mesh_is_refused_before_any_work_that_grows(
+    tmp_path: Path, triangles: int, suffix: str, no_features: None
+) -> None:
+    ball(triangles).export(tmp_path / f"ball.{suffix}")
+    begin_s = time.process_time()
+    assert "more than 60 faces" in refusal(tmp_path, f"ball.{suffix}")
+    assert time.process_time() - begin_s < 10.0  # a second on an idle machine
+
+
+@pytest.mark.parametrize(("suffix", "triangles"), [("obj", 50_000), ("stl", 300_000)])
+def test_a_mesh_of_many_triangles_is_its_hull(tmp_path: Path, triangles: int, suffix: str) -> None:
+    cut(triangles).export(tmp_path / f"cut.{suffix}")
+    begin_s = time.process_time()
+    found = load_knowledge(known(tmp_path, f"cut.{suffix}"))
+    assert time.process_time() - begin_s < 10.0  # a second on an idle machine
+    assert len(found.object) == 21 + 57 + 38
+    assert found.object_complete
+
+
+def test_an_incomplete_hull_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = np.asarray(trimesh.creation.cylinder(0.1, 0.2, sections=20).vertices)
+    assert len(polyhedron.convex(points, 1e-6, 60).of_kind("f")) == 22
+    monkeypatch.setattr(polyhedron, "_ENOUGH_VERTICES", 10)
+    with pytest.raises(polyhedron.TooManyFaces):
+        polyhedron.convex(points, 1e-6, 60)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("solids.stl", SEVERAL), ("groups.obj", CORNERS + GROUPS)], ids=["solids", "groups"]
+)
+def test_a_mesh_of_many_parts_is_no_more_work(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert "no solid" in refusal(tmp_path, name)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("many.obj", CORNERS + b"f 1 2 3\n" * 400_001),
+        ("one.obj", CORNERS + b"f" + b" 1" * 1_200_001 + b"\n"),
+        ("points.obj", b"v 0 0 0\n" * 1_200_001 + b"f 1 2 3\n"),
+        ("many.stl", b"solid" + b" vertex 0 0 0" * 1_200_001),
+    ],
+    ids=["faces", "corners", "vertices", "text"],
+)
+def test_too_many_triangles_are_refused(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert "more than 400000 triangles" in refusal(tmp_path, name)
+
+
+def test_too_large_a_mesh_is_refused_unread(tmp_path: Path) -> None:
+    with open(tmp_path / "large.stl", "wb") as file:
+        file.truncate(10**12)  # no disk has to have that
+    assert "larger than 20 MB" in refusal(tmp_path, "large.stl")
+
+
+def test_faces_of_an_obj_are_read_however_they_are_written() -> None:
+    text = b"# a comment\nvn 0 0 1\nvt 0 0\n" + CORNERS + b"g side\nf 1/1/1 2//1 3/1 # f 1 1 1\r\n"
+    text += b"\tf -1 -2 \\\n -3\nv 5 5 5 1\nf 1 2 3 5\nf -1 1 2\nl 1 2\ns off\nf 1 2\nf\n"
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [5, 5, 5]], float)
+    wanted = points[[[0, 1, 2], [3, 2, 1], [0, 1, 2], [0, 2, 4], [4, 0, 1]]]
+    np.testing.assert_array_equal(triangles_of_obj(text), wanted)
+
+
+def test_readers_agree_with_another_library(tmp_path: Path) -> None:
+    body = trimesh.creation.icosphere(2, 0.1)
+    for name, read in (("a.stl", triangles_of_stl), ("b.stl", triangles_of_stl), ("c.obj", triangles_of_obj)):
+        text = {"file_type": "stl_ascii"} if name == "b.stl" else {}
+        body.export(tmp_path / name, **text)
+        np.testing.assert_allclose(read((tmp_path / name).read_bytes()), body.triangles, atol=1e-7)
+
+
+READ = [["--model", "ODD"], ["--known", "ODD"], ["--known", "known.toml"]]
+
+
+def odd_file(folder: Path, kind: str, name: str) -> None:
+    path = folder / name
+    if kind == "device":
+        path.symlink_to("/dev/zero")
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "large":
+        with open(path, "wb") as file:
+            file.truncate(10**12)
+
+
+@fifo
+@pytest.mark.parametrize(
+    ("kind", "arguments"),
+    [
+        *((kind, READ[0]) for kind in ("folder", "large")),
+        ("device", READ[1]),
+        ("pipe", READ[2]),
+    ],
+)
+def test_other_than_regular_files_are_refused_at_once(
+    tmp_path: Path, kind: str, arguments: list[str]
+) -> None:
+    """In a separate process: it must neither block nor fill the memory."""
+    name = "odd.obj" if "known.toml" in arguments else "odd.toml"
+    odd_file(tmp_path, kind, name)
+    known(tmp_path, name)
+    words = [name if word == "ODD" else word for word in arguments]
+    (tmp_path / "log.mcap").touch()
+    limited = ["bash", "-c", 'ulimit -v 4000000; exec "$@"', "bash", *PROGRAM, "evaluate", "log.mcap", *words]
+    done = subprocess.run(limited, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("contact-tracker: error: ")
+    assert {"folder": "a folder", "large": "larger than"}.get(kind, "not a regular file") in line
+
+
+@pytest.mark.parametrize("read", [load_model, load_knowledge])
+def test_toml_files_have_a_limit(tmp_path: Path, read) -> None:
+    """In bytes, including comments."""
+    content = (shipped() / "default.toml").read_bytes() if read is load_model else b""
+    path = tmp_path / "file.toml"
+    path.write_bytes(content + b"#" * (1_000_000 - len(content)))
+    read(str(path))
+    path.write_bytes(content + b"#" * (1_000_001 - len(content)))
+    with pytest.raises((ModelError, KnowledgeError), match="larger than 1 MB"):
+        read(str(path))
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs files without size")
+def test_a_file_that_hides_its_size_is_not_read_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("contact_tracker.config.loading.MOST_BYTES", 100)
+    with pytest.raises(ModelError, match="larger than"):
+        load_model("/proc/self/maps")
+
+
+def test_an_error_in_a_mesh_is_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "log.mcap").touch()
+    for name, content in (
+        ("a.obj", b"f 1 2 3\nv 1e38 1e38 -1e38\n"),
+        ("b.stl", b"\xff" * 134),
+        ("c.obj", GROUPS),
+    ):
+        (tmp_path / name).write_bytes(content)
+        assert run(["segment", str(tmp_path / "log.mcap"), "--known", known(tmp_path, name)]) == 2
+        (line,) = capfd.readouterr().err.splitlines()
+        assert line.startswith("contact-tracker: error: ")
+
+
+def test_many_meshes_are_refused_before_all_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "box.obj").write_bytes(CORNERS + b"f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+    asked = []
+    read = triangles_of_obj
+    readers = {".obj": lambda content: asked.append(content) or read(content)}
+    monkeypatch.setattr("contact_tracker.map.mesh.READERS", readers)
+    rows = "".join(f'[[object.mesh]]\nname = "{i}"\npath = "box.obj"\n' for i in range(1000))
+    (tmp_path / "known.toml").write_text(rows)
+    with pytest.raises(KnowledgeError, match="too many"):
+        load_knowledge(str(tmp_path / "known.toml"))
+    assert len(asked) < 20
+
+
+def test_many_boxes_are_refused_before_all_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def counting(*args: Any) -> Any:
+        made.append(args)
+        return polyhedron.convex(*args)
+
+    monkeypatch.setattr("contact_tracker.map.file.convex", counting)
+    rows = "".join(f'[[environment.box]]\nname = "{i}"\nsize_m = [1, 1, 1]\n' for i in range(1000))
+    (tmp_path / "known.toml").write_text(rows)
+    with pytest.raises(KnowledgeError, match=r"known environment\.box: 208 elements are too many"):
+        load_knowledge(str(tmp_path / "known.toml"))
+    assert len(made) == 8
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "refused"),
+    [
+        (1, 7, None),
+        (2, 3, None),
+        (7, 7, "1849 pairs of elements for f-f are too many; 1100 are allowed"),
+        (2, 4, "1225 pairs of elements for e-e are too many; 1100 are allowed"),
+    ],
+)
+def test_elements_of_both_sides_have_a_limit_of_pairs(
+    tmp_path: Path, ours: int, theirs: int, refused: str | None
+) -> None:
+    """Without one, a file of 600 bytes would make 21 000 hypotheses in every tick."""
+    sides = [*(("object", i) for i in range(ours)), *(("environment", i) for i in range(theirs))]
+    rows = "".join(f'[[{side}.box]]\nname = "{i}"\nsize_m = [1, 1, 1]\n' for side, i in sides)
+    (tmp_path / "known.toml").write_text(rows)
+    if refused is None:
+        assert load_knowledge(str(tmp_path / "known.toml")).object
+        return
+    with pytest.raises(KnowledgeError, match=refused):
+        load_knowledge(str(tmp_path / "known.toml"))
+
+
+def test_all_contacts_together_have_a_limit_of_pairs() -> None:
+    directions = [[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0.0, 3.0, 30)]
+    side = {
+        "plane": [{"normal": direction, "offset_m": 0.1} for direction in directions],
+        "line": [{"direction": direction, "point_m": [0, 0, 0]} for direction in directions],
+        "point": [{"point_m": direction} for direction in directions],
+    }
+    with pytest.raises(KnowledgeError, match="5766 pairs of elements are too many; 3000 are allowed"):
+        knowledge_from({"object": side, "environment": side})
+
+
+def test_depths_are_those_under_the_nearest_face() -> None:
+    body = polyhedron.convex(np.asarray(trimesh.creation.box((2, 2, 2)).vertices, float))
+    points = np.linspace(0, 1, 5)[:, None] * np.array([1, 0, 0])
+    depth = body.depth_m(points)
+    assert depth.tolist() == pytest.approx([1, 0.75, 0.5, 0.25, 0])
+    assert all(a > b for a, b in pairwise(depth))

@@ -1,0 +1,340 @@
+"""Prior-map files: complete, or refused with key and reason; bodies are split into elements."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.errors import KnowledgeError, UsageError
+from contact_tracker.geometry.elements import Line, Plane, Point
+from contact_tracker.map.file import knowledge_from, load_knowledge
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "knowledge.md").read_text(encoding="utf-8")
+ALL = """
+[up]
+direction = [0, 0, 1]
+spread_deg = 3
+
+[[environment.plane]]
+name = "table"
+normal = [0, 0, 1]
+offset_m = 0.7
+sigma_position_m = 0.002
+sigma_rotation_deg = 0.5
+
+[[environment.plane]]
+normal = [1, 0, 0]
+point_m = [1, 2, 3]
+
+[[environment.line]]
+direction = [0, 1, 0]
+point_m = [0.4, 0, 0.7]
+
+[[environment.point]]
+name = "pin"
+point_m = [0, 0, 1]
+
+[object.box]
+size_m = [0.1, 0.2, 0.3]
+"""
+CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+EXTENT_M = np.array([0.1, 0.2, 0.3])
+
+
+def loaded(tmp_path, text, note=lambda _: None):
+    path = tmp_path / "known.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_knowledge(str(path), note)
+
+
+def refused(tmp_path, text):
+    """The error that a file with this text raises."""
+    with pytest.raises(KnowledgeError) as caught:
+        loaded(tmp_path, text)
+    assert isinstance(caught.value, UsageError)
+    assert "\n" not in str(caught.value)
+    assert caught.value.key in str(caught.value)
+    return caught.value
+
+
+def by_name(elements):
+    return {known.name: known.element for known in elements}
+
+
+def test_a_file_defines_a_prior_map(tmp_path):
+    known = loaded(tmp_path, ALL)
+    assert known.up.direction.tolist() == [0, 0, 1]
+    assert known.up.spread_rad == pytest.approx(math.radians(3))
+    environment = by_name(known.environment)
+    assert list(environment) == ["table", "plane 2", "line 1", "pin"]
+    assert environment["table"].offset_m == 0.7
+    assert environment["plane 2"].offset_m == 1.0
+    assert isinstance(environment["line 1"], Line)
+    assert environment["pin"].point_m.tolist() == [0, 0, 1]
+    assert len(known.object) == 6 + 12 + 8
+    assert known.object_complete
+    assert not known.environment_complete
+
+
+def block(language):
+    (found,) = re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    return found
+
+
+def test_the_file_of_the_documentation_is_read(tmp_path):
+    """It has all keys except those of other kinds of elements."""
+    trimesh.creation.box((80, 60, 40)).export(tmp_path / "part.stl")
+    known = loaded(tmp_path, block("toml"))
+    assert known.up is not None
+    assert len(known.object) == 26
+    assert {k.name for k in known.environment} >= {"table", "line 1", "point 1", "block face +x"}
+    assert (known.object_complete, known.environment_complete) == (True, False)
+
+
+def test_the_python_of_the_documentation_runs():
+    names = {}
+    exec(block("python"), names)
+    assert len(names["state"].knowledge.object) == 26
+
+
+def test_an_empty_file_is_an_empty_map(tmp_path):
+    assert not loaded(tmp_path, "")
+    assert loaded(tmp_path, "[up]\ndirection = [0, 0, 1]")
+
+
+@pytest.mark.parametrize(
+    ("text", "environment", "object"),
+    [
+        ("[environment]\ncomplete = true\n[[environment.point]]\npoint_m = [0, 0, 0]", True, False),
+        ("[object]\ncomplete = false\n[object.box]\nsize_m = [1, 1, 1]", False, False),
+        ("[environment.box]\nsize_m = [1, 1, 1]", False, False),
+        ("[[object.point]]\npoint_m = [0, 0, 0]", False, False),
+    ],
+)
+def test_a_body_is_all_of_an_object_but_not_of_a_world(tmp_path, text, environment, object):
+    known = loaded(tmp_path, text)
+    assert (known.environment_complete, known.object_complete) == (environment, object)
+
+
+def test_elements_of_a_box_lie_where_their_names_say(tmp_path):
+    quat, shift = [0.5, 0.5, 0.5, 0.5], np.array([1.0, 2.0, 3.0])
+    text = f"[object.box]\nsize_m = {EXTENT_M.tolist()}\nquat_xyzw = {quat}\nposition_m = {shift.tolist()}"
+    elements = by_name(loaded(tmp_path, text).object)
+    turn = Rotation.from_quat(quat)
+    for name, element in elements.items():
+        kind, *faces = name.split()
+        assert len(faces) == {"face": 1, "edge": 2, "vertex": 3}[kind]
+        outward = np.zeros(3)
+        for face in faces:
+            outward["xyz".index(face[1])] = 1.0 if face[0] == "+" else -1.0
+        middle = turn.apply(outward * EXTENT_M / 2) + shift
+        match element:
+            case Plane(normal, offset_m):
+                np.testing.assert_allclose(normal, turn.apply(outward), atol=1e-12)
+                assert offset_m == pytest.approx(normal @ middle)
+            case Line(direction, point_m):
+                np.testing.assert_allclose(np.abs(turn.inv().apply(direction)), outward == 0, atol=1e-12)
+                np.testing.assert_allclose(point_m, middle, atol=1e-12)
+            case Point(point_m):
+                np.testing.assert_allclose(point_m, middle, atol=1e-12)
+
+
+def test_the_accuracy_of_a_plane_is_that_at_its_point(tmp_path):
+    accuracy = "sigma_position_m = 0.001\nsigma_rotation_deg = 1.0"
+    place, normal = np.array([1.0, -2.0, 0.5]), np.array([0.6, 0.0, 0.8])
+    text = f"[[object.plane]]\nnormal = {normal.tolist()}\npoint_m = {place.tolist()}\n{accuracy}"
+    (known,) = loaded(tmp_path, text).object
+    plane = known.element
+    rng = np.random.default_rng(0)
+    for point, sigma_m in (
+        (place, 1e-3),
+        (place + np.array([0, 0.3, 0]), math.hypot(1e-3, 0.3 * math.radians(1.0))),
+    ):
+        height = np.append(point, -1.0)  # of the point over the plane, by (normal, offset)
+        assert math.sqrt(height @ plane.covariance @ height) == pytest.approx(sigma_m, rel=1e-6)
+    drawn = rng.multivariate_normal(np.zeros(4), plane.covariance, 1000)
+    assert np.abs(drawn[:, :3] @ normal).max() < 1e-6
+
+
+def numbers(known):
+    """Parameters of planes and points, in an order independent of names."""
+    planes = [[*k.element.normal, k.element.offset_m] for k in known if isinstance(k.element, Plane)]
+    points = [k.element.point_m.tolist() for k in known if not isinstance(k.element, Plane)]
+    return [np.array(sorted((np.round(rows, 6) + 0.0).tolist())) for rows in (planes, points)]
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "STL"])
+def test_a_mesh_of_a_box_is_the_box(tmp_path, suffix):
+    """For any triangulation, and in the units of the file."""
+    mesh = trimesh.creation.box(1e3 * EXTENT_M).subdivide().subdivide()
+    mesh.export(tmp_path / f"box.{suffix}", file_type=suffix.lower())
+    notes = []
+    from_mesh = loaded(tmp_path, f'[object.mesh]\npath = "box.{suffix}"\nunit_m = 0.001', notes.append)
+    from_box = loaded(tmp_path, f"[object.box]\nsize_m = {EXTENT_M.tolist()}")
+    assert from_mesh.object_complete
+    assert not notes
+    for ours, theirs in zip(numbers(from_mesh.object), numbers(from_box.object), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=2e-6)
+
+
+def test_edges_and_vertices_of_a_mesh_are_called_after_their_faces(tmp_path):
+    trimesh.creation.cone(0.05, 0.1, sections=8).export(tmp_path / "cone.stl")
+    elements = by_name(loaded(tmp_path, '[object.mesh]\npath = "cone.stl"').object)
+    assert len(elements) == 9 + 16 + 9
+    for name, element in elements.items():
+        kind, *faces = name.split()
+        planes = [elements[f"face {face}"] for face in faces]
+        assert len(faces) == {"face": 1, "edge": 2}.get(kind, len(faces))
+        for plane in planes if kind != "face" else []:
+            assert plane.normal @ element.point_m == pytest.approx(plane.offset_m, abs=1e-6)
+
+
+def test_a_nonconvex_mesh_is_reported_and_not_complete(tmp_path):
+    neck, head = trimesh.creation.box((1, 0.2, 0.2)), trimesh.creation.box((0.2, 1, 1))
+    head.apply_translation((0.6, 0, 0))
+    trimesh.util.concatenate([neck, head]).export(tmp_path / "hammer.stl")
+    notes = []
+    known = loaded(tmp_path, '[object.mesh]\npath = "hammer.stl"', notes.append)
+    assert not known.object_complete
+    (note,) = notes
+    assert "hammer.stl" in note
+    assert "not convex" in note
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "key", "reason"),
+    [
+        (b"", "empty.stl", "path", "empty.stl"),
+        (b"solid nothing\nendsolid nothing\n", "nothing.stl", "path", "nothing.stl"),
+        (b"\x00" * 84, "zero.stl", "path", "zero.stl"),
+        (b"\xff" * 500, "noise.stl", "path", "noise.stl"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "flat.obj", "path", "no solid"),
+        (b"v a b c\nf 1 2 3\n", "words.obj", "path", "words.obj"),
+        (b"f 1 2 3\n", "corners.obj", "path", "not there"),
+        (CORNERS + b"f 1 2 9999999999\n", "far.obj", "path", "not there"),
+        (CORNERS + b"f 1 2 0\n", "none.obj", "path", "not there"),
+        (CORNERS + b"f 1 2 -5\n", "before.obj", "path", "not there"),
+        (CORNERS + b"f 1 2 " + b"9" * 99 + b"\n", "huge.obj", "path", "number"),
+        (CORNERS + b"f 1 2 " + b"x" * 9999 + b"\n", "text.obj", "path", "number"),
+        (CORNERS + b"v 1 2\nf 1 2 3\n", "short.obj", "path", "three numbers"),
+        (b"v 1e300 0 0\nv -1e300 0 0\nv 0 1e300 0\nf 1 2 3\n", "endless.obj", "path", "endless"),
+        (b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "nan.obj", "path", "endless"),
+        (b"solid x\nvertex 0 0 0\nvertex 0 0 1\n", "two.stl", "path", "three corners"),
+        (b"\0" * 80 + b"\xff" * 4 + b"\0" * 500, "count.stl", "path", "size"),
+        (b"", "mesh.step", "path", "neither"),
+        (None, "gone.stl", "path", "gone.stl"),
+    ],
+)
+def test_an_invalid_mesh_is_refused_with_its_name(tmp_path, content, name, key, reason):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    error = refused(tmp_path, f'[object.mesh]\npath = "{name}"')
+    assert error.key == f"object.mesh.{key}"
+    assert reason in error.reason
+
+
+def test_round_bodies_and_wrong_units_are_refused(tmp_path):
+    trimesh.creation.icosphere(3, 0.1).export(tmp_path / "ball.stl")
+    assert "faces" in refused(tmp_path, '[object.mesh]\npath = "ball.stl"').reason
+    trimesh.creation.box((100, 100, 1e5)).export(tmp_path / "mm.stl")
+    error = refused(tmp_path, '[object.mesh]\npath = "mm.stl"')
+    assert error.key == "object.mesh.unit_m"
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "reason"),
+    [
+        ("[upp]", "upp", "did you mean up?"),
+        ("[gravity]", "gravity", "known are up, object, environment"),
+        (
+            "[[environment.plane]]\nnormal = [0, 0, 1]\nofset_m = 0",
+            "environment.plane[1].offset_m",
+            "is ofset_m meant for",
+        ),
+        ("up = 3", "up", "table"),
+        ("[up]", "up.direction", "missing"),
+        ("[up]\ndirection = [0, 0]", "up.direction", "3 numbers"),
+        ("[up]\ndirection = [0, 0, 2]", "up.direction", "length 1"),
+        ("[up]\ndirection = [0, 0, nan]", "up.direction", "numbers"),
+        ("[up]\ndirection = [0, 0, true]", "up.direction", "numbers"),
+        ("[up]\ndirection = [0, 0, 1]\nspread_deg = 0", "up.spread_deg", "between"),
+        ("[up]\ndirection = [0, 0, 1]\nspread = 1", "up.spread", "spread_deg"),
+        ("environment = []", "environment", "table"),
+        ("[environment]\nplane = 3", "environment.plane", "array"),
+        ("[environment]\nplane = [3]", "environment.plane[1]", "table"),
+        ("[environment]\ncomplete = true", "environment.complete", "nothing"),
+        ("[environment]\ncomplete = 1", "environment.complete", "true or false"),
+        ("[[environment.plane]]\nnormal = [0, 0, 1]", "environment.plane[1].offset_m", "either"),
+        (
+            "[[environment.plane]]\nnormal = [0, 0, 1]\noffset_m = inf",
+            "environment.plane[1].offset_m",
+            "betw",
+        ),
+        ("[[environment.plane]]\nnormal = [0, 0, 1]\noffset_m = '1'", "environment.plane[1].offset_m", "str"),
+        ("[[environment.line]]\ndirection = [0, 0, 1]", "environment.line[1].point_m", "missing"),
+        ("[[environment.point]]\npoint_m = [0, 0, 1e9]", "environment.point[1].point_m", "beyond"),
+        ("[[environment.point]]\npoint_m = [0, 0, 1]\nsigma_position_m = 0", "sigma_position_m", "between"),
+        ("[[environment.point]]\npoint_m = [0, 0, 1]\nname = 7", "environment.point[1].name", "string"),
+        ("[object.box]\nsize_m = [1, 1, 0]", "object.box.size_m", "between"),
+        ("[object.box]\nsize_m = [1, 1, 1]\nquat_xyzw = [0, 0, 0, 0]", "object.box.quat_xyzw", "length 1"),
+        ("[object.mesh]\nunit_m = 1", "object.mesh.path", "missing"),
+        ("[object.mesh]\npath = 'a.stl'\nunit_m = 0", "object.mesh.unit_m", "between"),
+        ("[[object.point]]\nname = 'a'\npoint_m = [0, 0, 1]\n" * 2, "object.name", "twice"),
+        ("[[object.point]]\npoint_m = [0, 0, 1]\n" * 201, "object", "too many"),
+    ],
+)
+def test_impossible_values_are_refused_with_key_and_reason(tmp_path, text, key, reason):
+    error = refused(tmp_path, text)
+    assert key in error.key
+    assert reason in error.reason
+
+
+@pytest.mark.parametrize("name", ["no_such.toml", "", ".", "a\0b", "x" * 5000])
+def test_files_that_cannot_be_read_are_refused(name):
+    with pytest.raises(KnowledgeError, match=r"^what is known: "):
+        load_knowledge(name)
+
+
+def outcome(read, *arguments):
+    """The result of reading: none, or the one allowed error."""
+    try:
+        read(*arguments)
+    except KnowledgeError as error:
+        return error
+
+
+@settings(max_examples=25, deadline=None)
+@given(text=st.text(max_size=200))
+def test_any_text_is_a_map_or_an_error_in_one_line(tmp_path_factory, text):
+    path = tmp_path_factory.mktemp("known") / "any.toml"
+    path.write_text(text, encoding="utf-8", errors="replace")
+    assert "\n" not in str(outcome(load_knowledge, str(path)))
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=40, deadline=None)
+@example("object", "plane", "normal", None, {"\n": None})
+@given(
+    frame=st.sampled_from(["object", "environment"]),
+    kind=st.sampled_from(["plane", "line", "point", "box", "mesh", "complete"]),
+    key=st.sampled_from(
+        ["normal", "offset_m", "direction", "point_m", "size_m", "path", "name", "quat_xyzw"]
+    ),
+    value=VALUES,
+    whole=VALUES,
+)
+def test_any_table_is_a_map_or_an_error(frame, kind, key, value, whole):
+    for table in ({frame: {kind: {key: value}}}, {frame: {kind: whole}}, {frame: whole}, {"up": whole}):
+        assert "\n" not in str(outcome(knowledge_from, table, Path("nowhere")))

@@ -1,0 +1,216 @@
+"""Detection of positions and orientations that do not fit together, by how much contacts explain of them.
+
+Positions and orientations in different conventions are valid, each alone, but contacts explain hardly any
+of their motion, and much of it in the right reading. So the motion is explained window by window in all
+``READINGS``. A remedy is a reading in which contacts explain most windows to the noise.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.checks.readings import DELAYS_MS, READINGS, UNITS, Reading, with_delay
+from contact_tracker.checks.window_scores import TICKS, explain
+from contact_tracker.config.parameters import Model
+from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.motion.free_motion import can_be_compared
+from contact_tracker.motion.poses import NO_POSES, Poses
+
+Array = NDArray[np.float64]
+
+LEAST_TICK_S: Final = 0.1
+"""Shorter ticks are joined, so that a window is long enough for its motion to be restricted by contacts."""
+POSES_PER_TICK: Final = 8
+"""Number of poses that are read per tick, of more of them."""
+MOST_WINDOWS: Final = 30
+"""Windows with motion, 60 s of it, after which the comparison ends."""
+LIKELY_NATS: Final = 30.0
+"""No label is certain while a reading explains the motion better by this much. In 67 recordings that are
+right one does so for 1.3 % of their time (20 nats: 4.4 %), in 52 with orientations 50 ms late for 58 %."""
+BETTER_NATS: Final = 60.0
+"""A reading is a remedy if it explains the motion better by this much, and most windows to the noise. With
+30, 37 instead of 32 of the late ones are named, but so is a mistake in a box that only slides and tilts."""
+ODD_NATS: Final = 120.0
+"""Positions and orientations do not fit together if any reading leads by this much, whether it fits or not.
+Leads are up to 102 in 60 s of free motion, and 73 in 124 recordings that are right; mistakes lead by up to 40
+a window. Readings this far behind the best are not compared any more; this saves 0.7 of the time."""
+FITS: Final = 3.0
+"""Misfit up to which contacts explain a window to the noise; 1 for the right contact."""
+NEARLY_FITS: Final = 10.0
+"""The same for windows in which readings are compared: others are free motion, whose readings differ by
+chance (leads of up to 170)."""
+FITTING_SHARE: Final = 0.55
+"""Least share of windows with motion that a remedy explains to the noise: 0.6 to 0.7 in the right reading of
+four contacts in turn, up to 0.5 in wrong ones."""
+FEWEST_WINDOWS: Final = 4
+REFINED_WINDOWS: Final = 8
+"""Number of windows by which a delay is refined to a millisecond; with all it takes 0.18 of the time."""
+TIED_NATS: Final = 20.0
+"""Readings this far behind the best are named as well: of turns about two axes, the right one is up to 12
+behind."""
+MOST_NAMED: Final = 4
+NAMELESS: Final = (
+    "position and orientation do not fit together: tried were the orders of quaternions and of three angles, "
+    "rotation vectors, inverse orientations, swapped and mirrored axes of positions, delays up to 100 ms; "
+    "none of them fits: check how both were exported, in which frame and with which clock"
+)
+
+
+class Conventions(NamedTuple):
+    """State of the comparison.
+
+    Parameters
+    ----------
+    waiting : poses of the incomplete window.
+    kept : poses of the ``windows`` with motion, thinned.
+    nats, fitting : (K,) log evidence of contacts in each reading against that in poses as they are, -inf once
+        it is not compared any more, and number of windows that it explains to the noise.
+    units : (3, U) the same for ``UNITS``, and the number of windows in which they were compared.
+    is_settled : whether the comparison has ended.
+    found : text of the mistake that was found, or empty.
+    """
+
+    waiting: Poses = NO_POSES
+    kept: tuple[tuple[Poses, NDArray[np.int64]], ...] = ()
+    nats: Array = np.zeros(len(READINGS))
+    fitting: Array = np.zeros(len(READINGS))
+    units: Array = np.zeros((3, len(UNITS)))
+    is_settled: bool = False
+    found: str = ""
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether a mistake is found, or may be found soon."""
+        may_be = not self.is_settled and float(self.nats.max()) > LIKELY_NATS
+        return bool(self.found) or may_be
+
+    @property
+    def fitting_units(self) -> tuple[str, ...]:
+        """Units in which contacts explain most of the motion to the noise, which they do not in metres."""
+        nats, fitting, windows = self.units
+        explains = fitting >= FITTING_SHARE * windows
+        fits = (nats > nats[0] + BETTER_NATS) & explains & ~explains[0]
+        return tuple(unit.text for unit, one in zip(UNITS, fits, strict=True) if one)
+
+
+NOTHING_KNOWN: Final = Conventions()
+
+
+def advance(
+    known: Conventions, model: Model, sigma: tuple[float, float], poses: Poses, has_odd_unit: bool = False
+) -> Conventions:
+    """Advance by poses; ``model`` has the ticks of the stream, ``sigma`` is the noise of a pose (m, rad).
+
+    Units are compared only for positions that look odd in metres.
+    """
+    if not can_be_compared(model):
+        return known._replace(is_settled=True)
+    if known.is_settled or not len(poses):
+        return known
+    tick_ns = round(1e9 * max(model.tick_s, LEAST_TICK_S))
+    waiting = Poses.join([known.waiting, poses])
+    while len(waiting) and len(known.kept) < MOST_WINDOWS:
+        tick_of = (waiting.stamp_ns - waiting.stamp_ns[0]) // tick_ns
+        if tick_of[-1] < TICKS + 2:
+            return known._replace(waiting=waiting)
+        window = waiting[: np.searchsorted(tick_of, TICKS + 2)]
+        waiting = waiting[np.searchsorted(tick_of, TICKS) :]
+        known = _after_window(known, model, sigma, window, tick_ns, has_odd_unit)
+    return known._replace(waiting=NO_POSES, is_settled=True)
+
+
+def findings(known: Conventions) -> tuple[Finding, ...]:
+    """The finding, if there is one."""
+    return (Finding("conventions", known.found, True),) if known.found else ()
+
+
+def _after_window(
+    known: Conventions,
+    model: Model,
+    sigma: tuple[float, float],
+    window: Poses,
+    tick_ns: int,
+    has_odd_unit: bool,
+) -> Conventions:
+    tick_of = (window.stamp_ns - window.stamp_ns[0]) // tick_ns
+    usual = np.median(np.bincount(tick_of, minlength=TICKS + 2))
+    thinned = slice(None, None, max(int(usual) // POSES_PER_TICK, 1))
+    window, tick_of = window[thinned], tick_of[thinned]
+    if not np.bincount(tick_of, minlength=TICKS + 2).all():
+        return known
+    compared = known.nats > known.nats.max() - ODD_NATS
+    compared[0] = True
+    left = compared.nonzero()[0]
+    readings = UNITS if has_odd_unit else [READINGS[i] for i in left]
+    explained = explain(window, tick_of, sigma, model, readings)
+    if explained is None:
+        return known
+    known, fits = known._replace(kept=(*known.kept, (window, tick_of))), explained.misfit < FITS
+    if has_odd_unit:
+        units = np.array([explained.nats, fits, np.ones(len(UNITS))])
+        return known._replace(units=known.units + units, found="")
+    near = np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
+    nats, fitting = np.where(compared, known.nats, -np.inf), known.fitting.copy()
+    nats[left] += near * (explained.nats - explained.nats[0])
+    fitting[left] += fits
+    known = known._replace(nats=nats, fitting=fitting)
+    count = len(known.kept)
+    has_doubled = count & (count - 1) == 0 or not known.found  # it takes some time
+    is_refuted = bool(known.nats.max() < BETTER_NATS)
+    if has_doubled or is_refuted or count == MOST_WINDOWS:
+        return known._replace(found=_found(known, model, sigma))
+    return known
+
+
+def _found(known: Conventions, model: Model, sigma: tuple[float, float]) -> str:
+    """The mistake, with a remedy if one fits."""
+    nats, fitting = known.nats, known.fitting
+    if nats.max() < BETTER_NATS or len(known.kept) < FEWEST_WINDOWS:
+        return ""
+    needed = FITTING_SHARE * len(known.kept)
+    near = (nats > nats.max() - TIED_NATS).nonzero()[0]  # in order of how usual they are, the best one first
+    near = np.append(nats.argmax(), near[near != nats.argmax()])
+    readings, fit = [READINGS[i] for i in near], fitting[near] >= needed
+    if READINGS[nats.argmax()].delay_ms:
+        readings, fit = _refined(known, model, sigma, READINGS[nats.argmax()].delay_ms)
+    if fit.any():
+        texts = [reading.text for reading, one in zip(readings, fit, strict=True) if one]
+        return "; or ".join(texts[:MOST_NAMED]) + ("; or others" if len(texts) > MOST_NAMED else "")
+    return NAMELESS if nats.max() > ODD_NATS else ""
+
+
+def _refined(
+    known: Conventions, model: Model, sigma: tuple[float, float], delay_ms: float
+) -> tuple[list[Reading], NDArray[np.bool_]]:
+    """The best delay between the neighbours of ``delay_ms`` in the latest windows, and whether it fits; none
+    at either end."""
+    latest = known.kept[-REFINED_WINDOWS:]
+    at = DELAYS_MS.index(delay_ms)
+    if at in (0, len(DELAYS_MS) - 1):
+        return [], np.zeros(0, np.bool_)
+    first, last = DELAYS_MS[at - 1], DELAYS_MS[at + 1]
+    while True:
+        step = max(round((last - first) / 8), 1)
+        readings = [READINGS[0], *map(with_delay, range(first, last + 1, step))]
+        nats, fitting = np.sum([_explained(*one, sigma, model, readings) for one in latest], axis=0)
+        best = int(nats.argmax())
+        if step == 1 or not best:
+            return [readings[best]], np.array([best > 0 and fitting[best] >= FITTING_SHARE * len(latest)])
+        middle = round(readings[best].delay_ms)
+        first, last = middle - step, middle + step
+
+
+def _explained(
+    window: Poses,
+    tick_of: NDArray[np.int64],
+    sigma: tuple[float, float],
+    model: Model,
+    readings: Sequence[Reading],
+) -> Array:
+    """Rows of the log evidence (K,), and of whether each reading explains the window to the noise."""
+    found = explain(window, tick_of, sigma, model, readings)
+    if found is None:
+        return np.zeros((2, len(readings)))
+    return np.array([found.nats, found.misfit < FITS])

@@ -1,1 +1,0 @@
-"""The prior map, and the association of elements."""

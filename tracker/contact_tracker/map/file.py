@@ -1,0 +1,218 @@
+"""Loading of a prior map from a TOML file or a table of the same keys, with validation
+(docs/knowledge.md)."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from contact_tracker.config.loading import MOST_BYTES
+from contact_tracker.config.toml_text import parse_toml
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.errors import KnowledgeError
+from contact_tracker.geometry.elements import Line, Plane, Point
+from contact_tracker.geometry.polyhedron import convex
+from contact_tracker.map.covered_faces import mark_covered
+from contact_tracker.map.keys import FARTHEST_M, Keys
+from contact_tracker.map.learned_file import learned_from
+from contact_tracker.map.map import (
+    Accuracy,
+    NamedElement,
+    PriorMap,
+    Up,
+    axis_name,
+    elements_of,
+    known_to,
+    number_name,
+)
+from contact_tracker.map.mesh import read_mesh
+from contact_tracker.map.named_pairs import element_pairs
+from contact_tracker.regular_file import read_regular
+
+Note = Callable[[str], None]
+MOST_ELEMENTS: Final = 200
+"""Most elements of the object, and of its surroundings."""
+MOST_PAIRS: Final = 3000
+"""Most pairs of an element of the object and one of its surroundings, over all contacts. Each is compared in
+every tick: these take up to 0.3 GB of memory, and up to twice as long as the recording lasts."""
+MOST_PAIRS_OF_CONTACT: Final = 1100
+"""Most of them that one contact may assume: many lines take the most time, since any two nearly cross."""
+
+
+def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
+    """Read a TOML file; ``note`` is called with one line for each warning.
+
+    Raises
+    ------
+    KnowledgeError : names the key and the reason.
+    """
+    return knowledge_from(read_table(path), Path(path).parent, note)
+
+
+def read_table(path: str) -> dict[str, Any]:
+    """The keys of a TOML file, not validated."""
+    try:
+        return parse_toml(read_regular(Path(path), MOST_BYTES).decode("utf-8"))
+    except OSError as error:
+        raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:  # invalid UTF-8 or TOML, and names with a zero byte
+        raise KnowledgeError("", f"{path} is not TOML: {error}") from error
+
+
+def files_named(path: str) -> list[Path]:
+    """A prior-map file and the meshes that it names.
+
+    Raises
+    ------
+    KnowledgeError : the file cannot be read.
+    """
+    tables = [table for table in read_table(path).values() if isinstance(table, dict)]
+    meshes = [table["mesh"] for table in tables if "mesh" in table]
+    rows = [row for mesh in meshes for row in (mesh if isinstance(mesh, list) else [mesh])]
+    names = [row.get("path") for row in rows if isinstance(row, dict)]
+    return [Path(path), *(Path(path).parent / name for name in names if isinstance(name, str))]
+
+
+def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> PriorMap:
+    """A prior map from the keys of a file; paths of meshes are relative to ``folder``."""
+    keys = Keys(dict(table), "")
+    up_keys, object_keys, environment_keys = map(keys.table, ("up", "object", "environment"))
+    up = _up(up_keys) if "up" in keys else None
+    learned = learned_from(keys.table("learned"))
+    keys.finish()
+    object, object_complete = _elements(object_keys, folder, note)
+    environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
+    environment = mark_covered(environment)
+    known = PriorMap(environment, object, up, environment_complete, object_complete, learned)
+    pairs = {model.contact.value: len(element_pairs(known, model)) for model in CONTACT_MODELS}
+    for of, count, most in (
+        *((f" for {contact}", count, MOST_PAIRS_OF_CONTACT) for contact, count in pairs.items()),
+        ("", sum(pairs.values()), MOST_PAIRS),
+    ):
+        if count > most:
+            few = "list those that may touch"
+            raise KnowledgeError("", f"{count} pairs of elements{of} are too many; {most} are allowed: {few}")
+    return known
+
+
+def _up(keys: Keys) -> Up:
+    direction = keys.direction("direction")
+    spread = math.radians(keys.number("spread_deg", 2.0, 0.01, 60.0))
+    keys.finish()
+    return Up(direction, spread)
+
+
+def _elements(
+    keys: Keys, folder: Path, note: Note, solid_is_all: bool = True
+) -> tuple[tuple[NamedElement, ...], bool]:
+    """The elements of one frame, and whether they are complete."""
+    found, complete, solids = list[NamedElement](), False, 0
+    for kind, read in (("plane", _plane), ("line", _line), ("point", _point)):
+        for number, row in enumerate(keys.tables(kind), start=1):
+            found.append(read(row, number))
+            _refuse_many(found, keys, kind)
+    for kind in ("box", "mesh"):
+        for row in keys.tables(kind):
+            elements, complete = (
+                (_box(row, solids), True) if kind == "box" else _mesh(row, solids, folder, note)
+            )
+            found += elements
+            solids += 1
+            _refuse_many(found, keys, kind)
+    complete = keys.flag("complete", complete and solids == 1 and solid_is_all)
+    if complete and not found:
+        raise keys.wrong("complete", "true, but nothing is listed: it could touch nothing")
+    keys.finish()
+    _refuse_same(found, keys)
+    return tuple(found), complete
+
+
+def _refuse_many(found: Sequence[NamedElement], keys: Keys, kind: str) -> None:
+    if len(found) > MOST_ELEMENTS:
+        raise keys.wrong(kind, f"{len(found)} elements are too many; {MOST_ELEMENTS} are allowed")
+
+
+def _refuse_same(found: list[NamedElement], keys: Keys) -> None:
+    for name in (known.name for known in found):
+        if sum(known.name == name for known in found) > 1:
+            raise keys.wrong("name", f"{name!r} is there twice")
+
+
+def _plane(keys: Keys, number: int) -> NamedElement:
+    name, accuracy, normal = keys.text("name", f"plane {number}"), _accuracy(keys), keys.direction("normal")
+    if ("offset_m" in keys) == ("point_m" in keys):
+        raise keys.wrong("offset_m", "give either this or point_m")
+    if "point_m" in keys:
+        place = keys.vector("point_m")
+        plane = known_to(Plane(normal, float(normal @ place)), accuracy, place)
+    else:
+        offset_m = keys.number("offset_m", None, -FARTHEST_M, FARTHEST_M)
+        plane = known_to(Plane(normal, offset_m), accuracy)
+    keys.finish()
+    return NamedElement(name, plane)
+
+
+def _line(keys: Keys, number: int) -> NamedElement:
+    name, accuracy = keys.text("name", f"line {number}"), _accuracy(keys)
+    line = Line(keys.direction("direction"), keys.vector("point_m"))
+    keys.finish()
+    return NamedElement(name, known_to(line, accuracy))
+
+
+def _point(keys: Keys, number: int) -> NamedElement:
+    name, accuracy, point = keys.text("name", f"point {number}"), _accuracy(keys), keys.vector("point_m")
+    keys.finish()
+    return NamedElement(name, known_to(Point(point), accuracy))
+
+
+def _box(keys: Keys, solid: int) -> tuple[NamedElement, ...]:
+    prefix, accuracy, size_m = _prefix(keys), _accuracy(keys), keys.lengths("size_m")
+    rotation, position_m = keys.pose()
+    keys.finish()
+    body = convex(0.5 * size_m * np.array(list(product((-1.0, 1.0), repeat=3))))
+    return elements_of(body, axis_name, accuracy, rotation, position_m, prefix, solid)
+
+
+def _mesh(keys: Keys, solid: int, folder: Path, note: Note) -> tuple[tuple[NamedElement, ...], bool]:
+    """The elements of a mesh's hull, and whether the mesh is convex."""
+    prefix, accuracy, path = _prefix(keys), _accuracy(keys), folder / keys.text("path", None)
+    unit_m = keys.number("unit_m", 1.0, 1e-6, 1e3)
+    rotation, position_m = keys.pose()
+    keys.finish()
+    body, is_convex = read_mesh(path, unit_m, keys.wrong)
+    if not is_convex:
+        note(f"{path} is not convex: its hull's elements are known, and others are looked for as well")
+    placed = body, number_name, accuracy, rotation, position_m, prefix, solid, not is_convex
+    return elements_of(*placed), is_convex
+
+
+def _prefix(keys: Keys) -> str:
+    name = keys.text("name", "")
+    return f"{name} " if name else ""
+
+
+def _accuracy(keys: Keys) -> Accuracy:
+    usual = Accuracy()
+    position_m = keys.number("sigma_position_m", usual.position_m, 1e-6, 1.0)
+    rotation_deg = keys.number("sigma_rotation_deg", math.degrees(usual.rotation_rad), 1e-4, 60.0)
+    return Accuracy(position_m, math.radians(rotation_deg))
+
+
+def merged(tables: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Tables merged into one: arrays are concatenated, tables merged; contradictions are rejected."""
+    result: dict[str, Any] = {}
+    for table in tables:
+        for key, value in table.items():
+            if key not in result:
+                result[key] = value
+            elif isinstance(value, dict) and isinstance(result[key], dict):
+                result[key] = merged((result[key], value))
+            elif isinstance(value, list) and isinstance(result[key], dict | list):
+                before = result[key] if isinstance(result[key], list) else [result[key]]
+                result[key] = [*before, *value]
+            else:
+                raise KnowledgeError(key, "given twice, in the file and on the command line")
+    return result

@@ -1,0 +1,161 @@
+"""The prior map: known elements of the object and of its surroundings (docs/knowledge.md).
+
+In the hypotheses a known element replaces an unknown one by a Gaussian prior with its covariance.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
+from contact_tracker.geometry.polyhedron import Feature, Polyhedron
+from contact_tracker.map.learned import NO_PRIOR, MapPrior
+from contact_tracker.states import CONTACTS, Contact
+
+KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
+_KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Accuracy of a known element: standard deviations per axis of its place (m) and direction (rad)."""
+
+    position_m: float = 1e-3
+    rotation_rad: float = float(np.radians(0.5))
+
+
+@dataclass(frozen=True, eq=False)
+class NamedElement:
+    """An element with a name. A plane's normal points out of the body that it bounds.
+
+    ``solid`` numbers the known bodies of a side; None for an element that is listed by itself. ``is_hull``
+    says that the body is not convex, and this an element of its hull; ``is_covered`` that it lies on a known
+    face, so that nothing can touch it.
+    """
+
+    name: str
+    element: Element
+    solid: int | None = None
+    is_hull: bool = False
+    is_covered: bool = False
+
+    @property
+    def kind(self) -> str:
+        """``f``, ``e`` or ``v``."""
+        return _KIND[type(self.element)]
+
+
+@dataclass(frozen=True, eq=False)
+class Up:
+    """Faces of the surroundings have normals near the unit vector ``direction`` (3,), world frame."""
+
+    direction: Array
+    spread_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class PriorMap:
+    """Known elements: ``object`` in the body frame, ``environment`` in the world frame.
+
+    Where a side is complete, hypotheses assume no element of it that is not listed.
+    """
+
+    environment: tuple[NamedElement, ...] = ()
+    object: tuple[NamedElement, ...] = ()
+    up: Up | None = None
+    environment_complete: bool = False
+    object_complete: bool = False
+    learned: MapPrior = NO_PRIOR
+    """The map of another recording, which the tracker's own map begins with."""
+
+    def __bool__(self) -> bool:
+        """Whether it has any knowledge that the user has given."""
+        given = (self.environment, self.object, self.up, self.environment_complete, self.object_complete)
+        return any(map(bool, given))
+
+    def allows(self, contact: Contact) -> bool:
+        """Whether there may be elements of the kinds that ``contact`` needs."""
+        sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
+        return contact is Contact.FREE or all(
+            not complete or any(known.kind == kind for known in listed)
+            for (listed, complete), kind in zip(sides, contact.value[0::2], strict=True)
+        )
+
+    @property
+    def allowed(self) -> tuple[Contact, ...]:
+        """The contacts that there may be."""
+        return tuple(contact for contact in CONTACTS if self.allows(contact))
+
+
+EMPTY_MAP: Final = PriorMap()
+
+
+def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -> Element:
+    """``element`` with the covariance that follows from ``accuracy`` at ``place`` (3,).
+
+    Away from that place an error of direction is also an error of place. ``place`` is projected onto the
+    element; by default it is the point of a plane nearest to the origin, and the given point of a line.
+    """
+    turn, shift = accuracy.rotation_rad**2, accuracy.position_m**2
+    match element:
+        case Plane(normal, offset_m):
+            at = normal * offset_m if place is None else place - normal * (normal @ place - offset_m)
+            across = turn * (np.eye(3) - np.outer(normal, normal))
+            jacobian = np.concatenate([np.eye(3), at[None]])
+            covariance = jacobian @ across @ jacobian.T
+            covariance[3, 3] += shift
+            return Plane(normal, offset_m, covariance)
+        case Line(direction, point_m):
+            at = point_m if place is None else point_m + direction * (direction @ (place - point_m))
+            across = np.eye(3) - np.outer(direction, direction)
+            covariance = np.zeros((6, 6))
+            covariance[:3, :3], covariance[3:, 3:] = turn * across, shift * across
+            return Line(direction, at, covariance)
+        case Point(point_m):
+            return Point(point_m, shift * np.eye(3))
+
+
+def elements_of(
+    body: Polyhedron,
+    face_name: Callable[[int, Array], str],
+    accuracy: Accuracy,
+    rotation: Array,
+    position_m: Array,
+    prefix: str = "",
+    solid: int | None = None,
+    is_hull: bool = False,
+) -> tuple[NamedElement, ...]:
+    """Faces, edges and vertices of a convex body, rotated by ``rotation`` (3, 3) and moved.
+
+    ``face_name`` (number, outward normal before the rotation) names the faces. An edge is named after its two
+    faces, a vertex after all of its faces. The other arguments are fields of ``NamedElement``.
+    """
+    faces = {face.indices: face_name(i, face.normals[0]) for i, face in enumerate(body.of_kind("f"), start=1)}
+
+    def known(feature: Feature) -> NamedElement:
+        middle = feature.points.mean(axis=0)
+        named = [name for indices, name in faces.items() if feature.indices <= indices]
+        name = f"{prefix}{KINDS[feature.kind]} {' '.join(sorted(named, key=_axis_order))}"
+        element = feature.element(rotation, position_m, middle)
+        placed = known_to(element, accuracy, rotation @ middle + position_m)
+        return NamedElement(name, placed, solid, is_hull)
+
+    return tuple(known(feature) for feature in body.features)
+
+
+def axis_name(_: int, normal: Array) -> str:
+    """``+x``, ``-x`` ... for a face of a box, by the axis of its normal."""
+    axis = int(np.argmax(np.abs(normal)))
+    return f"{'+' if normal[axis] > 0 else '-'}{'xyz'[axis]}"
+
+
+def number_name(number: int, _: Array) -> str:
+    """``1``, ``2`` ... for a face of a mesh."""
+    return str(number)
+
+
+def _axis_order(name: str) -> tuple[int, str]:
+    """x before y before z, 2 before 10."""
+    return (int(name), "") if name.isdecimal() else (0, name[1:])
