@@ -27,7 +27,7 @@ from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.window_fit import fit_window
-from contact_tracker.map.element_prior import element_priors
+from contact_tracker.map.element_prior import pair_priors
 from contact_tracker.map.map import Accuracy, known_to
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
@@ -161,7 +161,7 @@ def _true_x(phase: Phase, window: Window, origin_m: Array) -> Array | None:
     contact = CONTACT_MODELS[phase.contact.column]
     anchors = contact.anchors(window.zeta[:, T].mean(axis=0))
     ours, theirs = phase.geometry.object, shifted(phase.geometry.environment, -origin_m)
-    (x,) = element_priors(contact, [(known_to(ours, Accuracy()), known_to(theirs, Accuracy()))])[0].mean
+    (x,) = pair_priors(contact, [(known_to(ours, Accuracy()), known_to(theirs, Accuracy()))])[0].mean
     return contact.family.normalise(x, anchors)
 
 

@@ -13,7 +13,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Line, Plane, Point, numbers
 from contact_tracker.geometry.incidence import LENGTH_M, incident
 from contact_tracker.hypotheses.contact_geometry import shifted
-from contact_tracker.map.element_prior import element_priors as prior_given
+from contact_tracker.map.element_prior import pair_priors as prior_given
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.forward_pass import forward
@@ -54,7 +54,8 @@ def cost(kind, known, element, body_m):
     """Half the squared distance of an object's element from its prior."""
     model = CONTACT_MODELS[WITH[kind].column]
     anchors = np.tile(body_m, 2)
-    prior, (pivot,) = prior_given(model, [(known, None)])
+    prior = prior_given(model, [(known, None)])
+    (pivot,) = prior.line_points_m
     x, size = np.ones(model.family.SIZE), len(numbers(element))
     part = slice(0, size) if model.body_in_1 else slice(model.family.SIZE - size, model.family.SIZE)
     x[part] = numbers(element)

@@ -21,7 +21,7 @@ from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
 from contact_tracker.hypotheses.tick_update import TickInput
-from contact_tracker.map.element_prior import ElementPrior
+from contact_tracker.map.element_prior import known_entries
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
@@ -284,7 +284,7 @@ def test_births_agree(model, old, many, correlation):
         needs_search=searched,
         protected_until=np.where(searched, burn_in_ticks(model.needed), 0.0),
     )
-    begins = BirthProposals(rows, ElementPrior(mean, known).is_given(model), np.zeros(many, bool)).sharing(
+    begins = BirthProposals(rows, known_entries(model, mean, known), np.zeros(many, bool)).sharing(
         -rng.random(many)
     )
     turn = Rotation.random(random_state=8).as_matrix()

@@ -19,7 +19,7 @@ from contact_tracker.hypotheses.proximity_prior import (
 )
 from contact_tracker.map.file import knowledge_from
 from contact_tracker.map.map import EMPTY_MAP
-from contact_tracker.map.named_pairs import element_pairs
+from contact_tracker.map.pairs import named_pairs
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import Window
@@ -44,7 +44,7 @@ def proximity(newest, knowledge=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
         begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
-        found.append((element_pairs(knowledge, model), proximity_evidence(model, begins, newest, SCALES)))
+        found.append((named_pairs(knowledge, model), proximity_evidence(model, begins, newest, SCALES)))
     return found
 
 

@@ -12,9 +12,9 @@ from contact_tracker.geometry.elements import Line, by_foot, canonical, numbers
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.pruning import Birth, add
-from contact_tracker.map.element_prior import ElementPrior, by_feet, element_priors
+from contact_tracker.map.element_prior import PairPrior, by_feet, pair_priors
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, Up, known_to
-from contact_tracker.map.named_pairs import UNLISTED, element_pairs
+from contact_tracker.map.pairs import UNLISTED, named_pairs
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.forward_pass import forward
@@ -38,9 +38,9 @@ def touching(contact):
 def prior(model, object=True, environment=True):
     poses, ours, theirs = touching(model.contact)
     pair = ours if object else None, theirs if environment else None
-    known, (pivot,) = element_priors(model, [pair])
+    mean, information, (pivot,) = pair_priors(model, [pair])[:3]
     anchors = np.where(np.isnan(pivot), model.anchors(poses.position_m.mean(axis=0)), pivot)
-    return ElementPrior(known.mean[0], known.information[0]), anchors
+    return PairPrior(mean[0], information[0], pivot), anchors
 
 
 @each_contact
@@ -147,7 +147,7 @@ def test_a_reversed_line_has_the_same_prior():
 def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
     known = knowledge(object_complete=complete[0], environment_complete=complete[1])
     for model in CONTACT_MODELS:
-        pairs = element_pairs(known, model)
+        pairs = named_pairs(known, model)
         object_kind, _, environment_kind = model.contact.value
         impossible = (complete[0] and object_kind != "v") or (complete[1] and environment_kind != "f")
         assert sum(np.exp(pair.log_share) for pair in pairs) == pytest.approx(0.0 if impossible else 1.0)
@@ -156,31 +156,33 @@ def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
 
 def test_known_and_unknown_elements_are_equally_likely():
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
-    pairs = element_pairs(knowledge(), v_f)
+    pairs = named_pairs(knowledge(), v_f)
     assert len(pairs) == 5 * 2
     unknown = [pair for pair in pairs if pair.environment is None]
     assert sum(np.exp(pair.log_share) for pair in unknown) == pytest.approx(UNLISTED)
-    assert [pair.touching for pair in pairs if pair.certain] == [(f"corner {i}", "table") for i in range(4)]
+    assert [pair.touching for pair in pairs if pair.is_certain] == [
+        (f"corner {i}", "table") for i in range(4)
+    ]
 
 
 def test_nothing_known_is_one_unknown_pair():
     for model in CONTACT_MODELS:
-        (pair,) = element_pairs(EMPTY_MAP, model)
-        assert (pair.touching, pair.log_share, pair.certain) == ((None, None), 0.0, False)
-        known, pivot = element_priors(model, [pair.pair((0.0, 0.0, 0.0))])
+        (pair,) = named_pairs(EMPTY_MAP, model)
+        assert (pair.touching, pair.log_share, pair.is_certain) == ((None, None), 0.0, False)
+        known = pair_priors(model, [pair.pair((0.0, 0.0, 0.0))])
         assert not known.information.any()
-        assert np.isnan(pivot).all()
+        assert np.isnan(known.line_points_m).all()
 
 
 def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
     up = Up(np.array([0.0, 0.6, 0.8]), 0.02)
     for model in CONTACT_MODELS:
-        pairs = element_pairs(knowledge(up=up), model)
+        pairs = named_pairs(knowledge(up=up), model)
         for pair in pairs:
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
-    (pair,) = element_pairs(PriorMap(up=up), v_f)
-    known, _ = element_priors(v_f, [pair.pair((5.0, 6.0, 7.0))])
+    (pair,) = named_pairs(PriorMap(up=up), v_f)
+    known = pair_priors(v_f, [pair.pair((5.0, 6.0, 7.0))])
     mean, information = known.mean[0], known.information[0]
     np.testing.assert_allclose(mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
@@ -207,13 +209,11 @@ def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model
     _, ours, theirs = touching(model.contact)
     near_m = np.array([0.4, -0.3, 0.8])
     unknown = None, None
-    known, pivot = element_priors(model, [(ours, theirs), (None, theirs), unknown])
-    expected, feet = element_priors(
-        model, [(ours, by_foot(theirs, near_m)), (None, by_foot(theirs, near_m)), unknown]
-    )
-    moved, found = by_feet(model, known, pivot, near_m)
+    known = pair_priors(model, [(ours, theirs), (None, theirs), unknown])
+    expected = pair_priors(model, [(ours, by_foot(theirs, near_m)), (None, by_foot(theirs, near_m)), unknown])
+    moved = by_feet(model, known, near_m)
     np.testing.assert_allclose(moved.mean, expected.mean, atol=1e-14)
-    np.testing.assert_allclose(found, feet, atol=1e-14)
+    np.testing.assert_allclose(moved.line_points_m, expected.line_points_m, atol=1e-14)
     scale = np.abs(expected.information).max()
     np.testing.assert_allclose(moved.information, expected.information, atol=1e-9 * scale)
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
-from contact_tracker.map.pairs import map_pairs
+from contact_tracker.map.pairs import learned_pairs
 from contact_tracker.map.sighting import ElementEstimate, Sighting
 from contact_tracker.map.view import MapView
 from contact_tracker.map.world_map import CONCENTRATION, MARGIN_S, Map, log_prior_of_new
@@ -173,15 +173,16 @@ def test_priors_of_pairs(model: ContactModel) -> None:
     ours, theirs = kinds_of(model)
     pair = every[ours][0], every[theirs][1]
     world = Map.learn([seen(model.contact, pair, 0), seen(model.contact, pair, 100)], REACH_M)
-    log_p_new, found = map_pairs(world.whole, model, np.zeros(3))
-    assert np.exp(log_p_new) + sum(np.exp(one.log_share) for one in found) == pytest.approx(1.0)
+    log_p_new, found = learned_pairs(world.whole, model, np.zeros(3))
+    assert np.exp(log_p_new) + np.exp(found.log_share).sum() == pytest.approx(1.0)
     assert log_p_new == pytest.approx(2.0 * np.log(CONCENTRATION / (2.0 + CONCENTRATION)))
-    known = next(one for one in found if one.is_known)
-    tangent = model.family.tangent(known.mean[None], model.anchors(np.zeros(3))[None])[0]
-    values = np.linalg.eigvalsh(tangent.T @ known.information @ tangent)
+    row = int(found.are_both_known.argmax())
+    mean, information = found.prior.mean[row], found.prior.information[row]
+    tangent = model.family.tangent(mean[None], model.anchors(np.zeros(3))[None])[0]
+    values = np.linalg.eigvalsh(tangent.T @ information @ tangent)
     assert (values > 1.0).all()
     x, _ = stacked(model, pair, model.anchors(np.zeros(3)), np.ones(2), 1.0)
-    np.testing.assert_allclose(np.abs(known.mean), np.abs(x), atol=2e-3)
+    np.testing.assert_allclose(np.abs(mean), np.abs(x), atol=2e-3)
 
 
 def test_price_of_new_elements() -> None:

@@ -12,7 +12,7 @@ from contact_tracker.contacts.parameter_layout import directions
 from contact_tracker.geometry.elements import Pair
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.schedule import burn_in_ticks
-from contact_tracker.map.element_prior import ElementPrior, by_feet, element_priors
+from contact_tracker.map.element_prior import PairPrior, by_feet, known_entries, pair_priors
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -25,7 +25,7 @@ class BirthProposals:
     rows: Bank
     """(n) hypotheses without data."""
     is_given: Bools
-    """(n, S) which entries of x their prior fixes, see ``ElementPrior``."""
+    """(n, S) which entries of x their prior fixes, see ``known_entries``."""
     are_both_known: Bools
     """(n,) whether their prior has both elements, so that a pose shows whether these touch."""
 
@@ -62,27 +62,26 @@ def make_proposals(
     are not correlated with the directions. Proposals whose directions the prior leaves open may search, and
     are protected from pruning during burn-in. The other parameters are columns of ``Bank``.
     """
-    prior, pivot = element_priors(model, pairs)
+    prior = pair_priors(model, pairs)
     if near_m is not None:
-        prior, pivot = by_feet(model, prior, pivot, near_m)
+        prior = by_feet(model, prior, near_m)
     both = np.array(elements_known, bool)
-    return with_prior(model, prior, pivot, np.array(log_share), np.array(known_pair_index), both, both)
+    return with_prior(model, prior, np.array(log_share), np.array(known_pair_index), both, both)
 
 
 def with_prior(
     model: ContactModel,
-    prior: ElementPrior,
-    line_anchor: Array,
+    prior: PairPrior,
     log_share: Array,
     known_pair_index: NDArray[np.int64],
     are_both_known: Bools,
     elements_known: Bools,
 ) -> BirthProposals:
-    """One proposal for each of n priors (n, ...) on x, with the points (n, 6) of its known lines.
+    """One proposal for each of n priors on x.
 
     Elements that are known by others than this motion (``elements_known``) cannot follow it.
     """
-    none, given = blank(model, 0), prior.is_given(model)
+    none, given = blank(model, 0), known_entries(model, prior.mean, prior.information)
     needs_search = np.asarray(
         ~given[:, directions(model.family.FORM)].all(axis=1)
     )  # the rest is a linear problem
@@ -95,7 +94,7 @@ def with_prior(
         protected_until=np.where(needs_search, burn_in_ticks(model.needed), 0.0),
         prior_mean=prior.mean,
         prior_information=prior.information,
-        line_anchor=line_anchor,
+        line_anchor=prior.line_points_m,
         log_prior=log_share,
         log_likelihood=log_share,
         onset=0,

@@ -13,10 +13,9 @@ from contact_tracker.hypotheses.birth import (
     uninformed_proposal,
     with_prior,
 )
-from contact_tracker.map.element_prior import ElementPrior, by_feet, element_priors
+from contact_tracker.map.element_prior import by_feet, pair_priors
 from contact_tracker.map.map import NamedElement, PriorMap, Up
-from contact_tracker.map.named_pairs import ElementPair, element_pairs
-from contact_tracker.map.pairs import MapPair, map_pairs
+from contact_tracker.map.pairs import LearnedPairs, NamedPair, learned_pairs, named_pairs
 from contact_tracker.map.view import Key, MapView
 from contact_tracker.map.world_map import Map
 
@@ -59,13 +58,14 @@ def propose_births(
     as predictable as for a new contact. ``incident_share`` is the prior probability that they are those of
     the last contact, or incident with these, where the contact needs elements of other kinds.
     """
-    known, near = element_pairs(knowledge, model), _near_lines(model, frame)
+    known, near = named_pairs(knowledge, model), _near_lines(model, frame)
     if not known:
         return uninformed_proposal(model).pick(np.zeros(0, np.int64))
     near_m = np.array(frame.near_m)
     pairs, log_share = [one.pair(frame.origin_m) for one in known], [one.log_share for one in known]
-    number, is_known = list(range(len(known))), [one.certain for one in known]
-    found, is_open = list[MapPair](), [one.object is None and one.environment is None for one in known]
+    number, is_known = list(range(len(known))), [one.is_certain for one in known]
+    found: LearnedPairs | None = None
+    is_open = [one.object is None and one.environment is None for one in known]
     if view is not None and any(is_open):
         whole, first = log_share[is_open.index(True)], is_open.index(True)
         beside = view.incident_pair(model, near_m)
@@ -75,27 +75,18 @@ def propose_births(
             is_known.append(False)
             log_share.append(whole + np.log(incident_share))
             whole += np.log1p(-incident_share)
-        log_p_new, found = map_pairs(view, model, near_m)
+        log_p_new, found = learned_pairs(view, model, near_m)
         log_share[first] = whole + log_p_new
-        log_share += [whole + one.log_share for one in found]
-        number += [first] * len(found)
-    prior, points_m = element_priors(model, pairs)
+        log_share += (whole + found.log_share).tolist()
+        number += [first] * len(found.log_share)
+    prior, elements_known = pair_priors(model, pairs), is_known
     if near is not None:
-        prior, points_m = by_feet(model, prior, points_m, near_m)
-    if found:
-        prior = ElementPrior(
-            np.concatenate([prior.mean, [one.mean for one in found]]),
-            np.concatenate([prior.information, [one.information for one in found]]),
-        )
-        points_m = np.concatenate([points_m, [one.line_points_m for one in found]])
+        prior = by_feet(model, prior, near_m)
+    if found is not None:
+        prior, is_known = prior.and_(found.prior), [*is_known, *found.are_both_known.tolist()]
+        elements_known = [*elements_known, *([False] * len(found.log_share))]
     return with_prior(
-        model,
-        prior,
-        points_m,
-        np.array(log_share),
-        np.array(number),
-        np.array([*is_known, *(one.is_known for one in found)]),
-        np.array([*is_known, *(False for _ in found)]),
+        model, prior, np.array(log_share), np.array(number), np.array(is_known), np.array(elements_known)
     )
 
 
@@ -115,14 +106,14 @@ def propose_measured(
     ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
     if knowledge.up is not None and theirs is not None and not _is_surer_than_up(theirs, knowledge.up):
         theirs = None
-    known, near_m = element_pairs(knowledge, model), _near_lines(model, frame)
+    known, near_m = named_pairs(knowledge, model), _near_lines(model, frame)
     return make_proposals(
         model,
         [_with(one, ours, theirs).pair(frame.origin_m) for one in known],
         None if near_m is None else np.array(near_m),
         [one.log_share for one in known],
         range(len(known)),
-        [one.certain for one in known],
+        [one.is_certain for one in known],
     )
 
 
@@ -134,13 +125,13 @@ def _is_surer_than_up(measured: NamedElement, up: Up) -> bool:
     return bool(np.trace(element.covariance[:3, :3]) < 2.0 * up.spread_rad**2)
 
 
-def _with(known: ElementPair, object: NamedElement | None, environment: NamedElement | None) -> ElementPair:
+def _with(known: NamedPair, object: NamedElement | None, environment: NamedElement | None) -> NamedPair:
     """``known`` with these elements where it leaves them open."""
     theirs = known.environment or environment
-    return ElementPair(known.object or object, theirs, known.log_share, None if theirs else known.up)
+    return NamedPair(known.object or object, theirs, known.log_share, None if theirs else known.up)
 
 
-def named(geometry: ContactGeometry, known: ElementPair) -> ContactGeometry:
+def named(geometry: ContactGeometry, known: NamedPair) -> ContactGeometry:
     """The geometry of a hypothesis that assumes ``known``, with the names in the prior map."""
     faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
     return ContactGeometry(

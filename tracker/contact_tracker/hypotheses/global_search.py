@@ -25,7 +25,7 @@ from contact_tracker.hypotheses.schedule import (
     SEARCH_REFITS,
     burn_in_ticks,
 )
-from contact_tracker.map.element_prior import ElementPrior
+from contact_tracker.map.element_prior import known_entries
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + RELAXATION_RIDGE * trace * np.eye(moments.shape[-1]))
     known, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
-    is_given = ElementPrior(mean, bank.prior_information[rows]).is_given(model)
+    is_given = known_entries(model, mean, bank.prior_information[rows])
     x = np.concatenate([relaxed, drawn], axis=1)
     x = np.where(is_given[:, None], mean[:, None], x)
     windows, of = (bank.second_moment, bank.row_weight, *known), rows.repeat(x.shape[1])

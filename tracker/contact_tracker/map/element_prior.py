@@ -23,39 +23,42 @@ _LENGTHS: Final = {"f": 1, "e": 3, "v": 3}
 """Number of the parameters of an element that are lengths (m); they come last."""
 
 
-class ElementPrior(NamedTuple):
-    """Mean (S,) and information (S, S) on x; both zero where nothing is given."""
+class PairPrior(NamedTuple):
+    """Gaussian priors on x of n pairs: ``mean`` (n, S) and ``information`` (n, S, S), both zero where nothing
+    is known, and ``line_points_m`` (n, 6), points of known lines in frames 1 and 2, NaN elsewhere."""
 
     mean: Array
     information: Array
+    line_points_m: Array
 
-    def is_given(self, model: ContactModel) -> NDArray[np.bool_]:
-        """(..., S) which entries of x are given.
-
-        A direction is given if its mean is not zero: zero stands for one that is unknown or known in part.
-        """
-        given = np.asarray(self.information.diagonal(axis1=-2, axis2=-1) > 0.0)
-        form = model.family.FORM
-        for first in (form.d1, form.d2):
-            if first >= 0:
-                part = slice(first, first + 3)
-                given[..., part] = self.mean[..., part].any(axis=-1, keepdims=True)
-        return given
+    def and_(self, other: "PairPrior") -> "PairPrior":
+        """Both, one after the other."""
+        return PairPrior(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
 
-def element_priors(model: ContactModel, pairs: Sequence[Pair]) -> tuple[ElementPrior, Array]:
-    """Priors (n, ...) of a contact from n pairs of known elements, and the anchors of their lines.
+def known_entries(model: ContactModel, mean: Array, information: Array) -> NDArray[np.bool_]:
+    """(..., S) which entries of x a prior with this mean (..., S) and information (..., S, S) fixes.
+
+    A direction is known if its mean is not zero: zero stands for one that is unknown or known in part.
+    """
+    known = np.asarray(information.diagonal(axis1=-2, axis2=-1) > 0.0)
+    form = model.family.FORM
+    for first in (form.d1, form.d2):
+        if first >= 0:
+            part = slice(first, first + 3)
+            known[..., part] = mean[..., part].any(axis=-1, keepdims=True)
+    return known
+
+
+def pair_priors(model: ContactModel, pairs: Sequence[Pair]) -> PairPrior:
+    """Priors of a contact from n pairs of known elements, which are independent.
 
     Elements have covariances and are in the frames of x. A direction of zero stands for one that is unknown
     or known in part.
-
-    Returns
-    -------
-    The priors; and (n, 6) known points through which lines go, NaN where the anchor is near the body.
     """
     sides, pivots = rows_of(model, pairs), np.full((len(pairs), 6), np.nan)
     if model.family is face_face:
-        return _facing(*map(_Faces.of, sides)), pivots
+        return PairPrior(*_facing(*map(_Faces.of, sides)), pivots)
     mean = np.zeros((len(pairs), model.family.SIZE))
     information = np.zeros((*mean.shape, model.family.SIZE))
     first = _WIDTHS[_kinds(model)[0]]
@@ -64,7 +67,7 @@ def element_priors(model: ContactModel, pairs: Sequence[Pair]) -> tuple[ElementP
         parts, width = np.array(side), _WIDTHS[kind]
         mean[:, own], pivots[:, point] = parts[:, :width], parts[:, -3:]
         information[:, own, own] = parts[:, width:-3].reshape(-1, width, width)
-    return ElementPrior(mean, information), pivots
+    return PairPrior(mean, information, pivots)
 
 
 def rows_of(model: ContactModel, pairs: Sequence[Pair]) -> tuple[list[Array], list[Array]]:
@@ -84,9 +87,7 @@ def _kinds(model: ContactModel) -> str:
     return model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
 
 
-def by_feet(
-    model: ContactModel, prior: ElementPrior, pivots: Array, near_m: Array
-) -> tuple[ElementPrior, Array]:
+def by_feet(model: ContactModel, prior: PairPrior, near_m: Array) -> PairPrior:
     """Priors with lines of the surroundings parametrised by their points nearest to ``near_m`` (3,).
 
     That is a linear change of x: the point moves by the change of direction times its distance along the
@@ -97,14 +98,15 @@ def by_feet(
     turn, place = slice(first, first + 3), slice(first + 3, first + 6)
     direction = prior.mean[:, turn]
     if not direction.any():
-        return prior, pivots
+        return prior
     along_m = ((near_m - prior.mean[:, place]) * direction).sum(axis=1, keepdims=True)
-    mean, pivots, moves = prior.mean.copy(), pivots.copy(), np.zeros(prior.information.shape[1:])
+    mean, pivots = prior.mean.copy(), prior.line_points_m.copy()
+    moves = np.zeros(prior.information.shape[1:])
     mean[:, place] += along_m * direction
     pivots[:, world] += along_m * direction
     moves[place, turn] = np.eye(3)
     back = np.eye(len(moves)) - along_m[:, None] * moves
-    return ElementPrior(mean, back.swapaxes(1, 2) @ prior.information @ back), pivots
+    return PairPrior(mean, back.swapaxes(1, 2) @ prior.information @ back, pivots)
 
 
 class _Faces(NamedTuple):
@@ -127,8 +129,8 @@ class _Faces(NamedTuple):
         return cls(rows[:, :3], rows[:, 3:12], rows[:, 12:13], rows[:, 13:16], rows[:, 16:])
 
 
-def _facing(first: _Faces, second: _Faces) -> ElementPrior:
-    """Prior of f-f on both normals, and on the height of the body's origin if both offsets are known."""
+def _facing(first: _Faces, second: _Faces) -> tuple[Array, Array]:
+    """Mean and information of f-f on both normals, and on the height of the body's origin if both offsets are known."""
     variance = first.variance + second.variance
     weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
     height_m = np.where(np.isfinite(variance), first.offset_m + second.offset_m, 0.0)
@@ -136,7 +138,7 @@ def _facing(first: _Faces, second: _Faces) -> ElementPrior:
     information = (weight * off)[:, :, None] * off[:, None]
     information[:, face_face.M, face_face.M] += first.information.reshape(-1, 3, 3)
     information[:, face_face.N, face_face.N] += second.information.reshape(-1, 3, 3)
-    return ElementPrior(np.concatenate([-first.normal, second.normal, height_m], axis=1), information)
+    return np.concatenate([-first.normal, second.normal, height_m], axis=1), information
 
 
 @lru_cache(maxsize=256)

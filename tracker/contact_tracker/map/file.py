@@ -29,7 +29,7 @@ from contact_tracker.map.map import (
     number_name,
 )
 from contact_tracker.map.mesh import read_mesh
-from contact_tracker.map.named_pairs import element_pairs
+from contact_tracker.map.pairs import named_pairs
 from contact_tracker.regular_file import read_regular
 
 Note = Callable[[str], None]
@@ -87,7 +87,7 @@ def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note =
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
     environment = mark_covered(environment)
     known = PriorMap(environment, object, up, environment_complete, object_complete, learned)
-    pairs = {model.contact.value: len(element_pairs(known, model)) for model in CONTACT_MODELS}
+    pairs = {model.contact.value: len(named_pairs(known, model)) for model in CONTACT_MODELS}
     for of, count, most in (
         *((f" for {contact}", count, MOST_PAIRS_OF_CONTACT) for contact, count in pairs.items()),
         ("", sum(pairs.values()), MOST_PAIRS),

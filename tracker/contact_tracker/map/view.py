@@ -9,7 +9,7 @@ import numpy as np
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import Array, Element, Pair
 from contact_tracker.geometry.incidence import incident
-from contact_tracker.map.elements import MapElement, kinds_of, loose_variance, prior_variance
+from contact_tracker.map.elements import MapElement, kinds_of, loose_variance
 
 Key = tuple[int, int]
 """Side (0: object, 1: environment) and number of an element."""
@@ -45,20 +45,6 @@ class MapView:
             (None, math.log(self.concentration / total)),
             *((key, math.log(self.counts[key] / total)) for key in known),
         ]
-
-    def joint(self, pair: tuple[Key | None, Key | None], kinds: tuple[str, str], reach_m: float) -> Array:
-        """Covariance (P, P) of the free coordinates of a pair; a new element has the prior's."""
-        parts = [
-            prior_variance(kind, reach_m) if key is None else np.zeros(len(self.covariance[self.slots[key]]))
-            for key, kind in zip(pair, kinds, strict=True)
-        ]
-        out = np.diag(np.concatenate(parts))
-        bounds = slice(0, len(parts[0])), slice(len(parts[0]), None)
-        for one, rows in zip(pair, bounds, strict=True):
-            for other, columns in zip(pair, bounds, strict=True):
-                if one is not None and other is not None:
-                    out[rows, columns] = self.covariance[self.slots[one], self.slots[other]]
-        return out
 
     def incident_pair(self, model: ContactModel, near_m: Array) -> Pair | None:
         """The elements of the last contact, or where the contact of ``model`` needs another kind, elements of

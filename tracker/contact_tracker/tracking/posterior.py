@@ -9,7 +9,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.birth_proposals import named
 from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
-from contact_tracker.map.named_pairs import element_pairs
+from contact_tracker.map.pairs import named_pairs
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.motion.rests import rests_now
 from contact_tracker.motion.window import Window
@@ -168,7 +168,7 @@ def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | Non
     row = int(state.best_rows[label.column])
     assert state.averaging is not None
     scales, origin_m = scales_of(state.model), state.averaging.origin_m
-    pair = element_pairs(state.knowledge, contact)[bank.known_pair_index[row]]
+    pair = named_pairs(state.knowledge, contact)[bank.known_pair_index[row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
     where = contact_geometry(bank, row, contact, scales, window, origin_m, state.model.systematic)
     return named(where, pair)

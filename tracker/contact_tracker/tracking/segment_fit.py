@@ -22,7 +22,7 @@ from contact_tracker.hypotheses.window_fit import fit_windows
 from contact_tracker.joints.evidence import find_joint
 from contact_tracker.joints.geometry import Joint, joint_of
 from contact_tracker.map.map import PriorMap
-from contact_tracker.map.named_pairs import element_pairs
+from contact_tracker.map.pairs import named_pairs
 from contact_tracker.map.same_element import is_same_element
 from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.free_motion import NOW_TICKS
@@ -170,7 +170,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     fit = fits[label.column] if share is None else _measured_fit(segment, window, contact, fits[label.column])
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fit, contact, window, scales)
-    pair = element_pairs(knowledge, contact)[fitted.known_pair_index[0]]
+    pair = named_pairs(knowledge, contact)[fitted.known_pair_index[0]]
     where = contact_geometry(
         fitted, 0, contact, scales, window, segment.origin_m, model.systematic, information
     )
