@@ -79,7 +79,7 @@ def test_at_rest_only_the_first_tracker_takes_in_ticks() -> None:
     others = states[-1].trackers.trackers[1:]
     assert len({one.ticks for one in others}) == 1
     assert len(states[-1].trackers.rest.kept) <= rest.KEPT_TICKS
-    assert len(states[-1].conventions.waiting) <= (window_scores.TICKS + 2) * RATE_HZ * MODEL.tick_s
+    assert len(states[-1].checks.conventions.waiting) <= (window_scores.TICKS + 2) * RATE_HZ * MODEL.tick_s
 
 
 @needs_kernels
@@ -251,6 +251,6 @@ def test_poses_too_far_apart_for_any_evidence_are_followed_by_one_tracker() -> N
     poses = slow(0.01 * np.cumsum(steps, axis=0), 0.2)
     state, _ = adaptation.advance(adaptation.start(MODEL), poses)
     assert state.is_decided
-    assert not state.conventions.found
+    assert not state.checks.conventions.found
     state, _ = adaptation.advance(adaptation.start(MODEL), slow(np.zeros((100, 3)), 0.8))
     assert len(state.trackers.trackers) > 3

@@ -161,7 +161,7 @@ def _true_x(phase: Phase, window: Window, origin_m: Array) -> Array | None:
     contact = CONTACT_MODELS[phase.contact.column]
     anchors = contact.anchors(window.zeta[:, T].mean(axis=0))
     ours, theirs = phase.geometry.object, shifted(phase.geometry.environment, -origin_m)
-    (x,) = pair_priors(contact, [(known_to(ours, Accuracy()), known_to(theirs, Accuracy()))])[0].mean
+    (x,) = pair_priors(contact, [(known_to(ours, Accuracy()), known_to(theirs, Accuracy()))]).mean
     return contact.family.normalise(x, anchors)
 
 

@@ -10,8 +10,9 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from checked_stream import stream_of
 from contact_tracker.adaptation import online
-from contact_tracker.checks import clearance
+from contact_tracker.checks.clearance import Clearance
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.file import knowledge_from
 from contact_tracker.map.map import PriorMap
@@ -35,16 +36,17 @@ def known(**environment: Any) -> PriorMap:
     return knowledge_from({"environment": environment, "object": {"box": CUBE}})
 
 
-def compared(knowledge: PriorMap, *poses: Poses) -> clearance.Clearance:
-    found = clearance.Clearance()
+def compared(knowledge: PriorMap, *poses: Poses) -> Clearance:
+    found = Clearance()
     for some in poses:
-        found = clearance.advance(found, knowledge, some)
+        found = found.update(some, stream_of(knowledge))
     return found
 
 
-def said(found: clearance.Clearance) -> Sequence[str]:
-    assert all(finding.doubts_labels for finding in clearance.findings(found))
-    return [finding.text for finding in clearance.findings(found)]
+def said(found: Clearance) -> Sequence[str]:
+    findings = found.findings(stream_of(), [])
+    assert all(finding.doubts_labels for finding in findings)
+    return [finding.text for finding in findings]
 
 
 @pytest.mark.parametrize(("height_m", "is_said"), [(0.05, False), (0.048, False), (0.035, True)])
@@ -124,14 +126,14 @@ def test_an_object_that_stays_away_from_all_known_elements_is_reported(
     knowledge = known(plane=[TABLE])
     found = compared(knowledge, at_rest(0.0, 0.0, height_m))
     assert said(found) == [], "it may come nearer yet"
-    texts = clearance.final_findings(found, knowledge)
+    texts = found.final_findings(stream_of(knowledge), [])
     assert bool(texts) is is_said
     assert all("mm off table" in one.text for one in texts)
     with_body = known(plane=[TABLE], box=[BENCH | {"position_m": [5.0, 0.0, 0.0]}])
-    assert clearance.final_findings(found, with_body) == (), "its edges and vertices may be touched"
+    assert found.final_findings(stream_of(with_body), []) == [], "its edges and vertices may be touched"
     assert not any(one.doubts_labels for one in texts)
     some = replace(knowledge, object_complete=False)
-    assert clearance.final_findings(found, some) == (), "another vertex may touch"
+    assert found.final_findings(stream_of(some), []) == [], "another vertex may touch"
 
 
 def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> None:

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from checked_stream import stream_of
 from contact_tracker import adaptation
 from contact_tracker.adaptation import online
-from contact_tracker.checks import contradiction
 from contact_tracker.checks.contradiction import Contradiction
 from contact_tracker.hypotheses import compiled
+from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.map.file import knowledge_from
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import PriorMap
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
@@ -132,7 +133,7 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
         (Rotation.from_quat(first.quat_xyzw) * error).as_quat(),
     )
     state, _ = online.advance(online.start(MODEL, knowledge=known), moving_average(resting, 3))
-    assert not state.contradiction.is_likely
+    assert not state.checks.contradiction.is_likely(state.stream)
 
 
 @needs_kernels
@@ -143,11 +144,13 @@ def test_before_the_noise_is_chosen_filtered_poses_refute_nothing_until_the_end(
         Contradiction(),
         slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))[:1500],
     )
+    inspection = NOTHING_INSPECTED._replace(filtered=is_filtered)
+    stream = stream_of(up([0.6, 0.0, 0.8]), is_chosen=False, inspection=inspection)
     for some in box.batches():
-        known = contradiction.advance(known, MODEL, up([0.6, 0.0, 0.8]), some, False, False, is_filtered)
-    assert known.is_likely
+        known = known.update(some, stream)
+    assert known.is_likely(stream)
     assert known.is_found is not is_filtered
-    assert contradiction.finish(known).is_found
+    assert known.finish().is_found
 
 
 @pytest.mark.long
@@ -166,14 +169,14 @@ def test_results_do_not_depend_on_how_the_poses_are_split() -> None:
     for size in (7, 400):
         known = Contradiction()
         for first in range(0, len(poses), size):
-            known = contradiction.advance(known, MODEL, knowledge, poses[first : first + size])
+            known = known.update(poses[first : first + size], stream_of(knowledge))
         ends.append((known.is_found, known.lead))
     assert ends[0] == ends[1]
     assert ends[0][0]
 
 
 def test_without_prior_knowledge_nothing_is_compared() -> None:
-    known = contradiction.advance(Contradiction(), MODEL, EMPTY_MAP, Poses.join([]))
+    known = Contradiction().update(Poses.join([]), stream_of())
     assert known.is_settled
-    assert not known.is_likely
+    assert not known.is_likely(stream_of())
     assert online.start(MODEL).findings == ()

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from checked_stream import stream_of
 from contact_tracker import adaptation
 from contact_tracker.adaptation import online
 from contact_tracker.checks import conventions
-from contact_tracker.checks.conventions import NOTHING_KNOWN
+from contact_tracker.checks.conventions import Conventions
 from contact_tracker.checks.readings import READINGS, Given, read_turns
 from contact_tracker.hypotheses import compiled
+from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log
@@ -117,9 +119,9 @@ HARMLESS: dict[str, Callable[[Poses], Poses]] = {
 
 
 def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA) -> str:
-    known = NOTHING_KNOWN
+    known = Conventions()
     for some in poses.batches():
-        known = conventions.advance(known, MODEL, sigma, some)
+        known = known.update(some, stream_of(first=MODEL, sigma=sigma))
     return known.found
 
 
@@ -205,10 +207,11 @@ def located_by_a_camera() -> Poses:
 
 def test_a_unit_fits_only_where_contacts_do_in_it_and_not_in_metres() -> None:
     poses = replace(recorded(), position_m=100.0 * recorded().position_m)
-    known = conventions.advance(NOTHING_KNOWN, MODEL, (100.0 * SIGMA[0], SIGMA[1]), poses, has_odd_unit=True)
+    odd = stream_of(first=MODEL, inspection=NOTHING_INSPECTED._replace(units=True))
+    known = Conventions().update(poses, odd._replace(sigma=(100.0 * SIGMA[0], SIGMA[1])))
     assert "cm" in known.fitting_units
     poses, sigma = located_by_a_camera(), (0.05, np.radians(0.3))
-    assert conventions.advance(NOTHING_KNOWN, MODEL, sigma, poses, has_odd_unit=True).fitting_units == ()
+    assert Conventions().update(poses, odd._replace(sigma=sigma)).fitting_units == ()
 
 
 def test_each_order_of_quaternions_undoes_its_mistake() -> None:

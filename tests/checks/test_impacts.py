@@ -1,10 +1,14 @@
 """Impacts on known geometry are told from fast motion in the free."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from checked_stream import MODEL, stream_of
 from contact_tracker.checks import impacts
 from contact_tracker.checks.impacts import Impacts
+from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.file import knowledge_from
 from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Poses
@@ -45,10 +49,14 @@ def placed(rate_hz: float) -> np.ndarray:
     return heights(ON_TABLE_M + np.where(time_s < 0.5, 0.1 + 1.5 * (0.5 - time_s), slow))
 
 
+def said(found: Impacts, tick_s: float) -> list[Finding]:
+    return found.findings(stream_of(model=replace(MODEL, tick_s=tick_s)), [])
+
+
 def found_in(poses: Poses, knowledge: PriorMap = KNOWN, batch: int = 50) -> Impacts:
     found = Impacts()
     for first in range(0, len(poses), batch):
-        found = impacts.advance(found, knowledge, poses[first : first + batch])
+        found = found.update(poses[first : first + batch], stream_of(knowledge))
     return found
 
 
@@ -56,36 +64,36 @@ def found_in(poses: Poses, knowledge: PriorMap = KNOWN, batch: int = 50) -> Impa
 @pytest.mark.parametrize("restitution", [0.0, 0.4])
 def test_a_dropped_object_is_reported(rate_hz: float, restitution: float) -> None:
     found = found_in(moving(dropped(rate_hz, restitution), rate_hz))
-    (finding,) = impacts.findings(found, TICK_S)
+    (finding,) = said(found, TICK_S)
     assert finding.doubts_labels
     assert "--model impacts" in finding.text
-    assert impacts.findings(found, impacts.LONGEST_TICK_S) == (), "such ticks are short enough"
+    assert said(found, impacts.LONGEST_TICK_S) == [], "such ticks are short enough"
 
 
 def test_a_body_of_faces_is_hit_like_a_single_face() -> None:
     knowledge = knowledge_from(
         {"environment": {"box": [BENCH]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
     )
-    assert impacts.findings(found_in(moving(dropped(148.0, 0.3), 148.0), knowledge), TICK_S)
+    assert said(found_in(moving(dropped(148.0, 0.3), 148.0), knowledge), TICK_S)
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 100.0, 1000.0])
 def test_an_object_that_is_put_down_is_not(rate_hz: float) -> None:
     found = found_in(moving(placed(rate_hz), rate_hz))
-    assert impacts.findings(found, TICK_S) == ()
+    assert said(found, TICK_S) == []
     assert not found.is_near
 
 
 def test_an_object_that_slides_fast_is_not() -> None:
     time_s = np.arange(0.0, 3.0, 0.01)
     path = np.column_stack([0.6 * np.sin(3.0 * time_s), 0.0 * time_s, np.full_like(time_s, ON_TABLE_M)])
-    assert impacts.findings(found_in(moving(path, 100.0, 5e-4)), TICK_S) == ()
+    assert said(found_in(moving(path, 100.0, 5e-4)), TICK_S) == []
 
 
 def test_an_object_that_turns_back_high_above_is_not() -> None:
     time_s = np.arange(0.0, 3.0, 0.01)
     back_and_forth = 0.3 + 0.2 * np.abs(((2.0 * time_s) % 2.0) - 1.0) * 2.0
-    assert impacts.findings(found_in(moving(heights(back_and_forth), 100.0)), TICK_S) == ()
+    assert said(found_in(moving(heights(back_and_forth), 100.0)), TICK_S) == []
 
 
 @pytest.mark.parametrize("poses", [1, 2])
@@ -93,7 +101,7 @@ def test_outliers_are_no_impacts(poses: int) -> None:
     path = heights(np.full(300, ON_TABLE_M))
     for first, off_m in ((40, 0.05), (100, -0.05), (160, 0.05), (220, -0.05)):
         path[first : first + poses, 2] += off_m
-    assert impacts.findings(found_in(moving(path, 100.0)), TICK_S) == ()
+    assert said(found_in(moving(path, 100.0)), TICK_S) == []
 
 
 def test_a_gap_is_no_impact() -> None:
@@ -101,7 +109,7 @@ def test_a_gap_is_no_impact() -> None:
     path = placed(100.0)
     kept = np.r_[0:56, 96:200]
     whole = moving(path, 100.0)
-    assert impacts.findings(found_in(whole[kept]), TICK_S) == ()
+    assert said(found_in(whole[kept]), TICK_S) == []
 
 
 def test_beside_a_body_its_faces_end() -> None:
@@ -113,7 +121,7 @@ def test_beside_a_body_its_faces_end() -> None:
     along = 1.05 + np.abs(time_s - 1.0)
     path = np.column_stack([along, np.zeros_like(along), np.full_like(along, 0.5)])
     found = found_in(moving(path, 100.0), knowledge)
-    assert impacts.findings(found, TICK_S) == ()
+    assert said(found, TICK_S) == []
     assert not found_in(moving(path, 100.0)[:90], knowledge).is_near
 
 
@@ -142,4 +150,4 @@ def test_without_known_faces_and_vertices_nothing_is_said() -> None:
     only_table = knowledge_from({"environment": {"plane": [TABLE]}})
     for knowledge in (EMPTY_MAP, only_table):
         found = found_in(moving(dropped(148.0, 0.0), 148.0), knowledge)
-        assert found == Impacts()
+        assert (found.top_m_per_s, found.is_near, len(found.recent)) == (0.0, False, 0)

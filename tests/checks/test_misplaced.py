@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from contact_tracker.checks import misplaced
-from contact_tracker.checks.misplaced import Misplaced
+from checked_stream import stream_of
+from contact_tracker.checks.map_use import MapUse
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.map.file import knowledge_from
 from contact_tracker.states import Contact
@@ -28,7 +28,8 @@ def on(height_m=0.0, across_m=0.0, tilt_deg=0.0, names=("edge", "table"), probab
 
 
 def texts(*segments):
-    return [one.text for one in misplaced.findings(misplaced.advance(Misplaced(), KNOWN, segments))]
+    found = MapUse().update_segments(segments, stream_of(KNOWN))
+    return [one.text for one in found.findings(stream_of(KNOWN), []) if "contacts move" in one.text]
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from benchmarks.distortions import bent
 
+from checked_stream import MODEL, stream_of
 from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.api.given import model_from
 from contact_tracker.checks import repeatability
-from contact_tracker.checks.repeatability import Repeatability, advance, difference, findings
+from contact_tracker.checks.repeatability import Repeatability, difference
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.motion.pose_validation import gate
@@ -43,6 +44,14 @@ def segments(*pairs):
     ]
 
 
+def observed(given):
+    return Repeatability().update_segments(given, stream_of())
+
+
+def findings(found, errors):
+    return found.findings(stream_of(best=replace(MODEL, systematic=errors)), [])
+
+
 def accuracy_finding(poses, accuracy=None):
     tracker = OfflineTracker(model_from("default", accuracy=accuracy))
     for _ in tracker.pieces(gate(poses)):
@@ -61,16 +70,16 @@ def test_it_is_found_in_a_bent_volume_and_not_where_errors_are_given():
 
 
 def test_estimates_that_agree_are_no_finding():
-    found = advance(Repeatability(), segments((point(), plane()), (point(1e-3), plane(offset_m=0.502))))
+    found = observed(segments((point(), plane()), (point(1e-3), plane(offset_m=0.502))))
     assert (found.near, found.apart) == (2, 0)
-    assert findings(found, NONE) == ()
+    assert findings(found, NONE) == []
 
 
 def test_the_text_has_the_pair_that_differs_most():
     made = segments(
         (point(), plane()), (point(0.0), plane((0.01, 0.0, 1.0))), (point(), plane((0.02, 0.0, 1.0)))
     )
-    found = advance(Repeatability(), made)
+    found = observed(made)
     assert (found.near, found.apart) == (6, 3)
     (said,) = findings(found, NONE)
     assert "3 of 6 pairs; the face of the surroundings from 0.00 s and from 2.00 s by 1.1 deg, " in said.text
@@ -82,15 +91,13 @@ def test_the_text_has_the_pair_that_differs_most():
     ids=["turned", "shifted", "the other side"],
 )
 def test_elements_that_are_not_near_are_different_ones(other):
-    assert advance(Repeatability(), segments((point(), plane()), (point(0.05), other))).near == 0
+    assert observed(segments((point(), plane()), (point(0.05), other))).near == 0
 
 
 def test_given_elements_and_those_without_covariance_are_not_compared():
     given = replace(plane(), name="table")
     unknown = replace(plane((0.01, 0.0, 1.0)), covariance=None)
-    found = advance(
-        Repeatability(), segments((point(), given), (point(0.05), plane()), (point(0.1), unknown))
-    )
+    found = observed(segments((point(), given), (point(0.05), plane()), (point(0.1), unknown)))
     assert found.near == 0
     assert len(found.latest) == 4
 
@@ -129,7 +136,7 @@ def test_segments_whose_contact_is_open_or_improbable_do_not_count():
     made = segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0))))
     others = tuple(state for state in STATES if state is not Contact.VF)
     for doubtful in ({"probability": 0.2}, {"inseparable": others}):
-        assert advance(Repeatability(), [made[0], replace(made[1], **doubtful)]).near == 0
+        assert observed([made[0], replace(made[1], **doubtful)]).near == 0
 
 
 def test_faces_of_unknown_offset_are_compared_until_the_contact_ends():
@@ -142,18 +149,18 @@ def test_faces_of_unknown_offset_are_compared_until_the_contact_ends():
         return replace(one, covariance=open_)
 
     made = segments((face(0.0), face(0.0)), (point(), plane((0.01, 0.0, 1.0), 0.1)))
-    found = advance(Repeatability(), made)
+    found = observed(made)
     assert (found.near, found.apart) == (1, 1)
     free = replace(made[0], contact=Contact.FREE, geometry=None)
-    assert advance(Repeatability(), [made[0], free, made[1]]).near == 0
+    assert observed([made[0], free, made[1]]).near == 0
 
 
 def test_larger_errors_are_asked_for_where_some_are_given():
-    found = advance(Repeatability(), segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0)))))
+    found = observed(segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0)))))
     (said,) = findings(found, SystematicErrors(1e-5, 1e-5))
     assert "errors larger than these" in said.text
 
 
 def test_only_the_latest_elements_are_kept():
-    found = advance(Repeatability(), segments(*[(point(), plane())] * 100))
+    found = observed(segments(*[(point(), plane())] * 100))
     assert len(found.latest) == repeatability.MOST_ELEMENTS

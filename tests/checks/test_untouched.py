@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from checked_stream import stream_of
 from contact_tracker.api import Trajectory, read, segment
 from contact_tracker.api.given import knowledge_of
-from contact_tracker.checks import unconfirmed
-from contact_tracker.checks.unconfirmed import WaitingPieces
-from contact_tracker.checks.untouched import Untouched, advance, findings
+from contact_tracker.checks import face_names
+from contact_tracker.checks.face_names import FaceNameDelay
+from contact_tracker.checks.map_use import MapUse
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
@@ -30,7 +31,8 @@ def on(offset_m, name=None, normal=(0.0, 0.0, 1.0), probability=1.0, inseparable
 
 def found(given, *segments):
     knowledge = knowledge_of(given, lambda _: None)
-    return findings(advance(Untouched(), knowledge, segments), knowledge)
+    stream = stream_of(knowledge)
+    return MapUse().update_segments(segments, stream).findings(stream, [])
 
 
 def test_a_face_that_no_contact_is_on_is_named_with_its_distance():
@@ -88,20 +90,20 @@ def names(pieces):
 
 def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
     knowledge = knowledge_of(TABLE, lambda _: None)
-    nothing, other = Untouched(), Untouched((False, True), (False, False), "plane 1", 0.1)
-    waiting = WaitingPieces(knowledge)
-    assert names(waiting.passed(flat_on(None), nothing)) == [None]
-    assert names(waiting.passed(flat_on("plane 1"), nothing)) == []
-    assert names(waiting.passed(flat_on(None), other)) == []
+    nothing, other = MapUse(), MapUse((False, True), (False, False), "plane 1", 0.1)
+    waiting = FaceNameDelay(knowledge)
+    assert names(waiting.release(flat_on(None), nothing)) == [None]
+    assert names(waiting.release(flat_on("plane 1"), nothing)) == []
+    assert names(waiting.release(flat_on(None), other)) == []
     assert names(waiting.finish(other)) == [None, None]
-    assert names(waiting.passed(flat_on("plane 1"), other)) == []
-    assert names(waiting.passed(flat_on("plane 1"), Untouched(known=(False, True)))) == ["plane 1"] * 2
-    waiting = WaitingPieces(knowledge)
-    assert names(waiting.passed(flat_on("wall", (1.0, 0.0, 0.0)), other)) == []
+    assert names(waiting.release(flat_on("plane 1"), other)) == []
+    assert names(waiting.release(flat_on("plane 1"), MapUse(known=(False, True)))) == ["plane 1"] * 2
+    waiting = FaceNameDelay(knowledge)
+    assert names(waiting.release(flat_on("wall", (1.0, 0.0, 0.0)), other)) == []
     assert names(waiting.finish(other)) == ["wall"], "of another direction"
-    monkeypatch.setattr(unconfirmed, "MOST_TICKS", 15)
-    assert names(waiting.passed(flat_on("plane 1"), nothing)) == []
-    assert names(waiting.passed(flat_on("plane 1"), nothing)) == ["plane 1"] * 2, "memory is bounded"
+    monkeypatch.setattr(face_names, "MOST_TICKS", 15)
+    assert names(waiting.release(flat_on("plane 1"), nothing)) == []
+    assert names(waiting.release(flat_on("plane 1"), nothing)) == ["plane 1"] * 2, "memory is bounded"
 
 
 @pytest.mark.long

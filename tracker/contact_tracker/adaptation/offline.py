@@ -11,9 +11,8 @@ import numpy as np
 from contact_tracker.adaptation import online
 from contact_tracker.adaptation.candidates import period_for_all_s
 from contact_tracker.adaptation.mixture import mixed_with_uniform
-from contact_tracker.adaptation.report import Report, map_findings, report
-from contact_tracker.checks import misplaced, repeatability, untouched
-from contact_tracker.checks.unconfirmed import WaitingPieces
+from contact_tracker.adaptation.report import Report, report
+from contact_tracker.checks.face_names import FaceNameDelay
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.map.world_map import Map
@@ -58,9 +57,6 @@ class OfflineTracker:
         self._wrenches = wrenches
         self._executor = executor
         self._state = online.start(model, knowledge=knowledge, frame_moves=frame_moves)
-        self._repeatability = repeatability.Repeatability()
-        self._untouched = untouched.Untouched()
-        self._misplaced = misplaced.Misplaced()
         self._record: PassRecord | None = None
 
     @property
@@ -72,16 +68,8 @@ class OfflineTracker:
     @property
     def report(self) -> Report | None:
         """None if the recording has no poses."""
-        found = report(self._state)
-        if found is None:
-            return None
-        findings = *found.findings, *repeatability.findings(self._repeatability, found.model.systematic)
-        if self._record is not None and self._record.state is not None:
-            findings = *(one for one in findings if one.kind != "map"), *map_findings(self._record.state.map)
-        if all(one.kind != "knowledge" for one in findings):  # which would be why
-            unused = untouched.findings(self._untouched, self._knowledge)
-            findings = *findings, *misplaced.findings(self._misplaced), *unused
-        return found._replace(findings=findings)
+        state = None if self._record is None else self._record.state
+        return report(self._state, None if state is None else state.map)
 
     def pieces(
         self,
@@ -117,24 +105,22 @@ class OfflineTracker:
         found = offline_smoother.pieces(stream, model, progress, *others)
         if record is not None:
             found = with_map(found, record, self._executor)
-        waiting = WaitingPieces(self._knowledge)
+        waiting = FaceNameDelay(self._knowledge)
         for piece in found:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
             piece = replace(piece, filtered=piece.filtered[count:])
-            self._repeatability = repeatability.advance(self._repeatability, piece.segments)
-            self._untouched = untouched.advance(self._untouched, self._knowledge, piece.segments)
-            self._misplaced = misplaced.advance(self._misplaced, self._knowledge, piece.segments)
+            self._state = online.check_segments(self._state, piece.segments)
             if self._state.is_in_doubt:
                 piece = _in_doubt(piece)
             piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
-            yield from waiting.passed(piece, self._untouched)
-        yield from waiting.finish(self._untouched)
+            yield from waiting.release(piece, self._state.checks.map_use)
+        yield from waiting.finish(self._state.checks.map_use)
 
     def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
         """Pass poses on, after inspection and the test of the prior map."""
         for poses in stream:
-            self._state = online.check_prior_map(online.inspect_poses(self._state, poses), poses)
+            self._state = online.check_map(online.inspect_poses(self._state, poses), poses)
             yield poses
 
     def _choose(
@@ -155,7 +141,7 @@ class OfflineTracker:
             if used < len(some):
                 self._state = online.check_conventions(self._state, some[used:])
                 ahead.append(some[used:])
-            is_known = self._state.is_decided and self._state.conventions.is_settled
+            is_known = self._state.is_decided and self._state.checks.conventions.is_settled
             if is_known or count >= MOST_POSES:
                 break
         if not self._state.is_decided and count < MOST_POSES:

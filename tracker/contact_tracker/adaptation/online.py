@@ -1,30 +1,22 @@
 """Online: adaptation to a stream that comes pose by pose or in batches."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 from contact_tracker.adaptation import side_by_side
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.side_by_side import SideBySide
-from contact_tracker.checks import clearance, contradiction, impacts
-from contact_tracker.checks.clearance import Clearance
+from contact_tracker.checks.check import Stream
+from contact_tracker.checks.checks import OF_POSES, Checks
 from contact_tracker.checks.contradiction import Contradiction
-from contact_tracker.checks.conventions import NOTHING_KNOWN, Conventions
-from contact_tracker.checks.conventions import advance as advance_conventions
-from contact_tracker.checks.conventions import findings as convention_findings
-from contact_tracker.checks.impacts import Impacts
+from contact_tracker.checks.conventions import Conventions
 from contact_tracker.config.parameters import Model
-from contact_tracker.inspection.stream_checks import (
-    NOTHING_INSPECTED,
-    Finding,
-    Inspection,
-    findings,
-    inspect,
-)
+from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
 from contact_tracker.map.map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.state import TrackerState
 
 BATCH_POSES: Final = 50
@@ -34,19 +26,15 @@ BATCH_POSES: Final = 50
 class AdaptiveState(NamedTuple):
     """The state of a stream; bounded in size, however long the stream.
 
-    The ``trackers`` side by side; the tests of ``conventions``, of a ``contradiction`` to the prior map, of
-    the ``clearance`` and of ``impacts``; the ``inspection`` of the poses. ``uninspected`` are the latest
-    ``many`` poses; the trackers have the first ``taken_in`` parts of these and get the others at the end of
-    the tick. ``last_ns`` is the stamp of the last pose; ``late`` is the number of those left out, see
-    ``take``.
+    The ``trackers`` side by side; the ``inspection`` of the poses, and the ``checks`` of the stream.
+    ``uninspected`` are the latest ``many`` poses; the trackers have the first ``taken_in`` parts of these and
+    get the others at the end of the tick. ``last_ns`` is the stamp of the last pose; ``late`` is the number
+    of those left out, see ``take``.
     """
 
     trackers: SideBySide
     inspection: Inspection
-    conventions: Conventions
-    contradiction: Contradiction
-    clearance: Clearance
-    impacts: Impacts
+    checks: Checks
     uninspected: tuple[Pose | Poses, ...]
     many: int
     taken_in: int
@@ -64,24 +52,29 @@ class AdaptiveState(NamedTuple):
         return self.trackers.best
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Findings about the stream."""
-        in_stream = findings(self.inspection, self.conventions.fitting_units)
-        fast = impacts.findings(self.impacts, self.trackers.model.tick_s)
-        mixed_up = convention_findings(self.conventions)
-        if self.inspection.bodies or self.inspection.units:
-            fast = mixed_up = ()
-        return (
-            *in_stream,
-            *fast,
-            *mixed_up,
-            *(clearance.findings(self.clearance) or (() if fast else self._contradictions)),
+    def stream(self) -> Stream:
+        """What the checks need to know of the stream."""
+        trackers, best = self.trackers, self.best
+        first = trackers.trackers[0] if trackers.trackers else None
+        sigma = None
+        if first is not None and first.averaging is not None:
+            noise = first.averaging.stream.noise
+            sigma = noise.sigma_position_m, noise.sigma_rotation_rad
+        return Stream(
+            trackers.knowledge,
+            trackers.model,
+            None if first is None else first.model,
+            None if best is None else best.model,
+            sigma,
+            trackers.is_decided,
+            trackers.rest.ticks_at_rest > 0,
+            self.inspection,
         )
 
     @property
-    def _contradictions(self) -> tuple[Finding, ...]:
-        """A contradiction to the prior map, reported if no other finding explains it."""
-        return contradiction.findings(self.contradiction, self.trackers.knowledge)
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings about the stream so far."""
+        return self.checks.findings(self.stream)
 
     @property
     def is_in_doubt(self) -> bool:
@@ -90,16 +83,9 @@ class AdaptiveState(NamedTuple):
 
     @property
     def may_be_in_doubt(self) -> bool:
-        """The same, or it is not known yet: impacts may be shorter than a tick, and the prior map or the
+        """The same, or it is not known yet: impacts may be shorter than a tick, and the map or the
         conventions of the poses may be wrong."""
-        if self.contradiction.is_likely or self.conventions.is_likely:
-            return True
-        knowledge = self.trackers.knowledge
-        too_early = bool(knowledge.object and knowledge.environment) and not self.inspection.blocks
-        may_be_short = self.trackers.model.tick_s > impacts.LONGEST_TICK_S and (
-            too_early or self.impacts.is_near
-        )
-        return self.is_in_doubt or may_be_short
+        return self.checks.is_likely(self.stream) or self.is_in_doubt
 
     @property
     def outliers(self) -> int:
@@ -121,10 +107,7 @@ def start(
     return AdaptiveState(
         side_by_side.begin(model, lag_s, knowledge),
         NOTHING_INSPECTED._replace(frame_moves=frame_moves),
-        NOTHING_KNOWN,
-        Contradiction(),
-        Clearance(),
-        Impacts(),
+        Checks(),
         (),
         0,
         0,
@@ -198,42 +181,26 @@ def take(
 
 
 def inspect_poses(state: AdaptiveState, poses: Poses) -> AdaptiveState:
-    """Update the inspection and the tests of clearance and impacts by poses, which are tracked elsewhere."""
-    knowledge, away, hits = state.trackers.knowledge, state.clearance, state.impacts
-    for first in range(0, len(poses) if knowledge else 0, BATCH_POSES):
-        some = poses[first : first + BATCH_POSES]
-        away, hits = clearance.advance(away, knowledge, some), impacts.advance(hits, knowledge, some)
-    return state._replace(inspection=inspect(state.inspection, poses), clearance=away, impacts=hits)
+    """Update the inspection and the checks of the poses themselves by poses, which are tracked elsewhere."""
+    checks, stream = state.checks, state.stream
+    for first in range(0, len(poses) if stream.map else 0, BATCH_POSES):
+        checks = checks.update(poses[first : first + BATCH_POSES], stream, *OF_POSES)
+    return state._replace(inspection=inspect(state.inspection, poses), checks=checks)
 
 
 def check_conventions(state: AdaptiveState, poses: Poses) -> AdaptiveState:
-    """Update the test of conventions by poses, which may be tracked elsewhere."""
-    trackers = state.trackers.trackers
-    if not trackers or trackers[0].averaging is None:
-        return state
-    noise = trackers[0].averaging.stream.noise
-    sigma = noise.sigma_position_m, noise.sigma_rotation_rad
-    known = advance_conventions(
-        state.conventions, trackers[0].model, sigma, poses, has_odd_unit=state.inspection.units
-    )
-    return state._replace(conventions=known)
+    """Update the check of conventions by poses, which may be tracked elsewhere."""
+    return state._replace(checks=state.checks.update(poses, state.stream, Conventions))
 
 
-def check_prior_map(state: AdaptiveState, poses: Poses) -> AdaptiveState:
-    """Update the test of a contradiction to the prior map by poses, which are tracked elsewhere."""
-    trackers, best = state.trackers, state.best
-    if best is None:
-        return state
-    known = contradiction.advance(
-        state.contradiction,
-        best.model,
-        trackers.knowledge,
-        poses,
-        trackers.is_decided,
-        trackers.rest.ticks_at_rest > 0,
-        state.inspection.filtered,
-    )
-    return state._replace(contradiction=known)
+def check_map(state: AdaptiveState, poses: Poses) -> AdaptiveState:
+    """Update the check of a contradiction to the map by poses, which are tracked elsewhere."""
+    return state._replace(checks=state.checks.update(poses, state.stream, Contradiction))
+
+
+def check_segments(state: AdaptiveState, segments: Iterable[Segment]) -> AdaptiveState:
+    """Update the checks by the next segments."""
+    return state._replace(checks=state.checks.update_segments(segments, state.stream))
 
 
 def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
@@ -245,7 +212,7 @@ def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
     if state.uninspected:
         state = _inspect_batch(state)
     trackers, rest = side_by_side.finish(state.trackers)
-    state = state._replace(trackers=trackers, contradiction=contradiction.finish(state.contradiction))
+    state = state._replace(trackers=trackers, checks=state.checks.finish())
     return state, [*beliefs, *_with_doubt(state, rest)]
 
 
@@ -280,7 +247,8 @@ def _update_trackers(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveStat
     poses = Poses.join(pending)
     trackers, beliefs = side_by_side.advance(state.trackers, poses, detail)
     state = state._replace(trackers=trackers, taken_in=len(state.uninspected))
-    state = check_prior_map(check_conventions(state, poses), poses)
+    checks = state.checks.update(poses, state.stream, Conventions, Contradiction)
+    state = state._replace(checks=checks)
     return state, _with_doubt(state, beliefs)
 
 

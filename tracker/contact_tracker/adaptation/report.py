@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker.adaptation.online import AdaptiveState
-from contact_tracker.checks import clearance
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.world_map import Map
@@ -30,7 +29,7 @@ class Report(NamedTuple):
     is_cut_short: bool = False
 
 
-def map_findings(world: Map) -> tuple[Finding, ...]:
+def _map_findings(world: Map) -> tuple[Finding, ...]:
     """Whether the map of another recording was of no use."""
     if not world.prior_is_dropped:
         return ()
@@ -38,8 +37,8 @@ def map_findings(world: Map) -> tuple[Finding, ...]:
     return (Finding("map", text, False),)
 
 
-def report(state: AdaptiveState) -> Report | None:
-    """Report of the stream so far; None before its rate is known."""
+def report(state: AdaptiveState, world: Map | None = None) -> Report | None:
+    """Report of the stream so far; None before its rate is known. ``world`` is the map of another pass."""
     best = state.best
     if best is None or best.averaging is None:
         return None
@@ -51,11 +50,6 @@ def report(state: AdaptiveState) -> Report | None:
     share = best.model.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
     lasting = best.model.noise.wander_position_m, best.model.noise.wander_rotation_rad
-    found = (
-        *state.findings,
-        *clearance.final_findings(state.clearance, state.trackers.knowledge),
-        *map_findings(best.map),
-    )
-    return Report(
-        state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, tuple(found)
-    )
+    findings = state.checks.findings(state.stream, is_end=True)
+    findings = *findings, *_map_findings(best.map if world is None else world)
+    return Report(state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, findings)

@@ -7,15 +7,16 @@ step. Only an object that never has a vertex in front of any such face contradic
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import inf
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from contact_tracker.checks.known_vertices import Faces, faces_by_body, vertices_of
+from contact_tracker.checks.check import Check, Stream
+from contact_tracker.checks.vertices_and_faces import Faces, faces_by_body, vertices_of
 from contact_tracker.geometry.elements import Array
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.map import PriorMap
 from contact_tracker.motion.poses import Poses
 
 LEAST_M: Final = 0.005
@@ -28,7 +29,8 @@ CHECK: Final = "check --known (place, size, frames)"
 """The remedy for knowledge that does not fit."""
 
 
-class Clearance(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Clearance(Check):
     """Vertices of the object inside the surroundings, by more than the accuracy of the prior map.
 
     Parameters
@@ -49,77 +51,70 @@ class Clearance(NamedTuple):
     gap_m: float = inf
     nearest: str = ""
 
+    def update(self, poses: Poses, stream: Stream) -> "Clearance":
+        vertices, found = vertices_of(stream.map), self
+        if not vertices.names or not len(poses):
+            return self
+        world, is_inside = vertices.in_world(poses), np.zeros(len(poses), bool)
+        for faces in faces_by_body(stream.map):
+            depth_m = -faces.in_front_m(world)
+            sigma_m = np.hypot(vertices.sigma_m[:, None], faces.sigma_m(world))
+            allowed_m = np.maximum(LEAST_M, SIGMAS * sigma_m)
+            inside = np.asarray((depth_m > allowed_m).all(axis=-1))
+            if faces.is_solid:
+                is_inside |= inside.any(axis=1)
+                inside_m = np.where(inside, depth_m.min(axis=-1), 0.0)
+                found = found._with_depth(vertices.names, faces, inside_m, depth_m)
+            else:
+                is_behind = found.is_behind and bool(inside.all())
+                found = replace(found, is_behind=is_behind, behind=found.behind + len(poses))
+                found = found._with_distance(faces, -depth_m - allowed_m)
+        return replace(found, inside=found.inside + int(is_inside.sum()))
 
-def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
-    """Advance by poses."""
-    vertices = vertices_of(knowledge)
-    if not vertices.names or not len(poses):
-        return found
-    world, is_inside = vertices.in_world(poses), np.zeros(len(poses), bool)
-    for faces in faces_by_body(knowledge):
-        depth_m = -faces.in_front_m(world)
-        sigma_m = np.hypot(vertices.sigma_m[:, None], faces.sigma_m(world))
-        allowed_m = np.maximum(LEAST_M, SIGMAS * sigma_m)
-        inside = np.asarray((depth_m > allowed_m).all(axis=-1))
-        if faces.is_solid:
-            is_inside |= inside.any(axis=1)
-            found = _with_depth(
-                found, vertices.names, faces, np.where(inside, depth_m.min(axis=-1), 0.0), depth_m
+    def _with_distance(self, faces: Faces, off_m: Array) -> "Clearance":
+        """Updated by the distances (N, V, F) in front of faces that are listed by themselves."""
+        least = int(off_m.argmin())
+        if off_m.flat[least] >= self.gap_m:
+            return self
+        return replace(self, gap_m=float(off_m.flat[least]), nearest=faces.names[least % len(faces.names)])
+
+    def _with_depth(
+        self, vertices: Sequence[str], faces: Faces, inside_m: Array, depth_m: Array
+    ) -> "Clearance":
+        """Updated by the depths (N, V) inside, and those (N, V, F) behind each face."""
+        pose, vertex = divmod(int(inside_m.argmax()), inside_m.shape[1])
+        deep_m = float(inside_m[pose, vertex])
+        if deep_m <= self.deep_m:
+            return self
+        face = faces.names[int(depth_m[pose, vertex].argmin())]
+        return replace(self, deep_m=deep_m, vertex=vertices[vertex], face=face)
+
+    def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+        misfits = list[str]()
+        if self.inside >= LEAST_POSES:
+            misfits.append(
+                f"{self.vertex} of the object is up to {1e3 * self.deep_m:.0f} mm inside {self.face}"
             )
-        else:
-            is_behind = found.is_behind and bool(inside.all())
-            found = found._replace(is_behind=is_behind, behind=found.behind + len(poses))
-            found = _with_distance(found, faces, -depth_m - allowed_m)
-    return found._replace(inside=found.inside + int(is_inside.sum()))
+        if self.is_behind and self.behind >= LEAST_POSES:
+            misfits.append(
+                "all vertices given of the object are behind every face (normals must point to the free side)"
+            )
+        return [
+            Finding("knowledge", f"what is given does not fit the poses: {misfit}: {CHECK}", True)
+            for misfit in misfits
+        ]
 
+    def final_findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+        """That the object came near none of the faces of the map.
 
-def _with_distance(found: Clearance, faces: Faces, off_m: Array) -> Clearance:
-    """Updated by the distances (N, V, F) in front of faces that are listed by themselves."""
-    least = int(off_m.argmin())
-    if off_m.flat[least] >= found.gap_m:
-        return found
-    return found._replace(gap_m=float(off_m.flat[least]), nearest=faces.names[least % len(faces.names)])
-
-
-def _with_depth(
-    found: Clearance, vertices: Sequence[str], faces: Faces, inside_m: Array, depth_m: Array
-) -> Clearance:
-    """Updated by the depths (N, V) inside, and those (N, V, F) behind each face."""
-    pose, vertex = divmod(int(inside_m.argmax()), inside_m.shape[1])
-    deep_m = float(inside_m[pose, vertex])
-    if deep_m <= found.deep_m:
-        return found
-    face = faces.names[int(depth_m[pose, vertex].argmin())]
-    return found._replace(deep_m=deep_m, vertex=vertices[vertex], face=face)
-
-
-def findings(found: Clearance) -> tuple[Finding, ...]:
-    """Findings while poses come in."""
-    misfits = list[str]()
-    if found.inside >= LEAST_POSES:
-        misfits.append(
-            f"{found.vertex} of the object is up to {1e3 * found.deep_m:.0f} mm inside {found.face}"
+        Not if other vertices of the object may have, nor if bodies are known, whose edges and vertices it may
+        touch.
+        """
+        bodies = any(one.solid is not None for one in stream.map.environment)
+        if not stream.map.object_complete or bodies or not 0.0 < self.gap_m < inf:
+            return []
+        text = (
+            f"the object as given stays more than {1e3 * self.gap_m:.0f} mm off {self.nearest}, the nearest "
+            f"face that is given: if it touched one, {CHECK}"
         )
-    if found.is_behind and found.behind >= LEAST_POSES:
-        misfits.append(
-            "all vertices given of the object are behind every face (normals must point to the free side)"
-        )
-    return tuple(
-        Finding("knowledge", f"what is given does not fit the poses: {misfit}: {CHECK}", True)
-        for misfit in misfits
-    )
-
-
-def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]:
-    """Findings at the end of the stream: the object came near none of the known faces.
-
-    Empty if not all vertices of the object are known, or bodies are, whose edges and vertices it may touch.
-    """
-    bodies = any(one.solid is not None for one in knowledge.environment)
-    if not knowledge.object_complete or bodies or not 0.0 < found.gap_m < inf:
-        return ()
-    text = (
-        f"the object as given stays more than {1e3 * found.gap_m:.0f} mm off {found.nearest}, the nearest "
-        f"face that is given: if it touched one, {CHECK}"
-    )
-    return (Finding("knowledge", text, False),)
+        return [Finding("knowledge", text, False)]

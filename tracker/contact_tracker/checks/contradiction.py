@@ -5,17 +5,18 @@ or not at all. So a tracker without the prior map runs beside one with it; the d
 the evidence against the prior map.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-from contact_tracker.checks.explained import Explained, follow
-from contact_tracker.config.parameters import Model
+from contact_tracker.checks.check import Check, Stream, has_doubts
 from contact_tracker.hypotheses.evidence import AS_WELL
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.map import PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.state import TrackerState
 
 WRONG_NATS: Final = 8.0
 """Lead of the tracker without the prior map above which the prior map is reported as wrong. Correct
@@ -29,98 +30,125 @@ LONGEST_S: Final = 60.0
 """Seconds of motion after which the comparison ends: an error that is not detected by then is harmless."""
 
 
-class Contradiction(NamedTuple):
-    """State of the comparison.
+class AfterTick(NamedTuple):
+    """``log_evidence`` of contacts against free motion (nats), seconds of motion so far, and the belief."""
 
-    The trackers with the prior map (``given``) and without (``nothing``), None before the rate is known and
-    once the comparison ``is_settled``; the part that counts of the evidence of the second over the first
-    (``lead``, nats), and its largest increase until now since any tick (``lost``); and whether a
-    contradiction ``is_found``.
+    log_evidence: float
+    moved_s: float
+    belief: Belief
+
+
+class ReferenceFilter(NamedTuple):
+    """A tracker that runs for its evidence only, and the seconds of motion since its start."""
+
+    state: TrackerState
+    moved_s: float = 0.0
+
+    def update(
+        self, poses: Poses, detail: Detail = Detail.WEIGHTS
+    ) -> tuple["ReferenceFilter", list[AfterTick]]:
+        """Updated by poses; with the evidence after each tick that they close, and a belief of this
+        ``detail``."""
+        state, closed = tracker.accumulate_poses(self.state, poses)
+        moved_s, after = self.moved_s, list[AfterTick]()
+        for now, count in tracker.update_through_gaps(state, closed, detail):
+            state = now
+            moved_s += state.model.tick_s * state.window.latest_motion_ratio  # none in a gap
+            assert state.belief is not None
+            after += [AfterTick(state.log_evidence, moved_s, state.belief)] * count
+        return ReferenceFilter(state, moved_s), after
+
+
+@dataclass(frozen=True, eq=False)
+class Contradiction(Check):
+    """Evidence against the map.
+
+    Parameters
+    ----------
+    with_map, without_map : the trackers; None before the rate is known and once the comparison
+        ``is_settled``.
+    lead : the part that counts of the evidence of the second over the first (nats).
+    lost : its largest increase until now since any tick.
+    is_found : whether a contradiction is found.
     """
 
-    given: Explained | None = None
-    nothing: Explained | None = None
+    with_map: ReferenceFilter | None = None
+    without_map: ReferenceFilter | None = None
     lead: float = 0.0
     lost: float = 0.0
     is_settled: bool = False
     is_found: bool = False
 
-    @property
-    def is_likely(self) -> bool:
-        """Whether a contradiction is found, or may be found soon."""
+    def is_likely(self, stream: Stream) -> bool:
         return self.is_found or (not self.is_settled and self.lead > DOUBTED_NATS)
 
+    def update(self, poses: Poses, stream: Stream) -> "Contradiction":
+        """Updated by poses. Without named elements nothing is compared.
 
-def advance(
-    known: Contradiction,
-    model: Model,
-    knowledge: PriorMap,
-    poses: Poses,
-    is_chosen: bool = True,
-    rests: bool = False,
-    is_filtered: bool = False,
-) -> Contradiction:
-    """Advance by poses; ``model`` has the ticks and the noise of the stream. Without ``knowledge`` nothing is
-    compared.
+        Noise that is taken for motion has more evidence without the map. So the comparison begins again where
+        the model changes, and until it is chosen the comparison is not settled, and nothing counts while the
+        object rests; where noise is filtered, it is taken for motion at rest as well, and nothing is found.
+        """
+        if stream.best is None:
+            return self
+        if self.is_settled or not stream.map:
+            return replace(self, is_settled=True)
+        if not len(poses):
+            return self
+        before = self
+        if self.with_map is not None and self.with_map.state.model != stream.best:
+            before = Contradiction()
+        return before._compared(poses, stream)
 
-    Noise that is taken for motion has more evidence without prior map. So the comparison begins again where
-    ``model`` changes, and until it ``is_chosen`` it is not settled, and nothing counts while the object
-    ``rests``; where noise ``is_filtered``, it is taken for motion at rest as well, and nothing is found.
-    """
-    if known.is_settled or not knowledge:
-        return known._replace(is_settled=True)
-    if not len(poses):
-        return known
-    if known.given is not None and known.given.state.model != model:
-        known = Contradiction()
-    given = known.given or Explained(tracker.start(model, knowledge=knowledge))
-    nothing = known.nothing or Explained(tracker.start(model))
-    difference = nothing.state.log_evidence - given.state.log_evidence
-    given, with_it = follow(given, poses)
-    nothing, without = follow(nothing, poses, Detail.SHARED)
-    lead, lost, is_found = known.lead, known.lost, known.is_found
-    for one, other in zip(with_it, without, strict=True):
-        before, difference = difference, other.log_evidence - one.log_evidence
-        if (is_chosen or not rests) and not _is_undecided(one.belief, other.belief):
-            lead += difference - before
-            lost = max(lost + difference - before, 0.0)
-        is_found = (is_chosen or not is_filtered) and (is_found or _refutes(lead, lost))
-        if is_chosen and (is_found or other.moved_s > LONGEST_S):
-            return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
-    return Contradiction(given, nothing, lead, lost, is_found=is_found)
+    def _compared(self, poses: Poses, stream: Stream) -> "Contradiction":
+        assert stream.best is not None
+        first = self.with_map or ReferenceFilter(tracker.start(stream.best, knowledge=stream.map))
+        second = self.without_map or ReferenceFilter(tracker.start(stream.best))
+        difference = second.state.log_evidence - first.state.log_evidence
+        first, with_map = first.update(poses)
+        second, without_map = second.update(poses, Detail.SHARED)
+        lead, lost, is_found = self.lead, self.lost, self.is_found
+        for one, other in zip(with_map, without_map, strict=True):
+            before, difference = difference, other.log_evidence - one.log_evidence
+            is_counted = stream.is_chosen or not stream.is_at_rest
+            if is_counted and not _is_undecided(one.belief, other.belief):
+                lead += difference - before
+                lost = max(lost + difference - before, 0.0)
+            may_be_found = stream.is_chosen or not stream.inspection.filtered
+            is_found = may_be_found and (is_found or _refutes(lead, lost))
+            if stream.is_chosen and (is_found or other.moved_s > LONGEST_S):
+                return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
+        return Contradiction(first, second, lead, lost, is_found=is_found)
 
+    def finish(self) -> "Contradiction":
+        """At the end of the stream, whose noise may not have been chosen: labels were in doubt then."""
+        return replace(self, is_found=self.is_found or _refutes(self.lead, self.lost))
 
-def finish(known: Contradiction) -> Contradiction:
-    """At the end of the stream, whose noise may not have been chosen: labels were in doubt then."""
-    return known._replace(is_found=known.is_found or _refutes(known.lead, known.lost))
+    def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+        if not self.is_found or has_doubts(earlier, "impacts", "knowledge"):
+            return []
+        what = "--up" if stream.map.up is not None else "what is given"
+        if stream.map.up is not None and (stream.map.environment or stream.map.object):
+            what = "--up or what else is given"
+        text = (
+            f"{what} does not fit the motion: contacts explain more of it without: check it (direction or "
+            "place, in metres and in the frame of the poses), or leave it out"
+        )
+        return [Finding("knowledge", text, True)]
 
 
 def _refutes(lead: float, lost: float) -> bool:
     return lead > WRONG_NATS or lost > LOST_NATS
 
 
-def _is_undecided(given: Belief, nothing: Belief) -> bool:
-    """Whether motion in few directions does not decide between the contacts of the two trackers: that of
-    ``nothing`` has more evidence because something else, such as the hand, keeps a constraint (T24)."""
-    if not nothing.p_restricted or given.contact not in nothing.inseparable:
+def _is_undecided(with_map: Belief, without_map: Belief) -> bool:
+    """Whether motion in few directions does not decide between the contacts of the two trackers: that of the
+    second has more evidence because something else, such as the hand, keeps a constraint (T24)."""
+    if not without_map.p_restricted or with_map.contact not in without_map.inseparable:
         return False
-    return not _residual(given) >= AS_WELL * max(1.0, _residual(nothing))  # unknown ones do not decide
+    return not _residual(with_map) >= AS_WELL * max(1.0, _residual(without_map))  # unknown: not decided
 
 
 def _residual(belief: Belief) -> float:
     """Whitened residual of the label; nan if it is not known yet."""
     return 1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])
-
-
-def findings(known: Contradiction, knowledge: PriorMap) -> tuple[Finding, ...]:
-    """The finding, if a contradiction is found."""
-    if not known.is_found:
-        return ()
-    what = "--up" if knowledge.up is not None else "what is given"
-    if knowledge.up is not None and (knowledge.environment or knowledge.object):
-        what = "--up or what else is given"
-    text = (
-        f"{what} does not fit the motion: contacts explain more of it without: check it (direction or place, "
-        "in metres and in the frame of the poses), or leave it out"
-    )
-    return (Finding("knowledge", text, True),)

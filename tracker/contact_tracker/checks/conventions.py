@@ -6,11 +6,13 @@ of their motion, and much of it in the right reading. So the motion is explained
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
 from contact_tracker.checks.readings import DELAYS_MS, READINGS, UNITS, Reading, with_delay
 from contact_tracker.checks.window_scores import TICKS, explain
 from contact_tracker.config.parameters import Model
@@ -58,7 +60,8 @@ NAMELESS: Final = (
 )
 
 
-class Conventions(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Conventions(Check):
     """State of the comparison.
 
     Parameters
@@ -74,15 +77,13 @@ class Conventions(NamedTuple):
 
     waiting: Poses = NO_POSES
     kept: tuple[tuple[Poses, NDArray[np.int64]], ...] = ()
-    nats: Array = np.zeros(len(READINGS))
-    fitting: Array = np.zeros(len(READINGS))
-    units: Array = np.zeros((3, len(UNITS)))
+    nats: Array = field(default_factory=lambda: np.zeros(len(READINGS)))
+    fitting: Array = field(default_factory=lambda: np.zeros(len(READINGS)))
+    units: Array = field(default_factory=lambda: np.zeros((3, len(UNITS))))
     is_settled: bool = False
     found: str = ""
 
-    @property
-    def is_likely(self) -> bool:
-        """Whether a mistake is found, or may be found soon."""
+    def is_likely(self, stream: Stream) -> bool:
         may_be = not self.is_settled and float(self.nats.max()) > LIKELY_NATS
         return bool(self.found) or may_be
 
@@ -94,36 +95,30 @@ class Conventions(NamedTuple):
         fits = (nats > nats[0] + BETTER_NATS) & explains & ~explains[0]
         return tuple(unit.text for unit, one in zip(UNITS, fits, strict=True) if one)
 
+    def update(self, poses: Poses, stream: Stream) -> "Conventions":
+        """Updated by poses. Units are compared only for positions that look odd in metres."""
+        model, known = stream.first, self
+        if model is None or stream.sigma is None:
+            return self
+        if not can_be_compared(model):
+            return replace(self, is_settled=True)
+        if self.is_settled or not len(poses):
+            return self
+        tick_ns = round(1e9 * max(model.tick_s, LEAST_TICK_S))
+        waiting = Poses.join([self.waiting, poses])
+        while len(waiting) and len(known.kept) < MOST_WINDOWS:
+            tick_of = (waiting.stamp_ns - waiting.stamp_ns[0]) // tick_ns
+            if tick_of[-1] < TICKS + 2:
+                return replace(known, waiting=waiting)
+            window = waiting[: np.searchsorted(tick_of, TICKS + 2)]
+            waiting = waiting[np.searchsorted(tick_of, TICKS) :]
+            known = _after_window(known, model, stream.sigma, window, tick_ns, stream.inspection.units)
+        return replace(known, waiting=NO_POSES, is_settled=True)
 
-NOTHING_KNOWN: Final = Conventions()
-
-
-def advance(
-    known: Conventions, model: Model, sigma: tuple[float, float], poses: Poses, has_odd_unit: bool = False
-) -> Conventions:
-    """Advance by poses; ``model`` has the ticks of the stream, ``sigma`` is the noise of a pose (m, rad).
-
-    Units are compared only for positions that look odd in metres.
-    """
-    if not can_be_compared(model):
-        return known._replace(is_settled=True)
-    if known.is_settled or not len(poses):
-        return known
-    tick_ns = round(1e9 * max(model.tick_s, LEAST_TICK_S))
-    waiting = Poses.join([known.waiting, poses])
-    while len(waiting) and len(known.kept) < MOST_WINDOWS:
-        tick_of = (waiting.stamp_ns - waiting.stamp_ns[0]) // tick_ns
-        if tick_of[-1] < TICKS + 2:
-            return known._replace(waiting=waiting)
-        window = waiting[: np.searchsorted(tick_of, TICKS + 2)]
-        waiting = waiting[np.searchsorted(tick_of, TICKS) :]
-        known = _after_window(known, model, sigma, window, tick_ns, has_odd_unit)
-    return known._replace(waiting=NO_POSES, is_settled=True)
-
-
-def findings(known: Conventions) -> tuple[Finding, ...]:
-    """The finding, if there is one."""
-    return (Finding("conventions", known.found, True),) if known.found else ()
+    def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+        if not self.found or has_doubts(earlier, *MIXED_UP):
+            return []
+        return [Finding("conventions", self.found, True)]
 
 
 def _after_window(
@@ -147,20 +142,20 @@ def _after_window(
     explained = explain(window, tick_of, sigma, model, readings)
     if explained is None:
         return known
-    known, fits = known._replace(kept=(*known.kept, (window, tick_of))), explained.misfit < FITS
+    known, fits = replace(known, kept=(*known.kept, (window, tick_of))), explained.misfit < FITS
     if has_odd_unit:
         units = np.array([explained.nats, fits, np.ones(len(UNITS))])
-        return known._replace(units=known.units + units, found="")
+        return replace(known, units=known.units + units, found="")
     near = np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
     nats, fitting = np.where(compared, known.nats, -np.inf), known.fitting.copy()
     nats[left] += near * (explained.nats - explained.nats[0])
     fitting[left] += fits
-    known = known._replace(nats=nats, fitting=fitting)
+    known = replace(known, nats=nats, fitting=fitting)
     count = len(known.kept)
     has_doubled = count & (count - 1) == 0 or not known.found  # it takes some time
     is_refuted = bool(known.nats.max() < BETTER_NATS)
     if has_doubled or is_refuted or count == MOST_WINDOWS:
-        return known._replace(found=_found(known, model, sigma))
+        return replace(known, found=_found(known, model, sigma))
     return known
 
 

@@ -5,14 +5,15 @@ milliseconds. A hand or robot that moves as fast in the free slows down before i
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from contact_tracker.checks.known_vertices import Faces, faces_by_body, vertices_of
+from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
+from contact_tracker.checks.vertices_and_faces import Faces, faces_by_body, vertices_of
 from contact_tracker.geometry.elements import Array
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.map import PriorMap
 from contact_tracker.motion.poses import NO_POSES, Poses
 
 LONGEST_TICK_S: Final = 0.05
@@ -34,7 +35,8 @@ AHEAD_S: Final = 0.5
 """An impact is near if a vertex reaches a face within this time at its speed."""
 
 
-class Impacts(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Impacts(Check):
     """State of the detection.
 
     Parameters
@@ -48,32 +50,47 @@ class Impacts(NamedTuple):
     is_near: bool = False
     recent: Poses = NO_POSES
 
+    def update(self, poses: Poses, stream: Stream) -> "Impacts":
+        vertices, bodies = vertices_of(stream.map), faces_by_body(stream.map)
+        if not vertices.names or not bodies or not len(poses):
+            return self
+        window = Poses.join([self.recent, poses])
+        if len(window) < 2:
+            return replace(self, recent=window)
+        time_s = 1e-9 * (window.stamp_ns - window.stamp_ns[0])
+        interval_s = float(np.median(np.diff(time_s)))
+        step = min(max(1, round(SPAN_S / interval_s)), MOST_POSES)
+        recent = window[-(2 * step + 1 + 2 * ROUND) :]
+        if len(window) < 2 * step + 2 + 2 * ROUND:
+            return replace(self, recent=window)
+        off_m, time_s = _smoothed(_distances_m(bodies, vertices.in_world(window))), time_s[ROUND:-ROUND]
+        speed = (off_m[step:] - off_m[:-step]) / (time_s[step:] - time_s[:-step])[:, None, None]
+        # an impact falls between two poses: speeds end at one and begin at the next
+        least_m = np.minimum(np.abs(off_m[step : -step - 1]), np.abs(off_m[step + 1 : -step]))
+        passed_s = time_s[2 * step + 1 :] - time_s[: -2 * step - 1]
+        may_touch = (least_m < NEAR_M) & (speed[: -step - 1] < 0.0)
+        may_touch &= (passed_s < LONGEST * (2 * step + 1) * interval_s)[:, None, None]
+        change = np.where(may_touch, speed[step + 1 :] - speed[: -step - 1], 0.0)
+        reached_s = off_m[-1] / np.maximum(-speed[-1], IMPACT_M_PER_S)
+        is_near = (speed[-1] < -IMPACT_M_PER_S) & (off_m[-1] > -NEAR_M) & (reached_s < AHEAD_S)
+        return Impacts(max(self.top_m_per_s, float(change.max(initial=0.0))), bool(is_near.any()), recent)
 
-def advance(found: Impacts, knowledge: PriorMap, poses: Poses) -> Impacts:
-    """Advance by poses."""
-    vertices, bodies = vertices_of(knowledge), faces_by_body(knowledge)
-    if not vertices.names or not bodies or not len(poses):
-        return found
-    window = Poses.join([found.recent, poses])
-    if len(window) < 2:
-        return found._replace(recent=window)
-    time_s = 1e-9 * (window.stamp_ns - window.stamp_ns[0])
-    interval_s = float(np.median(np.diff(time_s)))
-    step = min(max(1, round(SPAN_S / interval_s)), MOST_POSES)
-    recent = window[-(2 * step + 1 + 2 * ROUND) :]
-    if len(window) < 2 * step + 2 + 2 * ROUND:
-        return found._replace(recent=window)
-    off_m, time_s = _smoothed(_distances_m(bodies, vertices.in_world(window))), time_s[ROUND:-ROUND]
-    speed = (off_m[step:] - off_m[:-step]) / (time_s[step:] - time_s[:-step])[:, None, None]
-    # an impact falls between two poses: speeds end at one and begin at the next
-    least_m = np.minimum(np.abs(off_m[step : -step - 1]), np.abs(off_m[step + 1 : -step]))
-    passed_s = time_s[2 * step + 1 :] - time_s[: -2 * step - 1]
-    may_touch = (least_m < NEAR_M) & (speed[: -step - 1] < 0.0)
-    may_touch &= (passed_s < LONGEST * (2 * step + 1) * interval_s)[:, None, None]
-    change = np.where(may_touch, speed[step + 1 :] - speed[: -step - 1], 0.0)
-    reached_s = off_m[-1] / np.maximum(-speed[-1], IMPACT_M_PER_S)
-    is_near = (speed[-1] < -IMPACT_M_PER_S) & (off_m[-1] > -NEAR_M) & (reached_s < AHEAD_S)
-    return Impacts(max(found.top_m_per_s, float(change.max(initial=0.0))), bool(is_near.any()), recent)
+    def is_likely(self, stream: Stream) -> bool:
+        if stream.model.tick_s <= LONGEST_TICK_S:
+            return False
+        is_too_early = bool(stream.map.object and stream.map.environment) and not stream.inspection.blocks
+        return is_too_early or self.is_near
+
+    def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+        tick_s = stream.model.tick_s
+        if self.top_m_per_s < IMPACT_M_PER_S or tick_s <= LONGEST_TICK_S or has_doubts(earlier, *MIXED_UP):
+            return []
+        text = (
+            f"the object hits what is known (its speed changes by {self.top_m_per_s:.1f} m/s), and contacts "
+            f"may be shorter than the ticks of {tick_s:g} s; what is known suffices for shorter ones: take "
+            "--model impacts"
+        )
+        return [Finding("impacts", text, True)]
 
 
 def _distances_m(bodies: Sequence[Faces], world: Array) -> Array:
@@ -90,15 +107,3 @@ def _smoothed(off_m: Array) -> Array:
     """Medians (N - 2 ROUND, V, B), without outliers of up to two poses."""
     count = len(off_m) - 2 * ROUND
     return np.asarray(np.median([off_m[i : i + count] for i in range(2 * ROUND + 1)], axis=0))
-
-
-def findings(found: Impacts, tick_s: float) -> tuple[Finding, ...]:
-    """Findings while poses come in, for ticks of this duration."""
-    if found.top_m_per_s < IMPACT_M_PER_S or tick_s <= LONGEST_TICK_S:
-        return ()
-    text = (
-        f"the object hits what is known (its speed changes by {found.top_m_per_s:.1f} m/s), and contacts "
-        f"may be shorter than the ticks of {tick_s:g} s; what is known suffices for shorter ones: take "
-        "--model impacts"
-    )
-    return (Finding("impacts", text, True),)

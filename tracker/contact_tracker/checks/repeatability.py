@@ -1,14 +1,15 @@
 """Test of the repeatability of elements: whether estimates of what seems to be one element, in several
 segments, differ by no more than their covariances allow. With systematic errors of the poses they do not."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from math import degrees, inf, pi
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.parameters import SystematicErrors
+from contact_tracker.checks.check import Check, Stream
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.same_element import distance_of_planes_m, mahalanobis
@@ -53,58 +54,6 @@ class Difference(NamedTuple):
     distance_m: float
 
 
-class Repeatability(NamedTuple):
-    """The ``latest`` estimates; how many pairs are ``near`` each other, how many of these are ``apart`` by
-    more than noise, and the ``worst`` pair. ``origin_ns`` is the start of the first segment; ``touches``
-    counts the segments of free motion."""
-
-    origin_ns: int | None = None
-    touches: int = 0
-    latest: tuple[Estimate, ...] = ()
-    near: int = 0
-    apart: int = 0
-    worst: tuple[Estimate, Estimate, Difference] | None = None
-
-
-def advance(found: Repeatability, segments: Iterable[Segment]) -> Repeatability:
-    """Advance by segments in order of time."""
-    for segment in segments:
-        where, touches = segment.geometry, found.touches + (segment.contact is Contact.FREE)
-        origin_ns = segment.start_ns if found.origin_ns is None else found.origin_ns
-        found = found._replace(origin_ns=origin_ns, touches=touches)
-        is_open = len(segment.inseparable) == len(STATES) - 1
-        if where is None or is_open or segment.probability < LEAST:
-            continue
-        sides = zip((where.object, where.environment), where.has_open_offset, strict=True)
-        for side, (element, has_open_offset) in enumerate(sides):
-            # names are of given elements
-            if element.covariance is not None and element.name is None and element.covariance.any():
-                new = Estimate(side, element, touches, segment.start_ns, has_open_offset)
-                found = _compared(found, new)
-    return found
-
-
-def findings(found: Repeatability, errors: SystematicErrors) -> tuple[Finding, ...]:
-    """The finding that poses may have (larger) systematic ``errors``, if estimates differ by more than their
-    covariances allow."""
-    if found.worst is None or found.origin_ns is None:
-        return ()
-    first, second, by = found.worst
-    first_s, second_s = ((one.start_ns - found.origin_ns) * 1e-9 for one in (first, second))
-    sizes = [f"{degrees(by.angle_rad):.2g} deg"] * (by.angle_rad > 0.0)
-    sizes += [f"{1e3 * by.distance_m:.2g} mm"] * (by.distance_m > 0.0)
-    what = f"the {_WORDS[type(first.element)]} of the {_SIDES[first.side]}"
-    allowed = "noise and --accuracy allow" if errors.are_given else "noise allows"
-    remedy = "errors larger than these" if errors.are_given else "systematic errors"
-    text = (
-        f"elements that seem to be the same differ by more than {allowed} ({found.apart} of {found.near} "
-        f"pairs; {what} from {first_s:.2f} s and from {second_s:.2f} s by {' and '.join(sizes)}, "
-        f"{by.sigmas:.0f} standard deviations): unless they are different, poses have {remedy}, "
-        "as of calibration: give their size, such as --accuracy 0.5mm,0.1deg"
-    )
-    return (Finding("accuracy", text, False),)
-
-
 def difference(first: Element, second: Element) -> Difference:
     """Difference of two elements of one kind, both with a covariance."""
     sigmas = mahalanobis(first, second)
@@ -123,26 +72,80 @@ def difference(first: Element, second: Element) -> Difference:
     raise TypeError(f"{type(first).__name__} and {type(second).__name__}")
 
 
-def _compared(found: Repeatability, new: Estimate) -> Repeatability:
-    """The new estimate compared with the latest ones, and added to them."""
-    for one in found.latest:
-        if one.side != new.side or type(one.element) is not type(new.element):
-            continue
-        # an object that tilts stays on its face; later it may be on another, parallel one
-        if (one.has_open_offset or new.has_open_offset) and one.touch != new.touch:
-            continue
-        by = difference(one.element, new.element)
-        if one.has_open_offset or new.has_open_offset:
-            by = by._replace(distance_m=0.0)
-        if by.angle_rad > NEAR_RAD or by.distance_m > NEAR_M:
-            continue
-        found = found._replace(near=found.near + 1)
-        if by.sigmas > SIGNIFICANT:
-            is_worst = found.worst is None or by.sigmas > found.worst[2].sigmas
-            found = found._replace(apart=found.apart + 1, worst=(one, new, by) if is_worst else found.worst)
-    return found._replace(latest=(*found.latest, new)[-MOST_ELEMENTS:])
-
-
 def _angle_rad(first: Array, second: Array) -> float:
     """Angle of two directions without regard to their senses."""
     return float(np.arctan2(np.linalg.norm(np.cross(first, second)), abs(first @ second)))
+
+
+@dataclass(frozen=True, eq=False)
+class Repeatability(Check):
+    """The ``latest`` estimates; how many pairs are ``near`` each other, how many of these are ``apart`` by
+    more than noise, and the ``worst`` pair. ``origin_ns`` is the start of the first segment; ``touches``
+    counts the segments of free motion."""
+
+    origin_ns: int | None = None
+    touches: int = 0
+    latest: tuple[Estimate, ...] = ()
+    near: int = 0
+    apart: int = 0
+    worst: tuple[Estimate, Estimate, Difference] | None = None
+
+    def update_segments(self, segments: Iterable[Segment], stream: Stream) -> "Repeatability":
+        found = self
+        for segment in segments:
+            where, touches = segment.geometry, found.touches + (segment.contact is Contact.FREE)
+            origin_ns = segment.start_ns if found.origin_ns is None else found.origin_ns
+            found = replace(found, origin_ns=origin_ns, touches=touches)
+            is_open = len(segment.inseparable) == len(STATES) - 1
+            if where is None or is_open or segment.probability < LEAST:
+                continue
+            sides = zip((where.object, where.environment), where.has_open_offset, strict=True)
+            for side, (element, has_open_offset) in enumerate(sides):
+                # names are of given elements
+                if element.covariance is not None and element.name is None and element.covariance.any():
+                    new = Estimate(side, element, touches, segment.start_ns, has_open_offset)
+                    found = found._compared(new)
+        return found
+
+    def _compared(self, new: Estimate) -> "Repeatability":
+        """The new estimate compared with the latest ones, and added to them."""
+        found = self
+        for one in self.latest:
+            if one.side != new.side or type(one.element) is not type(new.element):
+                continue
+            # an object that tilts stays on its face; later it may be on another, parallel one
+            if (one.has_open_offset or new.has_open_offset) and one.touch != new.touch:
+                continue
+            by = difference(one.element, new.element)
+            if one.has_open_offset or new.has_open_offset:
+                by = by._replace(distance_m=0.0)
+            if by.angle_rad > NEAR_RAD or by.distance_m > NEAR_M:
+                continue
+            found = replace(found, near=found.near + 1)
+            if by.sigmas > SIGNIFICANT:
+                is_worst = found.worst is None or by.sigmas > found.worst[2].sigmas
+                found = replace(
+                    found, apart=found.apart + 1, worst=(one, new, by) if is_worst else found.worst
+                )
+        return replace(found, latest=(*found.latest, new)[-MOST_ELEMENTS:])
+
+    def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+        """That poses may have (larger) systematic errors."""
+        if self.worst is None or self.origin_ns is None:
+            return []
+        assert stream.best is not None
+        errors = stream.best.systematic
+        first, second, by = self.worst
+        first_s, second_s = ((one.start_ns - self.origin_ns) * 1e-9 for one in (first, second))
+        sizes = [f"{degrees(by.angle_rad):.2g} deg"] * (by.angle_rad > 0.0)
+        sizes += [f"{1e3 * by.distance_m:.2g} mm"] * (by.distance_m > 0.0)
+        what = f"the {_WORDS[type(first.element)]} of the {_SIDES[first.side]}"
+        allowed = "noise and --accuracy allow" if errors.are_given else "noise allows"
+        remedy = "errors larger than these" if errors.are_given else "systematic errors"
+        text = (
+            f"elements that seem to be the same differ by more than {allowed} ({self.apart} of {self.near} "
+            f"pairs; {what} from {first_s:.2f} s and from {second_s:.2f} s by {' and '.join(sizes)}, "
+            f"{by.sigmas:.0f} standard deviations): unless they are different, poses have {remedy}, "
+            "as of calibration: give their size, such as --accuracy 0.5mm,0.1deg"
+        )
+        return [Finding("accuracy", text, False)]

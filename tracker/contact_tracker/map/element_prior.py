@@ -130,7 +130,7 @@ class _Faces(NamedTuple):
 
 
 def _facing(first: _Faces, second: _Faces) -> tuple[Array, Array]:
-    """Mean and information of f-f on both normals, and on the height of the body's origin if both offsets are known."""
+    """Mean and information of f-f on both normals, and on the height if both offsets are known."""
     variance = first.variance + second.variance
     weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
     height_m = np.where(np.isfinite(variance), first.offset_m + second.offset_m, 0.0)

@@ -123,7 +123,7 @@ def learned_pairs(view: MapView, model: ContactModel, near_m: Array) -> tuple[fl
     ]
     i, j, way = np.array(index).reshape(-1, 3).T
     i, j, known = i.astype(int), j.astype(int), np.array([i > 0, j > 0])
-    both = known.all(axis=0)
+    both = known[0] & known[1]
     log_share = ours.log_p[i] + theirs.log_p[j] - (np.log(2.0) * both if are_faces else 0.0)
     x = way[:, None] * ours.x[i] + theirs.x[j]
     onto = np.concatenate([way[:, None, None] * ours.onto[i], theirs.onto[j]], axis=1)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-from contact_tracker.checks.untouched import PARALLEL, Untouched
+from contact_tracker.checks.map_use import PARALLEL, MapUse
 from contact_tracker.geometry.elements import ContactGeometry, Plane, canonical
 from contact_tracker.map.map import PriorMap
 from contact_tracker.tracking.belief import FurtherContact, Segment
@@ -20,26 +20,26 @@ MOST_TICKS: Final = 6000
 """Ticks that wait at most; after them the names are kept as they are."""
 
 
-class WaitingPieces:
+class FaceNameDelay:
     """Pieces of a segmentation whose names of known faces are not confirmed yet."""
 
-    def __init__(self, knowledge: PriorMap) -> None:
-        self._knowledge = knowledge
+    def __init__(self, map: PriorMap) -> None:
+        self._environment = map.environment
         self._pieces: list[Segmentation] = []
 
-    def passed(self, piece: Segmentation, found: Untouched) -> Iterator[Segmentation]:
+    def release(self, piece: Segmentation, found: MapUse) -> Iterator[Segmentation]:
         """The pieces that need not wait after this one; ``found`` is what contacts have shown so far."""
         self._pieces.append(piece)
         is_decided = found.confirmed[1] or not any(map(_is_by_direction, self._segments()))
         if is_decided or sum(len(one.beliefs) for one in self._pieces) > MOST_TICKS:
             yield from self.finish(found)
 
-    def finish(self, found: Untouched) -> Iterator[Segmentation]:
+    def finish(self, found: MapUse) -> Iterator[Segmentation]:
         """All pieces that wait, without the names that contacts contradict."""
         waiting, self._pieces = self._pieces, []
         nearest = None
         if found.contradicts_nearest:
-            nearest = next((one for one in self._knowledge.environment if one.name == found.nearest), None)
+            nearest = next((one for one in self._environment if one.name == found.nearest), None)
         for piece in waiting:
             if nearest is None or not isinstance(nearest.element, Plane):
                 yield piece

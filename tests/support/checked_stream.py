@@ -1,0 +1,16 @@
+"""A stream as its checks see it."""
+
+from typing import Any
+
+from contact_tracker.checks.check import Stream
+from contact_tracker.config.loading import load_model
+from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
+from contact_tracker.map.map import EMPTY_MAP, PriorMap
+
+MODEL = load_model()
+
+
+def stream_of(map: PriorMap = EMPTY_MAP, **changes: Any) -> Stream:
+    """A stream with a map, whose noise is chosen and whose object moves."""
+    whole = Stream(map, MODEL, MODEL, MODEL, (1e-4, 1e-3), True, False, NOTHING_INSPECTED)
+    return whole._replace(**changes)

@@ -1,0 +1,67 @@
+"""What all checks of a stream have in common."""
+
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple, Self
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.inspection.stream_checks import Finding, Inspection
+from contact_tracker.map.map import PriorMap
+from contact_tracker.motion.poses import Poses
+from contact_tracker.tracking.belief import Segment
+
+MIXED_UP: Final = "units", "bodies"
+"""Kinds of findings by which speeds and turns are not those of one object in metres."""
+
+
+class Stream(NamedTuple):
+    """What is known of a stream beside its poses.
+
+    Parameters
+    ----------
+    map : what was known before the stream.
+    model : as asked for.
+    first, best : models of the first and of the most probable tracker; None before the rate is known.
+    sigma : noise of a pose (m, rad); None as long.
+    is_chosen : whether the choice of ticks and noise is final.
+    is_at_rest : whether the object rests.
+    inspection : of the poses alone.
+    """
+
+    map: PriorMap
+    model: Model
+    first: Model | None
+    best: Model | None
+    sigma: tuple[float, float] | None
+    is_chosen: bool
+    is_at_rest: bool
+    inspection: Inspection
+
+
+class Check:
+    """One question to a stream, as a value that does not change; checks have these methods where they need
+    them."""
+
+    def update(self, poses: Poses, stream: Stream) -> Self:
+        """Updated by poses."""
+        return self
+
+    def update_segments(self, segments: Iterable[Segment], stream: Stream) -> Self:
+        """Updated by the next segments, in order of time."""
+        return self
+
+    def is_likely(self, stream: Stream) -> bool:
+        """Whether there may soon be a finding that makes labels unreliable."""
+        return False
+
+    def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+        """What is found until now; ``earlier`` are the findings of checks that come before."""
+        return []
+
+    def final_findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+        """What is found in addition at the end of the stream."""
+        return []
+
+
+def has_doubts(findings: Iterable[Finding], *kinds: str) -> bool:
+    """Whether one of these findings, of a kind, makes labels unreliable."""
+    return any(one.doubts_labels and one.kind in kinds for one in findings)
