@@ -14,7 +14,7 @@ from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.checks import window_scores
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
-from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.file import map_from
 from contact_tracker.motion.poses import Poses
 from contact_tracker.saved_state import is_same, load, save
 from contact_tracker.tracking import tracker
@@ -188,9 +188,9 @@ def test_a_stream_that_ends_while_trackers_wait_may_continue() -> None:
 
 
 def test_with_known_elements_or_a_lag_no_tracker_waits() -> None:
-    given = knowledge_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
+    given = map_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
     poses = resting(recorded(FACE_TO_EDGE).poses, 6.0)
-    for start in (adaptation.start(MODEL, 0.5), adaptation.start(MODEL, knowledge=given)):
+    for start in (adaptation.start(MODEL, 0.5), adaptation.start(MODEL, known_map=given)):
         state, _ = adaptation.advance(start, poses)
         assert len(state.trackers.trackers) > 3
         assert not waits(state)

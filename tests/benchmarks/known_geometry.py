@@ -31,8 +31,8 @@ from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import (
     Accuracy,
+    Map,
     NamedElement,
-    PriorMap,
     elements_of,
     known_to,
     number_name,
@@ -119,7 +119,7 @@ def _is_same(one: Element, other: Element) -> bool:
     return False
 
 
-def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, float]) -> PriorMap:
+def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, float]) -> Map:
     """The prior map of ``level``, displaced by ``off`` (m, rad)."""
     rng, accuracy = np.random.default_rng(zlib.crc32(path.stem.encode())), Accuracy()
     middle_m = poses.position_m.mean(axis=0)
@@ -132,7 +132,7 @@ def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, 
     if vertices_m is None:
         raise SystemExit(f"{path}: its metadata have no vertices of the object")
     object = elements_of(convex(vertices_m), number_name, accuracy, body.rotation, body.by_m)
-    return PriorMap(
+    return Map(
         surroundings if level in ("surroundings", "both") else (),
         object if level in ("object", "both") else (),
         object_complete=level in ("object", "both"),

@@ -16,8 +16,8 @@ import numpy as np
 
 from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.config.loading import load_model
-from contact_tracker.map.learned import NO_PRIOR, MapPrior
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking.belief import Detail
@@ -38,7 +38,7 @@ class Score(NamedTuple):
     online: float
 
 
-def score(path: Path, known: PriorMap = EMPTY_MAP) -> tuple[Score, MapPrior]:
+def score(path: Path, known: Map = EMPTY_MAP) -> tuple[Score, LearnedElements]:
     """The score of a recording, and the map that was learned from it."""
     poses = Poses.collect(open_log(str(path)))
     tracker = OfflineTracker(load_model("default"), known)
@@ -46,7 +46,7 @@ def score(path: Path, known: PriorMap = EMPTY_MAP) -> tuple[Score, MapPrior]:
     done = evaluate(poses, need_truth(str(path)), found)
     wrong = float(done.offline.sure_wrong_by_state_s.sum() / done.offline.seconds())
     world = tracker.map
-    learned = NO_PRIOR if world is None else world.learned
+    learned = NOTHING_LEARNED if world is None else world.learned
     return Score(done.offline.accuracy(), wrong, done.online.accuracy()), learned
 
 
@@ -62,7 +62,7 @@ def main() -> int:
         scores[FIRST].append(of_first)
         for path in later:
             scores[ALONE].append(score(path)[0])
-            scores[WITH_MAP].append(score(path, PriorMap(learned=learned))[0])
+            scores[WITH_MAP].append(score(path, Map(learned=learned))[0])
     rows = [(name, str(len(some)), *map(number, np.mean(some, axis=0))) for name, some in scores.items()]
     print(table(COLUMNS, rows))
     return 0

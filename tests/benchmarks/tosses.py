@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 import kept_tables
 from contact_tracker.adaptation import segment
 from contact_tracker.config.loading import load_model
-from contact_tracker.map.file import knowledge_from
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.file import map_from
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_metadata, read_truth
 from contact_tracker.states import STATES
@@ -51,7 +51,7 @@ class Scores(NamedTuple):
     by_arrival: NDArray[np.int64]
 
 
-def known(level: str, metadata: dict[str, str]) -> PriorMap:
+def known(level: str, metadata: dict[str, str]) -> Map:
     """The prior map of ``level`` for a recording with this metadata."""
     if level == "nothing":
         return EMPTY_MAP
@@ -61,7 +61,7 @@ def known(level: str, metadata: dict[str, str]) -> PriorMap:
     if level == "plane and cube":
         tables["environment"]["complete"] = True
         tables["object"] = {"box": {"size_m": [float(metadata["cube_side_m"])] * 3, **SIGMA}}
-    return knowledge_from(tables)
+    return map_from(tables)
 
 
 def measure(path: Path, model_name: str) -> dict[str, Scores]:
@@ -73,8 +73,8 @@ def measure(path: Path, model_name: str) -> dict[str, Scores]:
     counted = (scored.truth != UNSCORED) & in_motion(poses, float(metadata["cube_side_m"]))
     results = {}
     for level in LEVELS:
-        model, knowledge = load_model(model_name), known(level, dict(metadata))
-        found, answers = segment(poses, model, knowledge=knowledge), answers_to(poses, model, knowledge)
+        model, known_map = load_model(model_name), known(level, dict(metadata))
+        found, answers = segment(poses, model, known_map=known_map), answers_to(poses, model, known_map)
         rows = []
         for beliefs, time_ns, tick_of in (
             (found.beliefs, found.beliefs.stamp_ns, tick_containing),

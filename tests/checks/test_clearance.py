@@ -14,8 +14,8 @@ from checked_stream import stream_of
 from contact_tracker.adaptation import online
 from contact_tracker.checks.clearance import Clearance
 from contact_tracker.config.loading import load_model
-from contact_tracker.map.file import knowledge_from
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.file import map_from
+from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import Poses
 
 SIGMA = {"sigma_position_m": 5e-4, "sigma_rotation_deg": 0.2}
@@ -32,14 +32,14 @@ def at_rest(*position_m: float, turn: Rotation | None = None) -> Poses:
     )
 
 
-def known(**environment: Any) -> PriorMap:
-    return knowledge_from({"environment": environment, "object": {"box": CUBE}})
+def known(**environment: Any) -> Map:
+    return map_from({"environment": environment, "object": {"box": CUBE}})
 
 
-def compared(knowledge: PriorMap, *poses: Poses) -> Clearance:
+def compared(known_map: Map, *poses: Poses) -> Clearance:
     found = Clearance()
     for some in poses:
-        found = found.update(some, stream_of(knowledge))
+        found = found.update(some, stream_of(known_map))
     return found
 
 
@@ -51,11 +51,11 @@ def said(found: Clearance) -> Sequence[str]:
 
 @pytest.mark.parametrize(("height_m", "is_said"), [(0.05, False), (0.048, False), (0.035, True)])
 def test_a_body_that_the_object_passes_through_is_named(height_m: float, is_said: bool) -> None:
-    knowledge = known(box=[BENCH])
-    texts = said(compared(knowledge, at_rest(0.0, 0.0, height_m)))
+    known_map = known(box=[BENCH])
+    texts = said(compared(known_map, at_rest(0.0, 0.0, height_m)))
     assert bool(texts) is is_said
     assert all("15 mm inside bench face +z" in text for text in texts)
-    single = compared(knowledge, at_rest(0.0, 0.0, height_m)[:1])
+    single = compared(known_map, at_rest(0.0, 0.0, height_m)[:1])
     assert said(single) == [], "one pose may be wrong"
 
 
@@ -85,7 +85,7 @@ def test_an_object_in_a_hollow_body_fits(tmp_path: Path) -> None:
     wall = trimesh.creation.box((0.02, 0.4, 0.1)).apply_translation((0.19, 0.0, 0.04))
     trimesh.util.concatenate([bottom, wall]).export(tmp_path / "tray.stl")
     given = {"environment": {"mesh": [{"path": "tray.stl"}]}, "object": {"box": CUBE}}
-    assert said(compared(knowledge_from(given, tmp_path), at_rest(0.0, 0.0, 0.06))) == []
+    assert said(compared(map_from(given, tmp_path), at_rest(0.0, 0.0, 0.06))) == []
 
 
 def test_one_pose_counts_once_in_several_bodies() -> None:
@@ -111,11 +111,11 @@ def test_an_object_beside_a_step_fits() -> None:
 
 def test_an_object_that_stays_behind_all_faces_contradicts_them() -> None:
     """As with a normal of the wrong sign, or an offset in mm."""
-    knowledge = known(plane=[TABLE | {"offset_m": 0.71}])
-    (text,) = said(compared(knowledge, at_rest(0.0, 0.0, 0.05)))
+    known_map = known(plane=[TABLE | {"offset_m": 0.71}])
+    (text,) = said(compared(known_map, at_rest(0.0, 0.0, 0.05)))
     assert "behind every face" in text
-    assert said(compared(knowledge, at_rest(0.0, 0.0, 0.05)[:2])) == []
-    later = compared(knowledge, at_rest(0.0, 0.0, 0.05), at_rest(0.0, 0.0, 0.8), at_rest(0.0, 0.0, 0.05))
+    assert said(compared(known_map, at_rest(0.0, 0.0, 0.05)[:2])) == []
+    later = compared(known_map, at_rest(0.0, 0.0, 0.05), at_rest(0.0, 0.0, 0.8), at_rest(0.0, 0.0, 0.05))
     assert said(later) == [], "it was lifted from below"
 
 
@@ -123,25 +123,25 @@ def test_an_object_that_stays_behind_all_faces_contradicts_them() -> None:
 def test_an_object_that_stays_away_from_all_known_elements_is_reported(
     height_m: float, is_said: bool
 ) -> None:
-    knowledge = known(plane=[TABLE])
-    found = compared(knowledge, at_rest(0.0, 0.0, height_m))
+    known_map = known(plane=[TABLE])
+    found = compared(known_map, at_rest(0.0, 0.0, height_m))
     assert said(found) == [], "it may come nearer yet"
-    texts = found.final_findings(stream_of(knowledge), [])
+    texts = found.final_findings(stream_of(known_map), [])
     assert bool(texts) is is_said
     assert all("mm off table" in one.text for one in texts)
     with_body = known(plane=[TABLE], box=[BENCH | {"position_m": [5.0, 0.0, 0.0]}])
     assert found.final_findings(stream_of(with_body), []) == [], "its edges and vertices may be touched"
     assert not any(one.doubts_labels for one in texts)
-    some = replace(knowledge, object_complete=False)
+    some = replace(known_map, object_complete=False)
     assert found.final_findings(stream_of(some), []) == [], "another vertex may touch"
 
 
 def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> None:
-    knowledge, poses = known(plane=[TABLE]), at_rest(0.0, 0.0, 0.05)
+    known_map, poses = known(plane=[TABLE]), at_rest(0.0, 0.0, 0.05)
     noise = np.random.default_rng(3).normal(scale=1e-4, size=poses.position_m.shape)
     poses = replace(poses, position_m=poses.position_m + noise)
     for model, most in (("default", 0.6), ("impacts", 1.0)):
-        state = online.start(load_model(model), knowledge=knowledge)
+        state = online.start(load_model(model), known_map=known_map)
         state, beliefs = online.advance(state, poses[:40])
         assert beliefs
         sure = max(belief.probability.max() for belief in beliefs)

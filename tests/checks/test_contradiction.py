@@ -1,4 +1,4 @@
-"""A prior map that contradicts the motion is reported, and one that fits is not."""
+"""A map that contradicts the motion is reported, and one that fits is not."""
 
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from contact_tracker.adaptation import online
 from contact_tracker.checks.contradiction import Contradiction
 from contact_tracker.hypotheses import compiled
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
-from contact_tracker.map.file import knowledge_from
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.file import map_from
+from contact_tracker.map.map import Map
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
@@ -30,16 +30,16 @@ UP = [0.5657, 0.5557, 0.6092]
 needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
-def up(direction: list[float]) -> PriorMap:
-    return knowledge_from({"up": {"direction": list(np.array(direction) / np.linalg.norm(direction))}})
+def up(direction: list[float]) -> Map:
+    return map_from({"up": {"direction": list(np.array(direction) / np.linalg.norm(direction))}})
 
 
 def poses_of(name: str) -> Poses:
     return gate(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap"))))
 
 
-def tracked(name: str, knowledge: PriorMap) -> tuple[list[str], Segmentation]:
-    tracker = adaptation.OfflineTracker(MODEL, knowledge)
+def tracked(name: str, known_map: Map) -> tuple[list[str], Segmentation]:
+    tracker = adaptation.OfflineTracker(MODEL, known_map)
     found = Segmentation.join(list(tracker.pieces(poses_of(name))))
     assert tracker.report is not None
     return [one.text for one in tracker.report.findings if one.kind == "knowledge"], found
@@ -110,7 +110,7 @@ def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, f
     size_m = np.array([0.2, 0.12, 0.08])
     table = {"normal": [0.0, 0.0, 1.0], "offset_m": 0.0, "name": "table"}
     box = {"size_m": [0.2, width_m, 0.08]}
-    known = knowledge_from({"environment": {"plane": [table]}, "object": {"box": box}})
+    known = map_from({"environment": {"plane": [table]}, "object": {"box": box}})
     tracker = adaptation.OfflineTracker(MODEL, known)
     found = Segmentation.join(list(tracker.pieces(slid_and_tilted(np.random.default_rng(0), size_m))))
     assert tracker.report is not None
@@ -123,7 +123,7 @@ def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, f
 def test_exact_knowledge_fits_filtered_poses() -> None:
     """Their errors look smaller than they are; what is left of them is no motion that refutes a table."""
     table, size_m = {"normal": [0.0, 0.0, 1.0], "offset_m": 0.0}, [0.2, 0.12, 0.08]
-    known = knowledge_from({"environment": {"plane": [table]}, "object": {"box": {"size_m": size_m}}})
+    known = map_from({"environment": {"plane": [table]}, "object": {"box": {"size_m": size_m}}})
     rng = np.random.default_rng(3)
     first = slid_and_tilted(rng, np.array(size_m))[0]
     error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=(450, 3)))
@@ -132,7 +132,7 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
         first.position_m + 3e-4 * rng.normal(size=(450, 3)),
         (Rotation.from_quat(first.quat_xyzw) * error).as_quat(),
     )
-    state, _ = online.advance(online.start(MODEL, knowledge=known), moving_average(resting, 3))
+    state, _ = online.advance(online.start(MODEL, known_map=known), moving_average(resting, 3))
     assert not state.checks.contradiction.is_likely(state.stream)
 
 
@@ -156,7 +156,7 @@ def test_before_the_noise_is_chosen_filtered_poses_refute_nothing_until_the_end(
 @pytest.mark.long
 @needs_kernels
 def test_a_box_of_another_size_is_reported() -> None:
-    box = knowledge_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})
+    box = map_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})
     texts, found = tracked("robot_1khz", box)
     assert texts[0].startswith("what is given does not fit the motion")
     assert found.beliefs.probability.max() < 0.6
@@ -164,12 +164,12 @@ def test_a_box_of_another_size_is_reported() -> None:
 
 @needs_kernels
 def test_results_do_not_depend_on_how_the_poses_are_split() -> None:
-    poses, knowledge = poses_of("robot_1khz")[:4000], up([1.0, 0.0, 0.0])
+    poses, known_map = poses_of("robot_1khz")[:4000], up([1.0, 0.0, 0.0])
     ends = []
     for size in (7, 400):
         known = Contradiction()
         for first in range(0, len(poses), size):
-            known = known.update(poses[first : first + size], stream_of(knowledge))
+            known = known.update(poses[first : first + size], stream_of(known_map))
         ends.append((known.is_found, known.lead))
     assert ends[0] == ends[1]
     assert ends[0][0]

@@ -9,17 +9,15 @@ from checked_stream import MODEL, stream_of
 from contact_tracker.checks import impacts
 from contact_tracker.checks.impacts import Impacts
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.file import knowledge_from
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.file import map_from
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 
 TICK_S = 0.1
 TABLE = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0}
 BENCH = {"name": "bench", "size_m": [2.0, 2.0, 0.1], "position_m": [0.0, 0.0, -0.05]}
 ON_TABLE_M = 0.05
-KNOWN = knowledge_from(
-    {"environment": {"plane": [TABLE]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
-)
+KNOWN = map_from({"environment": {"plane": [TABLE]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}})
 
 
 def moving(path_m: np.ndarray, rate_hz: float, noise_m: float = 1e-4) -> Poses:
@@ -53,10 +51,10 @@ def said(found: Impacts, tick_s: float) -> list[Finding]:
     return found.findings(stream_of(model=replace(MODEL, tick_s=tick_s)), [])
 
 
-def found_in(poses: Poses, knowledge: PriorMap = KNOWN, batch: int = 50) -> Impacts:
+def found_in(poses: Poses, known_map: Map = KNOWN, batch: int = 50) -> Impacts:
     found = Impacts()
     for first in range(0, len(poses), batch):
-        found = found.update(poses[first : first + batch], stream_of(knowledge))
+        found = found.update(poses[first : first + batch], stream_of(known_map))
     return found
 
 
@@ -71,10 +69,10 @@ def test_a_dropped_object_is_reported(rate_hz: float, restitution: float) -> Non
 
 
 def test_a_body_of_faces_is_hit_like_a_single_face() -> None:
-    knowledge = knowledge_from(
+    known_map = map_from(
         {"environment": {"box": [BENCH]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
     )
-    assert said(found_in(moving(dropped(148.0, 0.3), 148.0), knowledge), TICK_S)
+    assert said(found_in(moving(dropped(148.0, 0.3), 148.0), known_map), TICK_S)
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 100.0, 1000.0])
@@ -114,15 +112,15 @@ def test_a_gap_is_no_impact() -> None:
 
 def test_beside_a_body_its_faces_end() -> None:
     """An object turns back in the air, half a metre over the bench, in the plane of its side."""
-    knowledge = knowledge_from(
+    known_map = map_from(
         {"environment": {"box": [BENCH]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
     )
     time_s = np.arange(0.0, 2.0, 0.01)
     along = 1.05 + np.abs(time_s - 1.0)
     path = np.column_stack([along, np.zeros_like(along), np.full_like(along, 0.5)])
-    found = found_in(moving(path, 100.0), knowledge)
+    found = found_in(moving(path, 100.0), known_map)
     assert said(found, TICK_S) == []
-    assert not found_in(moving(path, 100.0)[:90], knowledge).is_near
+    assert not found_in(moving(path, 100.0)[:90], known_map).is_near
 
 
 def test_bursts_of_poses_keep_little() -> None:
@@ -147,7 +145,7 @@ def test_batches_make_no_difference(batch: int) -> None:
 
 
 def test_without_known_faces_and_vertices_nothing_is_said() -> None:
-    only_table = knowledge_from({"environment": {"plane": [TABLE]}})
-    for knowledge in (EMPTY_MAP, only_table):
-        found = found_in(moving(dropped(148.0, 0.0), 148.0), knowledge)
+    only_table = map_from({"environment": {"plane": [TABLE]}})
+    for known_map in (EMPTY_MAP, only_table):
+        found = found_in(moving(dropped(148.0, 0.0), 148.0), known_map)
         assert (found.top_m_per_s, found.is_near, len(found.recent)) == (0.0, False, 0)

@@ -6,12 +6,12 @@ import pytest
 from checked_stream import stream_of
 from contact_tracker.checks.map_use import MapUse
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
-from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.file import map_from
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 
 SIGMA = {"sigma_position_m": 0.001, "sigma_rotation_deg": 0.5}
-KNOWN = knowledge_from(
+KNOWN = map_from(
     {
         "environment": {"plane": [{"name": "table", "normal": [0, 0, 1], "offset_m": 0.0, **SIGMA}]},
         "object": {"line": [{"name": "edge", "direction": [0, 1, 0], "point_m": [0.05, 0, 0], **SIGMA}]},

@@ -7,7 +7,7 @@ import pytest
 
 from checked_stream import stream_of
 from contact_tracker.api import Trajectory, read, segment
-from contact_tracker.api.given import knowledge_of
+from contact_tracker.api.given import map_of
 from contact_tracker.checks import face_names
 from contact_tracker.checks.face_names import FaceNameDelay
 from contact_tracker.checks.map_use import MapUse
@@ -30,8 +30,8 @@ def on(offset_m, name=None, normal=(0.0, 0.0, 1.0), probability=1.0, inseparable
 
 
 def found(given, *segments):
-    knowledge = knowledge_of(given, lambda _: None)
-    stream = stream_of(knowledge)
+    known_map = map_of(given, lambda _: None)
+    stream = stream_of(known_map)
     return MapUse().update_segments(segments, stream).findings(stream, [])
 
 
@@ -89,16 +89,16 @@ def names(pieces):
 
 
 def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
-    knowledge = knowledge_of(TABLE, lambda _: None)
+    known_map = map_of(TABLE, lambda _: None)
     nothing, other = MapUse(), MapUse((False, True), (False, False), "plane 1", 0.1)
-    waiting = FaceNameDelay(knowledge)
+    waiting = FaceNameDelay(known_map)
     assert names(waiting.release(flat_on(None), nothing)) == [None]
     assert names(waiting.release(flat_on("plane 1"), nothing)) == []
     assert names(waiting.release(flat_on(None), other)) == []
     assert names(waiting.finish(other)) == [None, None]
     assert names(waiting.release(flat_on("plane 1"), other)) == []
     assert names(waiting.release(flat_on("plane 1"), MapUse(known=(False, True)))) == ["plane 1"] * 2
-    waiting = FaceNameDelay(knowledge)
+    waiting = FaceNameDelay(known_map)
     assert names(waiting.release(flat_on("wall", (1.0, 0.0, 0.0)), other)) == []
     assert names(waiting.finish(other)) == ["wall"], "of another direction"
     monkeypatch.setattr(face_names, "MOST_TICKS", 15)

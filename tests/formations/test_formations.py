@@ -16,7 +16,7 @@ from contact_tracker.formations.naming import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled
-from contact_tracker.map.map import Accuracy, NamedElement, PriorMap, known_to
+from contact_tracker.map.map import Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.changes import Changes
 from contact_tracker.outputs.text import describe, table
@@ -222,14 +222,14 @@ def test_further_contacts_are_searched_among_known_elements() -> None:
         ((first.environment, second.environment), {"face0", "face1"}),
         ((first.environment,), {"face0"}),
     ):
-        knowledge = PriorMap(
+        known_map = Map(
             object=vertices,
             environment=listed("face", *walls),
             object_complete=True,
             environment_complete=True,
         )
         (segment,) = adaptation.segment(
-            made("vertex_and_vertex").poses[:2400], load_model(), knowledge=knowledge
+            made("vertex_and_vertex").poses[:2400], load_model(), known_map=known_map
         ).segments
         assert segment.contact is Contact.VF
         assert {segment.touching[1], *(one.geometry.names[1] for one in segment.further)} == names
@@ -242,6 +242,6 @@ def test_known_elements_give_their_names() -> None:
     near = Plane(np.array([1.0, 0.0, 0.0]), 0.5005, 1e-6 * np.eye(4))
     far = Plane(np.array([0.0, 1.0, 0.0]), 0.5, 1e-6 * np.eye(4))
     corner = Point(np.zeros(3), 1e-6 * np.eye(3))
-    knowledge = PriorMap(environment=(wall,))
-    assert named_by(knowledge, ContactGeometry(corner, near)).names == (None, "wall")
-    assert named_by(knowledge, ContactGeometry(corner, far)).names == (None, None)
+    known_map = Map(environment=(wall,))
+    assert named_by(known_map, ContactGeometry(corner, near)).names == (None, "wall")
+    assert named_by(known_map, ContactGeometry(corner, far)).names == (None, None)

@@ -21,7 +21,7 @@ from contact_tracker import adaptation
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError
-from contact_tracker.map.file import load_knowledge
+from contact_tracker.map.file import read_map
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.saved_state import load
 
@@ -106,14 +106,14 @@ def _model(path: Path, _: random.Random) -> None:
 
 def _known(path: Path, rng: random.Random) -> None:
     path.with_name("part.stl").write_bytes(rng.choice(corpus.meshes()))
-    _quietly(lambda: load_knowledge(str(path)))
+    _quietly(lambda: read_map(str(path)))
 
 
 def _mesh(path: Path, rng: random.Random) -> None:
     mesh = path.rename(path.with_name("part.stl" if rng.random() < 0.6 else "part.obj"))
     known = path.with_name("known.toml")
     known.write_text(f'[object.mesh]\npath = "{mesh.name}"\n')
-    _quietly(lambda: load_knowledge(str(known)))
+    _quietly(lambda: read_map(str(known)))
 
 
 def _state(path: Path, _: random.Random) -> None:

@@ -9,7 +9,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import global_search
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.window_fit import fit_window
-from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.file import map_from
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
@@ -25,7 +25,7 @@ def test_batches_of_a_search_make_no_difference(monkeypatch: pytest.MonkeyPatch)
     window = Window(np.arange(30), zeta, np.tile([1e-8, 1e-6], (30, 1)), np.tile([1e-4, 1e-2], (30, 1)))
     model, known = (
         CONTACT_MODELS[Contact.EE.column],
-        knowledge_from({"object": {"box": {"size_m": [0.1, 0.2, 0.3]}}}),
+        map_from({"object": {"box": {"size_m": [0.1, 0.2, 0.3]}}}),
     )
     begins = propose_births(model, known, None, 0.0, Frame.around(np.zeros(3), zeta[-1, 9:12]))
     assert begins.count == 12

@@ -17,7 +17,7 @@ from contact_tracker.hypotheses.proximity_prior import (
     proximity_evidence,
     reweight_transitions,
 )
-from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.motion.lifted_pose import lift
@@ -40,11 +40,11 @@ def tick(rotation, height_m):
     return Window(np.array([7]), zeta[None], np.array([[1e-8, 1e-6]]), np.zeros((1, 2)))
 
 
-def proximity(newest, knowledge=CUBE_ON_TABLE):
+def proximity(newest, known_map=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
-        begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
-        found.append((named_pairs(knowledge, model), proximity_evidence(model, begins, newest, SCALES)))
+        begins = propose_births(model, known_map, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
+        found.append((named_pairs(known_map, model), proximity_evidence(model, begins, newest, SCALES)))
     return found
 
 
@@ -64,7 +64,7 @@ def test_contacts_with_larger_errors_are_possible_at_larger_distances():
     corner = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_quat()
     height_m = CUBE_M * np.sqrt(0.75) + 3e-3
     poses = [Pose(i * 10**8, (0.3, -0.2, height_m), tuple(corner.tolist())) for i in range(2)]
-    state, _ = tracker.step(tracker.start(MODEL, knowledge=CUBE_ON_TABLE), poses[0])
+    state, _ = tracker.step(tracker.start(MODEL, known_map=CUBE_ON_TABLE), poses[0])
     state, _ = tracker.step(state, poses[1])
     loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
     before, after = (
@@ -101,8 +101,8 @@ def test_the_touching_elements_are_named():
 
 
 def test_without_known_pairs_nothing_changes():
-    for knowledge in (EMPTY_MAP, knowledge_from({"environment": {"plane": [TABLE]}})):
-        evidence = [m for _, m in proximity(tick(np.eye(3), 0.1), knowledge)]
+    for known_map in (EMPTY_MAP, map_from({"environment": {"plane": [TABLE]}})):
+        evidence = [m for _, m in proximity(tick(np.eye(3), 0.1), known_map)]
         change, stay = tick_transitions(MODEL, 1.0)
         for ours, theirs in zip(reweight_transitions(change, stay, evidence), (change, stay), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-12)
@@ -142,11 +142,9 @@ def test_uncertain_elements_count_by_the_errors_of_their_residuals(contact):
         "line": [{"direction": [0, 1, 0], "point_m": [0.2, 0, 0.1], "sigma_position_m": 0.02}],
         "point": [{"point_m": [0.1, 0.2, 0.05], "sigma_position_m": 0.02}],
     }
-    knowledge = knowledge_from(
-        {"object": {**side, "complete": True}, "environment": {**side, "complete": True}}
-    )
+    known_map = map_from({"object": {**side, "complete": True}, "environment": {**side, "complete": True}})
     newest = tick(Rotation.from_rotvec([0.3, 0.4, 0.2]).as_matrix(), 0.2)
-    begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
+    begins = propose_births(model, known_map, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
     gain = proximity_evidence(model, begins, newest, SCALES).gain
     rows = begins.rows
     tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))[0]
@@ -167,10 +165,10 @@ def test_of_many_pairs_the_most_probable_begin():
     """Of 150 known vertices at the table, and the unknown ones."""
     heights_m = CUBE_M / 2 * (1.0 + 0.001 * np.arange(150))
     points = [{"point_m": [0.0, 0.0, -height_m]} for height_m in heights_m]
-    knowledge = knowledge_from({"environment": {"plane": [TABLE]}, "object": {"point": points}})
-    pairs, evidence = proximity(tick(np.eye(3), CUBE_M / 2), knowledge)[Contact.VF.column]
+    known_map = map_from({"environment": {"plane": [TABLE]}, "object": {"point": points}})
+    pairs, evidence = proximity(tick(np.eye(3), CUBE_M / 2), known_map)[Contact.VF.column]
     model = CONTACT_MODELS[Contact.VF.column]
-    begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
+    begins = propose_births(model, known_map, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
     kept = evidence.of(begins)
     certain = kept.rows.elements_known
     assert certain.sum() == MOST_BIRTHS
@@ -188,7 +186,7 @@ def test_all_standard_deviations_that_are_allowed_can_be_compared(
 ):
     sigma = {"sigma_position_m": sigma_position_m, "sigma_rotation_deg": sigma_rotation_deg}
     box = {"size_m": [0.1, 0.2, 0.3], "position_m": [away_m, 0.0, 0.0], **sigma}
-    known = knowledge_from({"environment": {"box": [box]}, "object": {"box": [box]}})
+    known = map_from({"environment": {"box": [box]}, "object": {"box": [box]}})
     for _, evidence in proximity(tick(ON_EDGE, 0.1), known):
         assert np.isfinite(evidence.log_odds)
         assert np.exp(evidence.log_share).sum() == pytest.approx(1.0)

@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import Trajectory, segment
-from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.file import map_from
 from contact_tracker.map.map import KINDS
 
 TABLE = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.71}
@@ -19,7 +19,7 @@ OBJECT_M = np.array([0.1, 0.06, 0.04])
 
 def names(**environment) -> set[str]:
     """Of all elements that can be touched."""
-    known = knowledge_from({"environment": environment}).environment
+    known = map_from({"environment": environment}).environment
     return {one.name for one in known if not one.is_covered}
 
 
@@ -73,7 +73,7 @@ def test_a_mesh_with_rounded_numbers_loses_all_of_its_underside(tmp_path: Path) 
     mesh = trimesh.convex.convex_hull(turn.apply(corners_m).round(5))
     mesh.export(tmp_path / "block.stl")
     table = {"name": "table", "normal": turn.apply([0, 0, 1]).tolist(), "offset_m": -0.05}
-    known = knowledge_from({"environment": {"plane": [table], "mesh": [{"path": "block.stl"}]}}, tmp_path)
+    known = map_from({"environment": {"plane": [table], "mesh": [{"path": "block.stl"}]}}, tmp_path)
     assert sum(one.is_covered for one in known.environment) == 1 + 4 + 4
 
 
@@ -86,12 +86,12 @@ def test_the_hull_of_a_hollow_body_neither_covers_nor_is_covered(tmp_path: Path)
     )
     tray.export(tmp_path / "tray.stl")
     table = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": -0.01}
-    known = knowledge_from({"environment": {"plane": [table], "mesh": [{"path": "tray.stl"}]}}, tmp_path)
+    known = map_from({"environment": {"plane": [table], "mesh": [{"path": "tray.stl"}]}}, tmp_path)
     assert not any(one.is_covered for one in known.environment)
 
 
 def test_the_object_keeps_all_its_elements() -> None:
-    known = knowledge_from({"object": {"box": [BLOCK, UPPER]}}).object
+    known = map_from({"object": {"box": [BLOCK, UPPER]}}).object
     assert len(known) == 2 * (6 + 12 + 8)
     assert not any(one.is_covered for one in known)
     assert {one.name.split()[1] for one in known} == set(KINDS.values())

@@ -13,7 +13,7 @@ from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.pruning import Birth, add
 from contact_tracker.map.element_prior import PairPrior, by_feet, pair_priors
-from contact_tracker.map.map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, Up, known_to
+from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, known_to
 from contact_tracker.map.pairs import UNLISTED, named_pairs
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import CONTACTS, Contact
@@ -59,8 +59,8 @@ def test_a_known_face_determines_the_normal_of_the_other(side):
     both, _ = prior(model)
     reversed_ = both.mean.copy()
     reversed_[face_face.M if side == "environment" else face_face.N] *= -1.0
-    knowledge = PriorMap(**{side: (NamedElement("table", elements[side == "environment"]),)})
-    begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
+    known_map = Map(**{side: (NamedElement("table", elements[side == "environment"]),)})
+    begins = propose_births(model, known_map, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
     turn = poses.rotation[0]
     bank = add(
         blank(model, 1).replace_columns(x=reversed_),
@@ -119,10 +119,10 @@ def test_one_known_element_determines_its_part_of_x_only(model):
     assert not nothing.information.any()
 
 
-def knowledge(**changes):
+def known_map(**changes):
     corners = [NamedElement(f"corner {i}", touching(CONTACTS[3])[1]) for i in range(4)]
     table = NamedElement("table", touching(CONTACTS[3])[2])
-    return PriorMap(**({"object": tuple(corners), "environment": (table,)} | changes))
+    return Map(**({"object": tuple(corners), "environment": (table,)} | changes))
 
 
 def test_a_reversed_line_has_the_same_prior():
@@ -145,7 +145,7 @@ def test_a_reversed_line_has_the_same_prior():
 
 @pytest.mark.parametrize("complete", [(False, False), (True, False), (False, True), (True, True)])
 def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
-    known = knowledge(object_complete=complete[0], environment_complete=complete[1])
+    known = known_map(object_complete=complete[0], environment_complete=complete[1])
     for model in CONTACT_MODELS:
         pairs = named_pairs(known, model)
         object_kind, _, environment_kind = model.contact.value
@@ -156,7 +156,7 @@ def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
 
 def test_known_and_unknown_elements_are_equally_likely():
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
-    pairs = named_pairs(knowledge(), v_f)
+    pairs = named_pairs(known_map(), v_f)
     assert len(pairs) == 5 * 2
     unknown = [pair for pair in pairs if pair.environment is None]
     assert sum(np.exp(pair.log_share) for pair in unknown) == pytest.approx(UNLISTED)
@@ -177,11 +177,11 @@ def test_nothing_known_is_one_unknown_pair():
 def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
     up = Up(np.array([0.0, 0.6, 0.8]), 0.02)
     for model in CONTACT_MODELS:
-        pairs = named_pairs(knowledge(up=up), model)
+        pairs = named_pairs(known_map(up=up), model)
         for pair in pairs:
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
-    (pair,) = named_pairs(PriorMap(up=up), v_f)
+    (pair,) = named_pairs(Map(up=up), v_f)
     known = pair_priors(v_f, [pair.pair((5.0, 6.0, 7.0))])
     mean, information = known.mean[0], known.information[0]
     np.testing.assert_allclose(mean[3:6], up.direction)
@@ -196,7 +196,7 @@ def test_a_line_is_recognised_wherever_along_it_its_point_is(along_m):
     edge = simulated.truth.intervals[0].geometry.environment
     moved = known_to(replace(edge, point_m=edge.point_m + along_m * edge.direction), Accuracy())
     *_, last = forward(
-        simulated.poses, load_model(), knowledge=PriorMap(environment=(NamedElement("rail", moved),))
+        simulated.poses, load_model(), known_map=Map(environment=(NamedElement("rail", moved),))
     )
     assert last.belief.geometry.environment.name == "rail"
 
@@ -221,7 +221,7 @@ def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model
 @each_contact
 def test_births_depend_on_the_bodys_position_only_by_an_edge_of_the_surroundings(model):
     _, ours, theirs = touching(model.contact)
-    known = PriorMap(environment=(NamedElement("theirs", theirs),), object=(NamedElement("ours", ours),))
+    known = Map(environment=(NamedElement("theirs", theirs),), object=(NamedElement("ours", ours),))
     frames = (Frame.around(np.zeros(3), place_m) for place_m in np.diag([1.0, 2.0]) @ np.ones((2, 3)))
     here, there = (propose_births(model, known, None, 0.0, frame) for frame in frames)
     same = np.array_equal(here.rows.words, there.rows.words, equal_nan=True)

@@ -18,7 +18,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.shipped import shipped
 from contact_tracker.errors import KnowledgeError, ModelError
 from contact_tracker.geometry import polyhedron
-from contact_tracker.map.file import knowledge_from, load_knowledge
+from contact_tracker.map.file import map_from, read_map
 from contact_tracker.map.triangles import triangles_of_obj, triangles_of_stl
 
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
@@ -53,7 +53,7 @@ def known(folder: Path, mesh: str) -> str:
 
 def refusal(folder: Path, mesh: str) -> str:
     with pytest.raises(KnowledgeError) as error:
-        load_knowledge(known(folder, mesh))
+        read_map(known(folder, mesh))
     assert error.value.key == "object.mesh.path"
     return error.value.reason
 
@@ -83,7 +83,7 @@ def test_a_round_mesh_is_refused_before_any_work_that_grows(
 def test_a_mesh_of_many_triangles_is_its_hull(tmp_path: Path, triangles: int, suffix: str) -> None:
     cut(triangles).export(tmp_path / f"cut.{suffix}")
     begin_s = time.process_time()
-    found = load_knowledge(known(tmp_path, f"cut.{suffix}"))
+    found = read_map(known(tmp_path, f"cut.{suffix}"))
     assert time.process_time() - begin_s < 10.0  # a second on an idle machine
     assert len(found.object) == 21 + 57 + 38
     assert found.object_complete
@@ -184,7 +184,7 @@ def test_other_than_regular_files_are_refused_at_once(
     assert {"folder": "a folder", "large": "larger than"}.get(kind, "not a regular file") in line
 
 
-@pytest.mark.parametrize("read", [load_model, load_knowledge])
+@pytest.mark.parametrize("read", [load_model, read_map])
 def test_toml_files_have_a_limit(tmp_path: Path, read) -> None:
     """In bytes, including comments."""
     content = (shipped() / "default.toml").read_bytes() if read is load_model else b""
@@ -225,7 +225,7 @@ def test_many_meshes_are_refused_before_all_are_read(tmp_path: Path, monkeypatch
     rows = "".join(f'[[object.mesh]]\nname = "{i}"\npath = "box.obj"\n' for i in range(1000))
     (tmp_path / "known.toml").write_text(rows)
     with pytest.raises(KnowledgeError, match="too many"):
-        load_knowledge(str(tmp_path / "known.toml"))
+        read_map(str(tmp_path / "known.toml"))
     assert len(asked) < 20
 
 
@@ -240,7 +240,7 @@ def test_many_boxes_are_refused_before_all_are_made(tmp_path: Path, monkeypatch:
     rows = "".join(f'[[environment.box]]\nname = "{i}"\nsize_m = [1, 1, 1]\n' for i in range(1000))
     (tmp_path / "known.toml").write_text(rows)
     with pytest.raises(KnowledgeError, match=r"known environment\.box: 208 elements are too many"):
-        load_knowledge(str(tmp_path / "known.toml"))
+        read_map(str(tmp_path / "known.toml"))
     assert len(made) == 8
 
 
@@ -261,10 +261,10 @@ def test_elements_of_both_sides_have_a_limit_of_pairs(
     rows = "".join(f'[[{side}.box]]\nname = "{i}"\nsize_m = [1, 1, 1]\n' for side, i in sides)
     (tmp_path / "known.toml").write_text(rows)
     if refused is None:
-        assert load_knowledge(str(tmp_path / "known.toml")).object
+        assert read_map(str(tmp_path / "known.toml")).object
         return
     with pytest.raises(KnowledgeError, match=refused):
-        load_knowledge(str(tmp_path / "known.toml"))
+        read_map(str(tmp_path / "known.toml"))
 
 
 def test_all_contacts_together_have_a_limit_of_pairs() -> None:
@@ -275,7 +275,7 @@ def test_all_contacts_together_have_a_limit_of_pairs() -> None:
         "point": [{"point_m": direction} for direction in directions],
     }
     with pytest.raises(KnowledgeError, match="5766 pairs of elements are too many; 3000 are allowed"):
-        knowledge_from({"object": side, "environment": side})
+        map_from({"object": side, "environment": side})
 
 
 def test_depths_are_those_under_the_nearest_face() -> None:

@@ -12,19 +12,19 @@ from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, 
 import contact_tracker as ct
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.map.elements import MapElement
-from contact_tracker.map.file import knowledge_from
-from contact_tracker.map.learned import MapPrior
+from contact_tracker.map.file import map_from
+from contact_tracker.map.learned import LearnedElements
 from contact_tracker.map.learned_file import learned_text
-from contact_tracker.map.world_map import MOST_LEARNED, Map
+from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
 from contact_tracker.states import Contact
 from short_recordings import recorded, true_contacts
 
 ORIGIN_M = np.array([100.0, -20.0, 3.0])
 
 
-def grown() -> Map:
+def grown() -> GrowingMap:
     rng = np.random.default_rng(3)
-    world = Map(REACH_M).at_origin(ORIGIN_M)
+    world = GrowingMap(REACH_M).at_origin(ORIGIN_M)
     for number, (contact, pair) in enumerate(
         [(Contact.FF, (BOTTOM, TABLE)), (Contact.VF, (CORNER, TABLE)), (Contact.EE, (EDGE, EDGE))]
     ):
@@ -48,9 +48,9 @@ def test_a_file_has_all_that_is_known(tmp_path: Path) -> None:
 def test_the_origin_of_a_recording_does_not_matter() -> None:
     """What is learned is in the world's coordinates, and a map that begins with it says the same."""
     world = grown()
-    again = Map(REACH_M).with_prior(world.learned).at_origin(ORIGIN_M)
+    again = GrowingMap(REACH_M).with_prior(world.learned).at_origin(ORIGIN_M)
     np.testing.assert_allclose(again.whole.covariance, world.whole.covariance, rtol=1e-4, atol=1e-9)
-    elsewhere = Map(REACH_M).with_prior(world.learned).at_origin(np.zeros(3))
+    elsewhere = GrowingMap(REACH_M).with_prior(world.learned).at_origin(np.zeros(3))
     table = next(one for key, one in elsewhere.elements.items() if key[0] == 1 and one.kind == "f")
     assert table.place_m[0] - table.direction @ ORIGIN_M == pytest.approx(0.2, abs=5e-3)
     np.testing.assert_allclose(
@@ -61,12 +61,12 @@ def test_the_origin_of_a_recording_does_not_matter() -> None:
 def test_what_is_known_is_touched_again_and_another_world_is_noticed() -> None:
     learned = grown().learned
     rng = np.random.default_rng(4)
-    same = Map(REACH_M).with_prior(learned).at_origin(ORIGIN_M)
+    same = GrowingMap(REACH_M).with_prior(learned).at_origin(ORIGIN_M)
     same = same.insert(seen(Contact.VF, (CORNER, TABLE), 0, rng=rng))
     assert set(same.pairs[0]) <= set(learned.elements)
     assert not same.prior_is_dropped
     often = replace(learned, counts={key: 10 * count for key, count in learned.counts.items()})
-    other = Map(REACH_M).with_prior(often).at_origin(ORIGIN_M)
+    other = GrowingMap(REACH_M).with_prior(often).at_origin(ORIGIN_M)
     turn = Rotation.from_rotvec([0.7, 0.3, 0.0])
     for number, corner in enumerate((CORNER, OTHER_CORNER) * 3):
         wall = MapElement("f", turn.apply(SHELF.direction), SHELF.place_m + 0.1 * number)
@@ -91,12 +91,12 @@ def test_a_file_with_a_mistake_is_refused(key: str, value: object) -> None:
     table = tomllib.loads(learned_text(grown().learned))
     table["learned"][key] = value
     with pytest.raises(KnowledgeError, match=r"learned"):
-        knowledge_from(table)
+        map_from(table)
 
 
 def test_a_map_of_many_elements_can_be_read_again(tmp_path: Path) -> None:
     """With what was touched most; also where most directions are hardly known."""
-    ct.Map(Map.learn(unshared(30, unknown=(0, 1)), REACH_M).learned).save(tmp_path / "scene.toml")
+    ct.Map(GrowingMap.learn(unshared(30, unknown=(0, 1)), REACH_M).learned).save(tmp_path / "scene.toml")
     again = ct.Map.load(tmp_path / "scene.toml")
     assert len(again) == MOST_LEARNED
     assert (np.linalg.eigvalsh(again.learned.covariance()) > 0.0).all()
@@ -106,7 +106,7 @@ def test_information_of_no_gaussian_is_refused() -> None:
     table = tomllib.loads(learned_text(grown().learned))
     table["learned"]["information"] = (-np.array(table["learned"]["information"])).tolist()
     with pytest.raises(KnowledgeError, match="positive eigenvalues"):
-        knowledge_from(table)
+        map_from(table)
 
 
 def test_learn_once_use_at_once() -> None:
@@ -129,5 +129,5 @@ def test_learn_once_use_at_once() -> None:
 
 
 def test_an_empty_map_is_no_knowledge() -> None:
-    assert not MapPrior()
-    assert not knowledge_from({}).learned
+    assert not LearnedElements()
+    assert not map_from({}).learned

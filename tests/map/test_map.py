@@ -14,7 +14,7 @@ from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
 from contact_tracker.map.pairs import learned_pairs
 from contact_tracker.map.sighting import ElementEstimate, Sighting
 from contact_tracker.map.view import MapView
-from contact_tracker.map.world_map import CONCENTRATION, MARGIN_S, Map, log_prior_of_new
+from contact_tracker.map.world_map import CONCENTRATION, MARGIN_S, GrowingMap, log_prior_of_new
 from contact_tracker.states import Contact
 
 REACH_M = 0.3
@@ -86,7 +86,7 @@ def test_a_pair_is_that_of_its_parameters(model: ContactModel) -> None:
 def test_contacts_of_one_face_share_it() -> None:
     """f-f knows the difference of two offsets only; a vertex on the same table gives both."""
     rng = np.random.default_rng(2)
-    world = Map.learn(
+    world = GrowingMap.learn(
         [
             seen(Contact.FF, (BOTTOM, TABLE), 0, rng=rng),
             seen(Contact.VF, (CORNER, TABLE), 100, rng=rng),
@@ -106,7 +106,7 @@ def test_contacts_of_one_face_share_it() -> None:
 def test_faces_at_another_height_are_another_pair() -> None:
     """Both sides of a box rest on one table, or one side on two: that is not the same pair."""
     rng = np.random.default_rng(3)
-    world = Map.learn(
+    world = GrowingMap.learn(
         [
             seen(Contact.VF, (CORNER, TABLE), 0, rng=rng),
             seen(Contact.FF, (BOTTOM, TABLE), 100, rng=rng),
@@ -121,7 +121,7 @@ def test_faces_at_another_height_are_another_pair() -> None:
 
 def test_different_elements_stay_apart() -> None:
     rng = np.random.default_rng(4)
-    world = Map.learn(
+    world = GrowingMap.learn(
         [
             seen(Contact.VF, (CORNER, TABLE), 0, rng=rng),
             seen(Contact.VF, (OTHER_CORNER, TABLE), 100, rng=rng),
@@ -139,7 +139,7 @@ def test_unseen_directions_do_not_separate() -> None:
     """Where a sighting shows nothing, its estimate may be anything."""
     rng = np.random.default_rng(5)
     far = MapElement("v", np.zeros(3), CORNER.place_m + 0.3 * np.eye(3)[0])
-    world = Map.learn(
+    world = GrowingMap.learn(
         [seen(Contact.VF, (CORNER, TABLE), 0, rng=rng), seen(Contact.VF, (far, TABLE), 100, unknown=[0])],
         REACH_M,
     )
@@ -147,7 +147,7 @@ def test_unseen_directions_do_not_separate() -> None:
 
 
 def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
-    world = Map.learn(
+    world = GrowingMap.learn(
         [seen(Contact.VF, (CORNER, TABLE), 0), seen(Contact.VF, (OTHER_CORNER, TABLE), 100)], REACH_M
     )
 
@@ -172,7 +172,7 @@ def test_priors_of_pairs(model: ContactModel) -> None:
     every = {"f": (BOTTOM, TABLE), "e": (EDGE, EDGE), "v": (CORNER, CORNER)}
     ours, theirs = kinds_of(model)
     pair = every[ours][0], every[theirs][1]
-    world = Map.learn([seen(model.contact, pair, 0), seen(model.contact, pair, 100)], REACH_M)
+    world = GrowingMap.learn([seen(model.contact, pair, 0), seen(model.contact, pair, 100)], REACH_M)
     log_p_new, found = learned_pairs(world.whole, model, np.zeros(3))
     assert np.exp(log_p_new) + np.exp(found.log_share).sum() == pytest.approx(1.0)
     assert log_p_new == pytest.approx(2.0 * np.log(CONCENTRATION / (2.0 + CONCENTRATION)))
@@ -211,7 +211,7 @@ def unshared(count: int, unknown: tuple[int, ...] = ()) -> list[Sighting]:
 def test_many_contacts_that_share_nothing_take_seconds_not_minutes() -> None:
     sightings = unshared(60)
     begin_s = time.process_time()
-    world = Map.learn(sightings, REACH_M)
+    world = GrowingMap.learn(sightings, REACH_M)
     assert time.process_time() - begin_s < 30.0  # of all threads of numpy
     assert world.complexity == 0.0
 
@@ -220,7 +220,7 @@ def test_a_growing_map_replaces_a_contact_that_lasts() -> None:
     rng = np.random.default_rng(7)
     first = seen(Contact.VF, (CORNER, TABLE), 0, rng=rng)
     short = replace(first, onset_ns=100, stamp_ns=200)
-    world = Map(REACH_M).insert(short)
+    world = GrowingMap(REACH_M).insert(short)
     assert world.due_ns == {100: 250}
     world = world.insert(replace(short, stamp_ns=300)).insert(seen(Contact.EF, (EDGE, TABLE), 50, rng=rng))
     assert len(world.sightings) == 2
@@ -240,7 +240,7 @@ def test_change_of_free_coordinates(kind: str) -> None:
 
 def test_a_contact_may_be_with_an_element_incident_with_the_last_one() -> None:
     """After a corner on the table, an edge through that corner on the same table."""
-    world = Map(REACH_M).insert(seen(Contact.VF, (CORNER, TABLE), 0))
+    world = GrowingMap(REACH_M).insert(seen(Contact.VF, (CORNER, TABLE), 0))
     edge, table = world.whole.incident_pair(BY_CONTACT[Contact.EF], np.zeros(3))
     np.testing.assert_allclose(edge.point_m, CORNER.place_m, atol=1e-6)
     assert not edge.direction.any()

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import KnowledgeError, UsageError
 from contact_tracker.geometry.elements import Line, Plane, Point
-from contact_tracker.map.file import knowledge_from, load_knowledge
+from contact_tracker.map.file import map_from, read_map
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "knowledge.md").read_text(encoding="utf-8")
 ALL = """
@@ -50,7 +50,7 @@ EXTENT_M = np.array([0.1, 0.2, 0.3])
 def loaded(tmp_path, text, note=lambda _: None):
     path = tmp_path / "known.toml"
     path.write_text(text, encoding="utf-8")
-    return load_knowledge(str(path), note)
+    return read_map(str(path), note)
 
 
 def refused(tmp_path, text):
@@ -100,7 +100,7 @@ def test_the_file_of_the_documentation_is_read(tmp_path):
 def test_the_python_of_the_documentation_runs():
     names = {}
     exec(block("python"), names)
-    assert len(names["state"].knowledge.object) == 26
+    assert len(names["state"].known_map.object) == 26
 
 
 def test_an_empty_file_is_an_empty_map(tmp_path):
@@ -298,7 +298,7 @@ def test_impossible_values_are_refused_with_key_and_reason(tmp_path, text, key, 
 @pytest.mark.parametrize("name", ["no_such.toml", "", ".", "a\0b", "x" * 5000])
 def test_files_that_cannot_be_read_are_refused(name):
     with pytest.raises(KnowledgeError, match=r"^what is known: "):
-        load_knowledge(name)
+        read_map(name)
 
 
 def outcome(read, *arguments):
@@ -314,7 +314,7 @@ def outcome(read, *arguments):
 def test_any_text_is_a_map_or_an_error_in_one_line(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("known") / "any.toml"
     path.write_text(text, encoding="utf-8", errors="replace")
-    assert "\n" not in str(outcome(load_knowledge, str(path)))
+    assert "\n" not in str(outcome(read_map, str(path)))
 
 
 VALUES = st.recursive(
@@ -337,4 +337,4 @@ VALUES = st.recursive(
 )
 def test_any_table_is_a_map_or_an_error(frame, kind, key, value, whole):
     for table in ({frame: {kind: {key: value}}}, {frame: {kind: whole}}, {frame: whole}, {"up": whole}):
-        assert "\n" not in str(outcome(knowledge_from, table, Path("nowhere")))
+        assert "\n" not in str(outcome(map_from, table, Path("nowhere")))

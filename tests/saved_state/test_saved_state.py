@@ -20,7 +20,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.errors import StateError
 from contact_tracker.exports.formats import json_line
 from contact_tracker.hypotheses import compiled
-from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
@@ -36,7 +36,7 @@ TABLE = {
     "plane": [{"normal": [0, 0, 1], "offset_m": 0.0}],
     "line": [{"direction": [0, 1, 0], "point_m": [0, 0, 0]}],
 }
-KNOWN = knowledge_from(
+KNOWN = map_from(
     {"up": {"direction": [0, 0, 1]}, "object": {"box": {"size_m": [0.1, 0.1, 0.1]}}, "environment": TABLE}
 )
 needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")

@@ -5,12 +5,12 @@ from typing import Any
 from contact_tracker.checks.check import Stream
 from contact_tracker.config.loading import load_model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 
 MODEL = load_model()
 
 
-def stream_of(map: PriorMap = EMPTY_MAP, **changes: Any) -> Stream:
+def stream_of(map: Map = EMPTY_MAP, **changes: Any) -> Stream:
     """A stream with a map, whose noise is chosen and whose object moves."""
     whole = Stream(map, MODEL, MODEL, MODEL, (1e-4, 1e-3), True, False, NOTHING_INSPECTED)
     return whole._replace(**changes)

@@ -47,14 +47,14 @@ RECORDINGS = {
 
 @cache
 def one_by_one(name):
-    poses, knowledge = RECORDINGS[name]
-    return list(forward(poses, MODEL, knowledge=knowledge, detail=Detail.WEIGHTS))
+    poses, known_map = RECORDINGS[name]
+    return list(forward(poses, MODEL, known_map=known_map, detail=Detail.WEIGHTS))
 
 
 @cache
 def in_batches(name):
-    poses, knowledge = RECORDINGS[name]
-    return list(filter_batches(poses, MODEL, knowledge=knowledge))
+    poses, known_map = RECORDINGS[name]
+    return list(filter_batches(poses, MODEL, known_map=known_map))
 
 
 @pytest.mark.parametrize("name", RECORDINGS)

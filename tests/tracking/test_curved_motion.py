@@ -7,7 +7,7 @@ import pytest
 
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.hypotheses import compiled
-from contact_tracker.map.map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, known_to
+from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -45,19 +45,19 @@ def test_a_rolling_disc_is_not_surely_free():
 
 @needs_kernels
 def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others():
-    """With one face as surroundings, free motion is as uncertain as without a prior map."""
+    """With one face as surroundings, free motion is as uncertain as without a map."""
     face = known_to(Plane(np.array([0.0, 0.0, 1.0]), -0.6), Accuracy())
-    knowledge = PriorMap((NamedElement("table", face),), environment_complete=True)
+    known_map = Map((NamedElement("table", face),), environment_complete=True)
     possible = {Contact.FF, Contact.EF, Contact.VF}
-    assert set(knowledge.allowed) == possible
+    assert set(known_map.allowed) == possible
     poses = gate(poses_of(MOTIONS["vertex on a sphere of 0.2 m"], np.random.default_rng(1), 10.0))
-    found = segment(poses, MODEL, knowledge=knowledge)
+    found = segment(poses, MODEL, known_map=known_map)
     longest = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
     assert longest.contact is Contact.FREE
     assert set(longest.inseparable) == possible
     assert longest.probability < 0.5
     assert found.filtered.probability[-20:, FREE].max() < 0.9
-    state, beliefs = tracker.start(MODEL, 0.5, knowledge), []
+    state, beliefs = tracker.start(MODEL, 0.5, known_map), []
     for pose in poses:
         state, belief = tracker.step(state, pose)
         beliefs += [belief] if belief is not None else []
@@ -117,6 +117,6 @@ def test_free_motion_is_tested_at_intervals(monkeypatch):
     known = update_curved_motion(known, window, 90, tracker.scales_of(MODEL), EMPTY_MAP)
     assert known.probability == 0.0
     complete = update_curved_motion(
-        NO_CURVED_MOTION, window, 0, tracker.scales_of(MODEL), PriorMap(object_complete=True)
+        NO_CURVED_MOTION, window, 0, tracker.scales_of(MODEL), Map(object_complete=True)
     )
     assert complete.probability == 0.0

@@ -13,7 +13,7 @@ from contact_tracker.formations.further import Candidate, FormationTicks, KnownC
 from contact_tracker.formations.presence import Presence
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.map.map import EMPTY_MAP, NamedElement, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.changes import Changes
@@ -149,7 +149,7 @@ def test_kinds_excluded_by_the_prior_map_are_not_reported() -> None:
     line = NamedElement("edge", Line(np.array([1.0, 0.0, 0.0]), np.zeros(3)))
     face = NamedElement("face", Plane(np.array([1.0, 0.0, 0.0]), 0.0))
     ticks = FormationTicks(
-        window(0, 5), scales, 0.1, np.zeros(3), PriorMap(object=(line, face), object_complete=True)
+        window(0, 5), scales, 0.1, np.zeros(3), Map(object=(line, face), object_complete=True)
     )
     found = allowed(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
     assert [one.known.model.contact for one in found] == [Contact.FV]

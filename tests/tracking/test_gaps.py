@@ -11,7 +11,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.file import map_from
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import empty_tick
 from contact_tracker.motion.tick_grid import EMPTY_PER_TICK, EMPTY_TICKS
@@ -115,9 +115,9 @@ def test_a_gap_in_one_step_is_the_same_as_tick_by_tick(count):
 
 
 def test_neither_with_a_lag_nor_with_known_elements_is_a_gap_passed_in_one_step():
-    given = knowledge_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
+    given = map_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
     poses = with_gaps(20, 0.15)
-    for start in (tracker.start(MODEL, lag_s=0.5), tracker.start(MODEL, knowledge=given)):
+    for start in (tracker.start(MODEL, lag_s=0.5), tracker.start(MODEL, known_map=given)):
         state, ticks = tracker.accumulate_poses(start, poses)
         assert len(ticks)
         for after, _ in tracker.update_each(state, ticks):

@@ -1,4 +1,4 @@
-"""Use of the prior map: contacts are found at once, elements are named, and errors are reported."""
+"""Use of the map: contacts are found at once, elements are named, and errors are reported."""
 
 import json
 from dataclasses import replace
@@ -12,12 +12,12 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.hypotheses import compiled
-from contact_tracker.map.file import knowledge_from
+from contact_tracker.map.file import map_from
 from contact_tracker.map.map import (
     EMPTY_MAP,
     Accuracy,
+    Map,
     NamedElement,
-    PriorMap,
     Up,
     elements_of,
     known_to,
@@ -53,13 +53,13 @@ def surfaces():
 
 def known(table=None, **changes):
     elements, plane = surfaces()
-    all_of_it = PriorMap((NamedElement("table", table or plane),), elements, None, True, True)
+    all_of_it = Map((NamedElement("table", table or plane),), elements, None, True, True)
     return replace(all_of_it, **changes)
 
 
 @cache
 def with_everything():
-    return segment(recorded().poses, MODEL, knowledge=known())
+    return segment(recorded().poses, MODEL, known_map=known())
 
 
 def accuracy(beliefs):
@@ -68,7 +68,7 @@ def accuracy(beliefs):
 
 
 def true_name(interval):
-    """The name of the true touching element of the object in the prior map."""
+    """The name of the true touching element of the object in the map."""
     element = interval.geometry.object
     same = [
         k.name for k in surfaces()[0] if k.kind == interval.contact.value[0] and alike(k.element, element)
@@ -108,7 +108,7 @@ def test_the_touching_elements_are_named():
 
 
 def test_known_elements_are_refined():
-    """The motion determines the table more accurately than the prior map."""
+    """The motion determines the table more accurately than the map."""
     table = with_everything().segments[0].geometry.environment
     truth = recorded().truth.intervals[0].geometry.environment
     place = recorded().poses.position_m[:150].mean(axis=0)
@@ -127,8 +127,8 @@ def test_contacts_without_known_elements_have_no_hypotheses(in_use, monkeypatch)
     in_use = in_use and compiled.in_use()
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     face = next(k for k in surfaces()[0] if k.kind == "f")
-    knowledge = PriorMap(object=(face,), object_complete=True)
-    for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge).filtered:
+    known_map = Map(object=(face,), object_complete=True)
+    for belief in segment(recorded().poses[:60], MODEL, known_map=known_map).filtered:
         assert belief.probability.sum() == pytest.approx(1.0)
         assert not belief.probability[[Contact.EF.column, Contact.VF.column, Contact.EE.column]].any()
 
@@ -143,8 +143,8 @@ def test_a_known_table_in_the_wrong_place_is_not_used(complete):
     wrong = known_to(
         Plane(normal, float(normal @ place) + plane.offset_m - plane.normal @ place - 0.03), ACCURACY
     )
-    knowledge = known(wrong, object=(), object_complete=False, environment_complete=complete)
-    found = segment(recorded().poses[:150], MODEL, knowledge=knowledge)
+    known_map = known(wrong, object=(), object_complete=False, environment_complete=complete)
+    found = segment(recorded().poses[:150], MODEL, known_map=known_map)
     for belief in found.filtered:
         assert np.isfinite(belief.probability).all()
         assert belief.probability.sum() == pytest.approx(1.0)
@@ -157,7 +157,7 @@ def test_up_helps_where_little_has_moved():
     """The normal of the face is known from the start, otherwise only after some motion."""
     up = Up(surfaces()[1].normal, 0.02)
     poses = recorded().poses[:60]
-    beliefs = segment(poses, MODEL, knowledge=PriorMap(up=up)).filtered
+    beliefs = segment(poses, MODEL, known_map=Map(up=up)).filtered
     faces = [b.geometry.environment for b in beliefs if b.contact.value.endswith("f")]
     assert faces
     assert all(abs(face.normal @ up.direction) > np.cos(0.1) for face in faces)
@@ -165,14 +165,14 @@ def test_up_helps_where_little_has_moved():
 
 def test_an_empty_map_changes_nothing():
     poses = recorded().poses[:120]
-    ours, theirs = segment(poses, MODEL, knowledge=EMPTY_MAP), segment(poses, MODEL)
+    ours, theirs = segment(poses, MODEL, known_map=EMPTY_MAP), segment(poses, MODEL)
     for a, b in zip(ours.filtered, theirs.filtered, strict=True):
         assert a.to_json() == b.to_json()
         assert a.touching == (None, None)
 
 
 def test_the_online_tracker_uses_the_prior_map():
-    state = tracker.start(MODEL, knowledge=known())
+    state = tracker.start(MODEL, known_map=known())
     beliefs = []
     for pose in recorded().poses[:60]:
         state, belief = tracker.step(state, pose)
@@ -213,6 +213,6 @@ def test_arguments_define_the_prior_map(tmp_path, capsys):
 )
 def test_incomplete_and_wrong_knowledge_does_no_harm(table):
     """For absent elements with directions along axes, posteriors are still distributions."""
-    for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge_from(table)).filtered:
+    for belief in segment(recorded().poses[:60], MODEL, known_map=map_from(table)).filtered:
         assert np.isfinite(belief.probability).all()
         assert belief.probability.sum() == pytest.approx(1.0)

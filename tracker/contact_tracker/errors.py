@@ -16,7 +16,7 @@
         |   `-- AmbiguousSource       several pose sources: choose with --topic / --frame
         |-- MissingExtra          a format needs a library that is not installed
         |-- ModelError            a model file with a missing or impossible value
-        `-- KnowledgeError        prior knowledge that is impossible or cannot be read
+        `-- KnowledgeError        a map that is impossible or cannot be read
 
 An input cannot be used whatever the call; where another call would do, as one that names a topic or frame
 which the recording does have, the call is wrong. docs/conventions.md says the same to users.
@@ -102,7 +102,7 @@ class ModelError(UsageError):
 
 
 class KnowledgeError(UsageError):
-    """A ``key`` of the prior knowledge is missing, unknown, of the wrong type or out of range; without a key,
+    """A ``key`` of a map is missing, unknown, of the wrong type or out of range; without a key,
     it cannot be read."""
 
     def __init__(self, key: str, reason: str) -> None:

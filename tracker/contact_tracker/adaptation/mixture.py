@@ -51,5 +51,5 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
 
 
 def mixed_with_uniform(probability: Array) -> Array:
-    """Posterior (..., 7) mixed with a uniform one, while the poses or the prior map may be wrong."""
+    """Posterior (..., 7) mixed with a uniform one, while the poses or the map may be wrong."""
     return np.asarray((1.0 - DOUBT) * probability + DOUBT / len(STATES))

@@ -14,8 +14,8 @@ from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.checks.face_names import FaceNameDelay
 from contact_tracker.config.parameters import Model
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
-from contact_tracker.map.world_map import Map
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.tracking import offline_smoother
@@ -40,29 +40,29 @@ class OfflineTracker:
     """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise.
 
     ``frame_moves``: poses are in the frame of a body that moves, as the user asked. ``uses_map``: whether
-    passes with a map of the recording follow the first one, where neither knowledge nor wrenches are given.
+    passes with a map of the recording follow the first one, where neither elements nor wrenches are given.
     """
 
     def __init__(
         self,
         model: Model,
-        knowledge: PriorMap = EMPTY_MAP,
+        known_map: Map = EMPTY_MAP,
         executor: Executor | None = None,
         wrenches: WrenchEvidence | None = None,
         frame_moves: bool = False,
         uses_map: bool = True,
     ) -> None:
-        self._uses_map = uses_map and not knowledge and wrenches is None
-        self._knowledge = knowledge
+        self._uses_map = uses_map and not known_map and wrenches is None
+        self._known_map = known_map
         self._wrenches = wrenches
         self._executor = executor
-        self._state = online.start(model, knowledge=knowledge, frame_moves=frame_moves)
+        self._state = online.start(model, known_map=known_map, frame_moves=frame_moves)
         self._record: PassRecord | None = None
 
     @property
-    def map(self) -> Map | None:
-        """The elements that the contacts have touched; None if the recording has no poses, or where knowledge
-        or wrenches are given."""
+    def map(self) -> GrowingMap | None:
+        """The elements that the contacts have touched; None if the recording has no poses, or where
+        elements or wrenches are given."""
         return None if self._record is None else self._record.map
 
     @property
@@ -99,13 +99,13 @@ class OfflineTracker:
         record = PassRecord() if self._uses_map else None
         self._record = record
         segmenter = Segmenter(self._executor, self._wrenches, record)
-        others = self._knowledge, self._executor, None, detail, segmenter
+        others = self._known_map, self._executor, None, detail, segmenter
         may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()
         model = _with_initial_autocorrelation(best.model) if may_begin_free else best.model
         found = offline_smoother.pieces(stream, model, progress, *others)
         if record is not None:
             found = with_map(found, record, self._executor)
-        waiting = FaceNameDelay(self._knowledge)
+        waiting = FaceNameDelay(self._known_map)
         for piece in found:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
@@ -118,7 +118,7 @@ class OfflineTracker:
         yield from waiting.finish(self._state.checks.map_use)
 
     def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """Pass poses on, after inspection and the test of the prior map."""
+        """Pass poses on, after inspection and the test of the map."""
         for poses in stream:
             self._state = online.check_map(online.inspect_poses(self._state, poses), poses)
             yield poses
@@ -218,7 +218,7 @@ def segment(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: PriorMap = EMPTY_MAP,
+    known_map: Map = EMPTY_MAP,
 ) -> Segmentation:
     """Segment a whole recording, as ``offline_smoother.segment``, adapted to its stream.
 
@@ -227,5 +227,5 @@ def segment(
     InvalidPose
         Poses that did not pass the gate: apply ``gate`` of ``motion.pose_validation`` first.
     """
-    found = OfflineTracker(model, knowledge).pieces(poses, progress, Detail.GEOMETRY)
+    found = OfflineTracker(model, known_map).pieces(poses, progress, Detail.GEOMETRY)
     return Segmentation.join(list(found))

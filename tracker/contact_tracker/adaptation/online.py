@@ -13,7 +13,7 @@ from contact_tracker.checks.contradiction import Contradiction
 from contact_tracker.checks.conventions import Conventions
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.tracking.belief import Belief, Detail, Segment
@@ -61,7 +61,7 @@ class AdaptiveState(NamedTuple):
             noise = first.averaging.stream.noise
             sigma = noise.sigma_position_m, noise.sigma_rotation_rad
         return Stream(
-            trackers.knowledge,
+            trackers.known_map,
             trackers.model,
             None if first is None else first.model,
             None if best is None else best.model,
@@ -95,7 +95,7 @@ class AdaptiveState(NamedTuple):
 
 
 def start(
-    model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP, frame_moves: bool = False
+    model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP, frame_moves: bool = False
 ) -> AdaptiveState:
     """State before the first pose.
 
@@ -105,7 +105,7 @@ def start(
     frame_moves : whether poses are in the frame of a body that moves, as the user asked.
     """
     return AdaptiveState(
-        side_by_side.begin(model, lag_s, knowledge),
+        side_by_side.begin(model, lag_s, known_map),
         NOTHING_INSPECTED._replace(frame_moves=frame_moves),
         Checks(),
         (),

@@ -7,7 +7,7 @@ import numpy as np
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.world_map import Map
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.tick_averaging import white_variances
 
@@ -29,7 +29,7 @@ class Report(NamedTuple):
     is_cut_short: bool = False
 
 
-def _map_findings(world: Map) -> tuple[Finding, ...]:
+def _map_findings(world: GrowingMap) -> tuple[Finding, ...]:
     """Whether the map of another recording was of no use."""
     if not world.prior_is_dropped:
         return ()
@@ -37,7 +37,7 @@ def _map_findings(world: Map) -> tuple[Finding, ...]:
     return (Finding("map", text, False),)
 
 
-def report(state: AdaptiveState, world: Map | None = None) -> Report | None:
+def report(state: AdaptiveState, world: GrowingMap | None = None) -> Report | None:
     """Report of the stream so far; None before its rate is known. ``world`` is the map of another pass."""
     best = state.best
     if best is None or best.averaging is None:

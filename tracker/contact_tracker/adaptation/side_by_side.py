@@ -31,8 +31,8 @@ from contact_tracker.adaptation.comparison import (
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.adaptation.rest import NO_REST, Rest
 from contact_tracker.config.parameters import Model
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
-from contact_tracker.map.world_map import Map
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import NO_POSES, Poses
@@ -78,7 +78,7 @@ class SideBySide(NamedTuple):
 
     Parameters
     ----------
-    model, knowledge, lag_s : as given; ticks of the trackers may be longer.
+    model, known_map, lag_s : as given; ticks of the trackers may be longer.
     trackers : none before the rate is known. While the object rests only the first is updated (``rest``).
     log_weight, log_prior : (K,) log weights of the trackers, and the part of them that is no evidence.
     pending : poses so far, until the other trackers start with them; then None.
@@ -93,7 +93,7 @@ class SideBySide(NamedTuple):
     """
 
     model: Model
-    knowledge: PriorMap
+    known_map: Map
     lag_s: float
     trackers: tuple[TrackerState, ...]
     log_weight: Array
@@ -104,7 +104,7 @@ class SideBySide(NamedTuple):
     rest: Rest
     latest_ns: NDArray[np.int64]
     period_s: float | None
-    map: Map | None
+    map: GrowingMap | None
     outliers: int
     changed_since_ns: int | None
 
@@ -120,11 +120,11 @@ class SideBySide(NamedTuple):
         return self.trackers[int(self.log_weight.argmax())] if self.trackers else None
 
 
-def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> SideBySide:
+def begin(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> SideBySide:
     """The state before the first pose."""
     return SideBySide(
         model=model,
-        knowledge=knowledge,
+        known_map=known_map,
         lag_s=lag_s,
         trackers=(),
         log_weight=np.zeros(1),
@@ -232,8 +232,8 @@ def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySid
     assert best is not None
     frames, world = Poses.join(leader.averaging.frames), best.map.before_onsets()
     averaging = tick_grid.begin_at(int(frames.stamp_ns[0]), leader.averaging.origin_m, model)
-    first = tracker.start(model, state.lag_s, state.knowledge)._replace(averaging=averaging, map=world)
-    again = begin(state.model, state.lag_s, state.knowledge)
+    first = tracker.start(model, state.lag_s, state.known_map)._replace(averaging=averaging, map=world)
+    again = begin(state.model, state.lag_s, state.known_map)
     again = again._replace(
         trackers=(first,),
         pending=frames[-RATIO_POSES + 1 :],
@@ -249,7 +249,7 @@ def _with_first(state: SideBySide, detail: Detail) -> tuple[SideBySide, list[Bel
     """Start the tracker of the model as given, with ticks long enough to hold frames; its beliefs so far."""
     assert state.pending is not None
     period_s = usual_period_s(state.pending.stamp_ns) if state.period_s is None else state.period_s
-    first = tracker.start(with_ticks_for(state.model, period_s), state.lag_s, state.knowledge)
+    first = tracker.start(with_ticks_for(state.model, period_s), state.lag_s, state.known_map)
     return _side_by_side(state._replace(trackers=(first,)), state.pending, detail)
 
 
@@ -258,7 +258,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     assert state.pending is not None
     chosen = candidates(state.trackers[0].model, state.pending)
     leader, first = state.trackers[0], state.first
-    starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
+    starts = (tracker.start(one.model, state.lag_s, state.known_map) for one in chosen[1:])
     begun = [tracker.begin_like(start, leader, state.map) for start in starts]
     ticks = [one.tick for one in first]
     started = [
@@ -323,7 +323,7 @@ def _rest_ahead(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
     """``Rest`` after the next tick, or after each of the next ticks that are processed together: those of a
     gap, or those in which the others wait."""
     first, *others = state.trackers
-    can_wait = bool(others) and not first.lag_history.size and not first.knowledge
+    can_wait = bool(others) and not first.lag_history.size and not first.known_map
     is_quietest = not any(has_less_noise(one.model.noise, first.model.noise) for one in others)
     ahead = list[Rest]()
     for tick in closed:

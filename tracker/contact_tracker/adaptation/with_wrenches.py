@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.adaptation.offline import OfflineTracker
 from contact_tracker.config.parameters import Model
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
@@ -46,7 +46,7 @@ def wrench_evidence(
     poses: Poses,
     wrenches: Wrenches,
     model: Model,
-    knowledge: PriorMap = EMPTY_MAP,
+    known_map: Map = EMPTY_MAP,
     mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[WrenchEvidence, Load]:
@@ -65,7 +65,7 @@ def wrench_evidence(
         Wrenches and poses do not overlap, there is too little free motion to determine the load, or the
         wrenches are none of a hand that carries one.
     """
-    by_motion = OfflineTracker(model, knowledge, uses_map=False)
+    by_motion = OfflineTracker(model, known_map, uses_map=False)
     found = Segmentation.join(list(by_motion.pieces(poses, progress, Detail.WEIGHTS)))
     column = Contact.FREE.column
     is_free, p_free = found.beliefs.rows["contact"] == column, found.beliefs.probability[:, column]

@@ -1,32 +1,37 @@
-"""Conversion and checks of arguments: paths, names, numbers, model, noise, prior map."""
+"""Conversion and checks of arguments: paths, names, numbers, model, noise, map."""
 
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from reprlib import repr
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, UsageError
-from contact_tracker.map.file import knowledge_from, load_knowledge
-from contact_tracker.map.learned import MapPrior
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.file import map_from, read_map
+from contact_tracker.map.learned import LearnedElements
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.real_numbers import real_number
 
 
+@runtime_checkable
 class HasMap(Protocol):
-    """A ``Map``."""
+    """A map for users."""
 
     @property
-    def learned(self) -> MapPrior: ...
+    def learned(self) -> LearnedElements: ...
+
+    @property
+    def listed(self) -> Map: ...
 
 
 ModelLike = str | os.PathLike[str] | Model
-Known = str | os.PathLike[str] | Mapping[str, Any] | PriorMap | HasMap | None
+Known = str | os.PathLike[str] | Mapping[str, Any] | Map | HasMap | None
 Deviations = str | tuple[float, float] | None
 
 
@@ -96,20 +101,19 @@ def _deviations_from(
         raise UsageError(f"{name} is '0.3mm,0.15deg' or (metres, radians): {error}") from error
 
 
-def knowledge_of(known: Known, note: Callable[[str], None]) -> PriorMap:
-    """The prior map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
+def map_of(known: Known, note: Callable[[str], None]) -> Map:
+    """The map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
 
     ``note`` is called with one line for each warning.
     """
     if known is None:
         return EMPTY_MAP
-    if isinstance(known, PriorMap):
+    if isinstance(known, Map):
         return known
-    learned = getattr(known, "learned", None)
-    if isinstance(learned, MapPrior):
-        return PriorMap(learned=learned)
+    if isinstance(known, HasMap):
+        return replace(known.listed, learned=known.learned)
     if isinstance(known, Mapping):
-        return knowledge_from(known, Path(), note)
+        return map_from(known, Path(), note)
     if not isinstance(known, str | os.PathLike):
-        raise UsageError(f"known is a file, a table of its keys or a PriorMap, not {repr(known)}")
-    return load_knowledge(path_from(known, "known"), note)
+        raise UsageError(f"known is a file, a table of its keys or a Map, not {repr(known)}")
+    return read_map(path_from(known, "known"), note)

@@ -1,37 +1,44 @@
-"""A map of elements that was learned from a recording."""
+"""A map for users: of a file, or learned from a recording."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from contact_tracker.api.given import errors_as, path_from
 from contact_tracker.errors import OutputError, UsageError
 from contact_tracker.geometry.elements import Element
-from contact_tracker.map.file import load_knowledge
-from contact_tracker.map.learned import MapPrior
+from contact_tracker.map.file import read_map
+from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
 from contact_tracker.map.learned_file import write_learned
+from contact_tracker.map.map import EMPTY_MAP
+from contact_tracker.map.map import Map as KnownMap
 
 
 @dataclass(frozen=True, eq=False)
 class Map:
     """Elements that the contacts of a recording have touched, for ``known`` with the next one of the same
-    object and place (docs/knowledge.md).
+    object and place, and those with names that a file lists (docs/map.md).
 
-    ``learned`` is the Gaussian on all elements together.
+    ``learned`` is the Gaussian on all elements together that were touched, ``listed`` has those with names.
     """
 
-    learned: MapPrior
+    learned: LearnedElements
+    listed: KnownMap = EMPTY_MAP
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Map":
         """The map in a file; raises KnowledgeError."""
-        return cls(load_knowledge(path_from(path)).learned)
+        known = read_map(path_from(path))
+        return cls(known.learned, replace(known, learned=NOTHING_LEARNED))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the map to a TOML file, atomically; raises OutputError, and UsageError for another suffix."""
+        """Write what was touched to a TOML file, atomically; raises OutputError, and UsageError for another
+        suffix, or if elements are listed, which their own file has."""
         name = Path(path_from(path))
         if name.suffix.lower() != ".toml":
             raise UsageError(f"cannot write {name}: its name must end in .toml")
+        if self.listed:
+            raise UsageError(f"cannot write {name}: the map has elements that a file lists; keep that file")
         with errors_as(OutputError, str(name)):
             write_learned(name, self.learned)
 
@@ -46,16 +53,17 @@ class Map:
         return self._elements(1)
 
     def _elements(self, side: int) -> tuple[Element, ...]:
-        covariance = self.learned.covariance()
-        slots = self.learned.slots
-        return tuple(
+        covariance, slots = self.learned.covariance(), self.learned.slots
+        learned = (
             one.with_covariance(covariance[slots[key], slots[key]])
             for key, one in self.learned.elements.items()
             if key[0] == side
         )
+        listed = self.listed.environment if side else self.listed.object
+        return *(replace(one.element, name=one.name) for one in listed), *learned
 
     def __len__(self) -> int:
-        return len(self.learned.elements)
+        return len(self.object) + len(self.environment)
 
     def __repr__(self) -> str:
         return (

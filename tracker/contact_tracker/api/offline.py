@@ -15,7 +15,7 @@ from contact_tracker.api.given import (
     Known,
     ModelLike,
     errors_as,
-    knowledge_of,
+    map_of,
     model_from,
     number_from,
     path_from,
@@ -44,7 +44,7 @@ from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.extras import extra
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
@@ -75,7 +75,7 @@ class Result:
     report : the tracker's adaptation.
     notes : warnings from before the first pose.
     with_wrenches : whether measured wrenches decided as well as the motion.
-    map : what the contacts have touched, for ``known`` with the next recording; None where knowledge or
+    map : what the contacts have touched, for ``known`` with the next recording; None where a map or
         wrenches are given, or if no contact is sure enough.
     """
 
@@ -273,7 +273,7 @@ def segment(
     ----------
     trajectory : a ``Trajectory``, the path of a recording, or a table as for ``Trajectory.from_dataframe``.
     model : the name of a shipped model, a TOML file, or a loaded model.
-    known : a TOML file of prior knowledge (docs/knowledge.md), a table of the same keys, or a ``Map``.
+    known : a map: a TOML file (docs/map.md), a table of the same keys, or a ``Map``.
     noise : standard deviations of a pose per axis, if known: ``"0.3mm,0.15deg"``, or a pair in metres and
         radians.
     wrench : the wrench of the hand or robot on the object, which decides between contacts that motion cannot
@@ -287,7 +287,7 @@ def segment(
     InputError
         The trajectory cannot be used.
     UsageError
-        An argument, the model or the prior knowledge is invalid.
+        An argument, the model or the map is invalid.
 
     Warns
     -----
@@ -300,17 +300,17 @@ def segment(
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
     given = model_from(model, noise, accuracy)
     notes = list[str]()
-    knowledge = knowledge_of(known, notes.append)
+    known_map = map_of(known, notes.append)
     poses = _trajectory_of(trajectory)
     evidence = None
     if wrench is not None:
-        used = _evidence_of(wrench, poses, given, knowledge, mass_kg)
+        used = _evidence_of(wrench, poses, given, known_map, mass_kg)
         evidence = used.evidence
         notes += used.warnings
         if not used.is_warning:
             log_text(used.text)
     frame_moves = poses.source is not None and poses.source.frame_moves
-    tracker = OfflineTracker(given, knowledge, wrenches=evidence, frame_moves=frame_moves)
+    tracker = OfflineTracker(given, known_map, wrenches=evidence, frame_moves=frame_moves)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
     world = tracker.map
     learned = None if world is None else world.learned
@@ -322,12 +322,12 @@ def segment(
 
 
 def _evidence_of(
-    given: str | Wrenches, trajectory: Trajectory, model: Model, knowledge: PriorMap, mass_kg: float | None
+    given: str | Wrenches, trajectory: Trajectory, model: Model, known_map: KnownMap, mass_kg: float | None
 ) -> RecordedEvidence:
     if isinstance(given, Wrenches):
         valid = given.valid
         found = WrenchLog(valid, len(given) - len(valid), 0, 0, "", "as given", None)
-        return evidence_of(found, "the wrench", trajectory.poses, model, knowledge, mass_kg)
+        return evidence_of(found, "the wrench", trajectory.poses, model, known_map, mass_kg)
     if not isinstance(given, str):
         raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(given).__name__}")
     if trajectory.path is None or trajectory.source is None:
@@ -337,7 +337,7 @@ def _evidence_of(
     path, poses = trajectory.path, trajectory.poses
     with errors_as(UnreadableRecording, path):
         found = read_wrenches(path, given, trajectory.source, poses, trajectory.by_log_time)
-    return evidence_of(found, given, poses, model, knowledge, mass_kg)
+    return evidence_of(found, given, poses, model, known_map, mass_kg)
 
 
 def _trajectory_of(given: Any) -> Trajectory:

@@ -13,7 +13,7 @@ from contact_tracker.api.given import (
     Known,
     ModelLike,
     errors_as,
-    knowledge_of,
+    map_of,
     model_from,
     number_from,
     path_from,
@@ -48,7 +48,7 @@ class Tracker:
     Warns
     -----
     ContactTrackerWarning
-        The prior knowledge is doubtful; in ``update`` and ``finish``, the poses are. Of each stream, once.
+        The map is doubtful; in ``update`` and ``finish``, the poses are. Of each stream, once.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Tracker:
         most_s = given.search.window_s
         lag_s = number_from(lag_s, "lag_s", f"from 0 to {most_s:g}", lambda lag_s: 0.0 <= lag_s <= most_s)
         self._notes = notes
-        self._state = adaptation.start(given, lag_s, knowledge_of(known, notes.append))
+        self._state = adaptation.start(given, lag_s, map_of(known, notes.append))
         self._gate = PoseGate()
         self._given = 0
         self._restored: Path | None = None

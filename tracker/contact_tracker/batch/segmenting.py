@@ -131,7 +131,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     stream, tally = _Counted(log), Tally()
     evidence = None if wrenches is None else wrenches.evidence
     tracker = OfflineTracker(
-        settings.model, settings.knowledge, wrenches=evidence, frame_moves=log.source.frame_moves
+        settings.model, settings.known_map, wrenches=evidence, frame_moves=log.source.frame_moves
     )
     outliers, file, recording = 0, rows.file_of(name), rows.shown(name)
     targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})
@@ -198,7 +198,7 @@ def _wrenches(path: str, settings: Settings) -> RecordedEvidence | None:
     log = _open(path, settings)
     with _reading():
         return recorded_evidence(
-            path, settings.wrench.topic, log, settings.model, settings.knowledge, settings.wrench.mass_kg
+            path, settings.wrench.topic, log, settings.model, settings.known_map, settings.wrench.mass_kg
         )
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from contact_tracker import __version__
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.map import Map
 from contact_tracker.saved_state.encoding import fingerprint
 
 
@@ -31,7 +31,7 @@ class Settings:
     """
 
     model: Model
-    knowledge: PriorMap
+    known_map: Map
     topic: str | None = None
     frame: str | None = None
     relative_to: str | None = None
@@ -41,8 +41,8 @@ class Settings:
 
     @cached_property
     def model_hash(self) -> str:
-        """Hash of the model with its noise, and of the prior map."""
-        return fingerprint((self.model, self.knowledge))
+        """Hash of the model with its noise, and of the map."""
+        return fingerprint((self.model, self.known_map))
 
     @cached_property
     def settings_hash(self) -> str:

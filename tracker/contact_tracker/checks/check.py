@@ -5,7 +5,7 @@ from typing import Final, NamedTuple, Self
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding, Inspection
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment
 
@@ -27,7 +27,7 @@ class Stream(NamedTuple):
     inspection : of the poses alone.
     """
 
-    map: PriorMap
+    map: Map
     model: Model
     first: Model | None
     best: Model | None

@@ -1,4 +1,4 @@
-"""Test of the prior map against the poses: depth of known vertices of the object inside the surroundings, and
+"""Test of the map against the poses: depth of known vertices of the object inside the surroundings, and
 least distance from them.
 
 A vertex is inside a known convex body if it is behind all of its faces. How far a face extends that is listed
@@ -22,16 +22,16 @@ from contact_tracker.motion.poses import Poses
 LEAST_M: Final = 0.005
 """Depth that rounded edges and compliance do not explain."""
 SIGMAS: Final = 10.0
-"""Depth, in standard deviations of the prior map, that is significant."""
+"""Depth, in standard deviations of the map, that is significant."""
 LEAST_POSES: Final = 3
 """Number of poses that are needed, since single ones may be wrong."""
 CHECK: Final = "check --known (place, size, frames)"
-"""The remedy for knowledge that does not fit."""
+"""The remedy for a map that does not fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clearance(Check):
-    """Vertices of the object inside the surroundings, by more than the accuracy of the prior map.
+    """Vertices of the object inside the surroundings, by more than the accuracy of the map.
 
     Parameters
     ----------

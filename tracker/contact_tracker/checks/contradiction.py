@@ -1,8 +1,8 @@
-"""Test whether the prior map contradicts the motion.
+"""Test whether the map contradicts the motion.
 
 Known elements are a prior. A correct one hardly lowers the evidence; with a wrong one true contacts fit badly
-or not at all. So a tracker without the prior map runs beside one with it; the difference of their evidence is
-the evidence against the prior map.
+or not at all. So a tracker without the map runs beside one with it; the difference of their evidence is
+the evidence against the map.
 """
 
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.state import TrackerState
 
 WRONG_NATS: Final = 8.0
-"""Lead of the tracker without the prior map above which the prior map is reported as wrong. Correct
+"""Lead of the tracker without the map above which the map is reported as wrong. Correct
 directions cost up to 7 nats: if they are off by 2.5 standard deviations, or while a wrong contact fits."""
 LOST_NATS: Final = 15.0
-"""The same for the lead since any tick: one part of the prior map may be wrong after another has fitted.
+"""The same for the lead since any tick: one part of the map may be wrong after another has fitted.
 Correct ones lose up to 8 nats."""
 DOUBTED_NATS: Final = 6.0
 """Lead above which probabilities are reduced."""
@@ -102,7 +102,7 @@ class Contradiction(Check):
 
     def _compared(self, poses: Poses, stream: Stream) -> "Contradiction":
         assert stream.best is not None
-        first = self.with_map or ReferenceFilter(tracker.start(stream.best, knowledge=stream.map))
+        first = self.with_map or ReferenceFilter(tracker.start(stream.best, known_map=stream.map))
         second = self.without_map or ReferenceFilter(tracker.start(stream.best))
         difference = second.state.log_evidence - first.state.log_evidence
         first, with_map = first.update(poses)

@@ -12,7 +12,7 @@ from typing import Final
 
 from contact_tracker.checks.map_use import PARALLEL, MapUse
 from contact_tracker.geometry.elements import ContactGeometry, Plane, canonical
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.map import Map
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 
@@ -23,7 +23,7 @@ MOST_TICKS: Final = 6000
 class FaceNameDelay:
     """Pieces of a segmentation whose names of known faces are not confirmed yet."""
 
-    def __init__(self, map: PriorMap) -> None:
+    def __init__(self, map: Map) -> None:
         self._environment = map.environment
         self._pieces: list[Segmentation] = []
 

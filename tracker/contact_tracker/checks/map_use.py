@@ -17,7 +17,7 @@ from contact_tracker.checks.clearance import CHECK
 from contact_tracker.checks.repeatability import Difference, difference
 from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.map import NamedElement, PriorMap
+from contact_tracker.map.map import Map, NamedElement
 from contact_tracker.map.same_element import distance_of_planes_m
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
@@ -88,7 +88,7 @@ class MapUse(Check):
         return found
 
     def _with_touched(
-        self, map: PriorMap, geometry: ContactGeometry, probability: float, is_open: bool
+        self, map: Map, geometry: ContactGeometry, probability: float, is_open: bool
     ) -> "MapUse":
         of_object, of_environment = (name is not None for name in geometry.names)
         # a face on a face of unknown offset is on any parallel one
@@ -99,7 +99,7 @@ class MapUse(Check):
         unknown = self.unknown[0] or not of_object, self.unknown[1] or not of_environment
         return replace(found, unknown=unknown)._with_distance(map, geometry)
 
-    def _with_distance(self, map: PriorMap, geometry: ContactGeometry) -> "MapUse":
+    def _with_distance(self, map: Map, geometry: ContactGeometry) -> "MapUse":
         """With the named face that is nearest to the face that is touched, if it is nearer."""
         face, found = geometry.environment, self
         if not isinstance(face, Plane) or face.name is not None or geometry.has_open_offset[1]:
@@ -113,7 +113,7 @@ class MapUse(Check):
                 found = replace(found, nearest=listed.name, gap_m=gap_m)
         return found
 
-    def _with_moved(self, map: PriorMap, geometry: ContactGeometry) -> "MapUse":
+    def _with_moved(self, map: Map, geometry: ContactGeometry) -> "MapUse":
         """With the named elements that the contact moves, if it moves them further."""
         moved = list[tuple[str, Difference]]()
         for element, listed in ((geometry.object, map.object), (geometry.environment, map.environment)):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker.geometry.elements import Array, Plane, Point
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import Poses
 
 
@@ -49,20 +49,20 @@ class Faces(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def vertices_of(knowledge: PriorMap) -> Vertices:
+def vertices_of(known_map: Map) -> Vertices:
     """The known vertices of the object."""
-    known = [(one.name, one.element) for one in knowledge.object if isinstance(one.element, Point)]
+    known = [(one.name, one.element) for one in known_map.object if isinstance(one.element, Point)]
     place_m = np.array([point.point_m for _, point in known]).reshape(-1, 3)
     sigma_m = [0.0 if p.covariance is None else float(p.covariance.diagonal().max()) ** 0.5 for _, p in known]
     return Vertices(tuple(name for name, _ in known), place_m, np.array(sigma_m))
 
 
 @lru_cache(maxsize=8)
-def faces_by_body(knowledge: PriorMap) -> tuple[Faces, ...]:
+def faces_by_body(known_map: Map) -> tuple[Faces, ...]:
     """The known faces of the surroundings; without those of hulls, in which there may be room."""
     known = [
         (one, one.element)
-        for one in knowledge.environment
+        for one in known_map.environment
         if isinstance(one.element, Plane) and not one.is_hull
     ]
     found = list[Faces]()

@@ -21,8 +21,8 @@ from contact_tracker.exit_codes import INPUT, USAGE
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
-    from contact_tracker.map.map import PriorMap
-    from contact_tracker.map.world_map import Map
+    from contact_tracker.map.map import Map
+    from contact_tracker.map.world_map import GrowingMap
     from contact_tracker.recording import PoseLog
     from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
@@ -147,7 +147,7 @@ def _deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
 
 
 def add_known(parser: argparse.ArgumentParser) -> None:
-    """``--known`` for all prior knowledge, and shortcuts for common parts."""
+    """``--known`` for a map, and shortcuts for common parts."""
     group = parser.add_argument_group(
         "what is known", "in metres; a value that begins with a minus is written as --plane=-1,0,0,0.5"
     )
@@ -174,9 +174,9 @@ def add_known(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "PriorMap":
+def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "Map":
     """The map of ``add_known``, with a ``note`` of what is doubtful in it; raises KnowledgeError."""
-    from contact_tracker.map.file import knowledge_from, merged, read_table
+    from contact_tracker.map.file import map_from, merged, read_table
 
     tables: list[dict[str, Any]] = [] if args.known is None else [read_table(args.known)]
     if args.up is not None:
@@ -187,7 +187,7 @@ def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "P
         tables.append({"environment": {"plane": planes}})
     if args.box is not None:
         tables.append({"object": {"box": {"size_m": args.box}}})
-    return knowledge_from(merged(tables), Path(args.known or "").parent, note)
+    return map_from(merged(tables), Path(args.known or "").parent, note)
 
 
 def add_map_out(parser: argparse.ArgumentParser) -> None:
@@ -201,13 +201,13 @@ def add_map_out(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_map_out(args: argparse.Namespace, prior_map: "PriorMap") -> None:
+def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
     """Refuse ``--map-out`` where no map is learned, or over a recording; raises UsageError."""
     from contact_tracker.exports.replacement import check_output
 
     if args.map_out is None:
         return
-    if prior_map:
+    if known_map:
         raise UsageError("--map-out cannot be combined with --up, --plane, --box or elements in --known")
     if getattr(args, "wrench", None) is not None:
         raise UsageError("--map-out learns from the motion: without --wrench")
@@ -218,12 +218,12 @@ def check_map_out(args: argparse.Namespace, prior_map: "PriorMap") -> None:
     check_output(args.map_out, True, read, written=[args.output])
 
 
-def write_map(path: Path, world: "Map | None") -> None:
+def write_map(path: Path, world: "GrowingMap | None") -> None:
     """Write a learned map, and say how many elements it has."""
-    from contact_tracker.map.learned import NO_PRIOR
+    from contact_tracker.map.learned import NOTHING_LEARNED
     from contact_tracker.map.learned_file import write_learned
 
-    learned = NO_PRIOR if world is None else world.learned
+    learned = NOTHING_LEARNED if world is None else world.learned
     if not learned:
         warn(f"{path} is not written: no contact is sure enough to learn from")
         return
@@ -254,7 +254,7 @@ def load_wrenches(
     name: str,
     args: argparse.Namespace,
     model: "Model",
-    prior_map: "PriorMap",
+    known_map: "Map",
     note: Callable[[str], None] = warn,
 ) -> "WrenchEvidence | None":
     """What the wrenches say that ``--wrench`` names; None without, or where they say nothing, with a
@@ -274,7 +274,7 @@ def load_wrenches(
 
     log = open_poses(args, name)
     with progress(f"{name}: load", "poses", log.source.messages) as set_done:
-        found = recorded_evidence(name, args.wrench, log, model, prior_map, args.mass, set_done)
+        found = recorded_evidence(name, args.wrench, log, model, known_map, args.mass, set_done)
     if found is None:
         return None  # the command itself says so
     if not found.is_warning:
@@ -320,12 +320,12 @@ def output_file(*suffixes: str) -> Callable[[str], Path | None]:
 
 
 def files_read(logs: Iterable[str], model: str, known: str | None) -> list[str]:
-    """The files that a command reads: all parts of ``logs``, the model, the prior map with its meshes.
+    """The files that a command reads: all parts of ``logs``, the model, the map with its meshes.
 
     Raises
     ------
     UnreadableRecording, KnowledgeError
-        A recording or the prior-map file cannot be read.
+        A recording or the map file cannot be read.
     """
     from contact_tracker.config.loading import model_file
     from contact_tracker.map.file import files_named

@@ -93,7 +93,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow
 
-    model, prior_map = arguments.load_model(args), arguments.load_map(args)
+    model, known_map = arguments.load_model(args), arguments.load_map(args)
     if args.lag > model.search.window_s:
         raise UsageError(
             f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
@@ -103,12 +103,12 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     read = arguments.files_read([args.log], args.model, args.known)
     check_output(args.state, True, read)
     check = check_output(args.output, args.overwrite, read, written=[args.state])
-    arguments.check_map_out(args, prior_map)
+    arguments.check_map_out(args, known_map)
     if args.output is not None:
         require_library(args.output)
     follow = Follow() if args.follow else None
     log = arguments.open_poses(args, args.log, follow, True)
-    state = adaptation.start(model, args.lag, prior_map, log.source.frame_moves)
+    state = adaptation.start(model, args.lag, known_map, log.source.frame_moves)
     source = Source(log, args.log, args)
     with _viewer(args, source, sink) as viewer, StatusLine() as status, _ticks(args.output, check) as write:
         printer = _Printer(args.json, source, status)

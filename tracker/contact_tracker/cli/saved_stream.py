@@ -19,7 +19,7 @@ from contact_tracker.saved_state import is_same, load, save
 
 EVERY_S: Final = 10.0
 _SAVED: Final = ("initial", "state", "source", "first", "taken", "gate", "stamping", "span", "reported")
-"""What is saved, between the arrivals of two poses: the initial state, which model, lag and prior map
+"""What is saved, between the arrivals of two poses: the initial state, which model, lag and map
 determine, and the present one; topic, type and frames of the poses; the first pose of the log with its log
 time (ns), and how many were read, with the gate and the stamping (``recording.stamping``); the stamps of the
 first pose, of the first and last that were used, and their number; what was reported (``Changes``)."""
@@ -42,7 +42,7 @@ class SavedStream:
     StateError
         The file is not a state.
     UsageError
-        It was saved of another source or recording, or with another model, lag or prior map, or has no
+        It was saved of another source or recording, or with another model, lag or map, or has no
         folder.
     """
 

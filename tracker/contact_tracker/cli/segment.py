@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.config.parameters import Model
-    from contact_tracker.map.map import PriorMap
+    from contact_tracker.map.map import Map
     from contact_tracker.motion.poses import Pose
     from contact_tracker.recording import PoseLog
     from contact_tracker.tracking.belief import Segment
@@ -147,13 +147,13 @@ def run(args: argparse.Namespace) -> int:
     if args.map_out is not None and len(jobs) > 1:
         raise UsageError("--map-out is of one recording: go from one to the next with --known and --map-out")
     notes = list[str]()
-    model, prior_map = arguments.load_model(args), arguments.load_map(args, _noting(notes))
+    model, known_map = arguments.load_model(args), arguments.load_map(args, _noting(notes))
     with _workers(args.processes) as executor:
 
         def segment(job: Job) -> int:
             if job.output is None and len(jobs) > 1:
                 show(job.name)
-            return _segment(job.applied_to(args), model, prior_map, executor, notes)
+            return _segment(job.applied_to(args), model, known_map, executor, notes)
 
         codes = list(arguments.run_each((partial(segment, job) for job in jobs), len(jobs) == 1))
     return next(filter(None, codes), DONE)
@@ -181,7 +181,7 @@ def _noting(notes: list[str]) -> Callable[[str], None]:
 def _segment(
     args: argparse.Namespace,
     model: "Model",
-    prior_map: "PriorMap",
+    known_map: "Map",
     executor: "Executor | None",
     before: Iterable[str],
 ) -> int:
@@ -192,12 +192,12 @@ def _segment(
 
     read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
-    arguments.check_map_out(args, prior_map)
+    arguments.check_map_out(args, known_map)
     notes = [*before]
-    wrenches = arguments.load_wrenches(args.log, args, model, prior_map, _noting(notes))
+    wrenches = arguments.load_wrenches(args.log, args, model, known_map, _noting(notes))
     log = arguments.open_poses(args, args.log)
     source = Source(log, args.log, args)
-    tracker = OfflineTracker(model, prior_map, executor, wrenches, log.source.frame_moves)
+    tracker = OfflineTracker(model, known_map, executor, wrenches, log.source.frame_moves)
     with progress("segment", "poses", source.expected) as set_done:
         if args.output is None:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))

@@ -15,7 +15,7 @@ from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
-    from contact_tracker.map.map import PriorMap
+    from contact_tracker.map.map import Map
     from contact_tracker.motion.poses import Pose
     from contact_tracker.tracking.segmentation import Segmentation
     from contact_tracker.viewer.offline import Shown
@@ -55,9 +55,9 @@ def run(args: argparse.Namespace) -> int:
     if args.save is not None and len(logs) > 1:
         raise UsageError(f"{args.save} can hold one recording: save each LOG of its own; rerun opens several")
     check = check_output(args.save, args.overwrite, arguments.files_read(logs, args.model, args.known))
-    model, prior_map = arguments.load_model(args), arguments.load_map(args)
+    model, known_map = arguments.load_model(args), arguments.load_map(args)
     with _shower(args, check, len(logs) > 1) as show:
-        works = (partial(_view, log, args, model, prior_map, show) for log in logs)
+        works = (partial(_view, log, args, model, known_map, show) for log in logs)
         codes = list(arguments.run_each(works, len(logs) == 1))
     return next(filter(None, reversed(codes)), DONE)
 
@@ -83,7 +83,7 @@ def _shower(
 
 
 def _view(
-    log: str, args: argparse.Namespace, model: "Model", prior_map: "PriorMap", show: "Callable[[Shown], None]"
+    log: str, args: argparse.Namespace, model: "Model", known_map: "Map", show: "Callable[[Shown], None]"
 ) -> int:
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
@@ -92,7 +92,7 @@ def _view(
     from contact_tracker.viewer.scene import vertices_from_metadata
 
     poses = arguments.open_poses(args, log)
-    tracker = OfflineTracker(model, prior_map, frame_moves=poses.source.frame_moves)
+    tracker = OfflineTracker(model, known_map, frame_moves=poses.source.frame_moves)
     source = Source(poses, log, args)
     truth, vertices_m = read_truth(log), vertices_from_metadata(read_metadata(log))
     with progress("segment", "poses", source.expected) as set_done:

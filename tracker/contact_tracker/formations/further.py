@@ -16,7 +16,7 @@ from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -108,20 +108,20 @@ class FormationTicks(NamedTuple):
     scales: EvidenceParameters
     leave_per_s: float
     origin_m: Array
-    knowledge: PriorMap = EMPTY_MAP
+    known_map: Map = EMPTY_MAP
     systematic: SystematicErrors = SystematicErrors()
     """Errors of the poses that are not noise."""
 
     @property
     def kinds(self) -> tuple[Contact, ...]:
-        """Contact kinds that the prior map allows."""
-        return tuple(filter(self.knowledge.allows, CONTACTS))
+        """Contact kinds that the map allows."""
+        return tuple(filter(self.known_map.allows, CONTACTS))
 
     def geometry_of(self, elements: FittedElements) -> ContactGeometry | None:
-        """Elements with covariance in the user's frames, named as in the prior map; None where a complete map
+        """Elements with covariance in the user's frames, named as in the map; None where a complete map
         lacks them."""
-        named = named_by(self.knowledge, elements.geometry(self.scales, self.origin_m, self.systematic))
-        complete = self.knowledge.object_complete, self.knowledge.environment_complete
+        named = named_by(self.known_map, elements.geometry(self.scales, self.origin_m, self.systematic))
+        complete = self.known_map.object_complete, self.known_map.environment_complete
         unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
         return None if unlisted else named
 
@@ -192,7 +192,7 @@ def _further_contacts(
 
 
 def allowed(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Candidate]:
-    """The candidates whose kinds the prior map allows."""
+    """The candidates whose kinds the map allows."""
     return [one for one in candidates if one.known.model.contact in segment.kinds]
 
 

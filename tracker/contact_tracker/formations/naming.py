@@ -1,17 +1,17 @@
-"""Association of a further contact's elements with those of the prior map."""
+"""Association of a further contact's elements with those of the map."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, canonical
-from contact_tracker.map.map import NamedElement, PriorMap
+from contact_tracker.map.map import Map, NamedElement
 from contact_tracker.map.same_element import is_same_element
 
 
-def named_by(knowledge: PriorMap, geometry: ContactGeometry) -> ContactGeometry:
-    """The geometry with the names of prior-map elements that agree with it within their uncertainty."""
+def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
+    """The geometry with the names of elements of the map that agree with it within their uncertainty."""
     return ContactGeometry(
-        _named(geometry.object, knowledge.object), _named(geometry.environment, knowledge.environment)
+        _named(geometry.object, known_map.object), _named(geometry.environment, known_map.environment)
     )
 
 

@@ -2,7 +2,7 @@
 
 An element is given in the frame it is fixed to: the body frame for the object's, the world frame for the
 environment's (docs/conventions.md). Units are metres and radians; an unknown covariance is None, as is the
-name of an element that is not in the prior map.
+name of an element that is not in the map.
 """
 
 from collections.abc import Mapping
@@ -116,7 +116,7 @@ class ContactGeometry:
 
     @property
     def names(self) -> tuple[str | None, str | None]:
-        """Names in the prior map, None for elements that are not in it."""
+        """Names in the map, None for elements that are not in it."""
         return self.object.name, self.environment.name
 
     @property

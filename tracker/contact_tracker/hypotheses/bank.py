@@ -60,7 +60,7 @@ class Bank(Table):
     prior_index : (H,) which known or remembered elements it assumes; 0: none.
     prior_mean, prior_information : (H, S), (H, S, S) the Gaussian prior on x that follows from them.
     line_anchor : (H, 6) points by which lines through a known point are parametrised; NaN: near the body.
-    known_pair_index : (H,) index of the pair of elements of the prior map that it assumes.
+    known_pair_index : (H,) index of the pair of elements of the map that it assumes.
     elements_known : (H,) whether that pair gives both elements completely.
     needs_search : (H,) whether the prior leaves directions open, so that global search is needed.
     x : (H, S) estimated geometry.

@@ -104,5 +104,5 @@ def with_prior(
 
 @lru_cache(maxsize=16)
 def uninformed_proposal(model: ContactModel) -> BirthProposals:
-    """A proposal without prior knowledge."""
+    """A proposal of elements that nothing is known of."""
     return make_proposals(model, [(None, None)], None, [0.0], [0], [False])

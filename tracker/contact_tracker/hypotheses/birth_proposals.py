@@ -14,10 +14,10 @@ from contact_tracker.hypotheses.birth import (
     with_prior,
 )
 from contact_tracker.map.element_prior import by_feet, pair_priors
-from contact_tracker.map.map import NamedElement, PriorMap, Up
+from contact_tracker.map.map import Map, NamedElement, Up
 from contact_tracker.map.pairs import LearnedPairs, NamedPair, learned_pairs, named_pairs
 from contact_tracker.map.view import Key, MapView
-from contact_tracker.map.world_map import Map
+from contact_tracker.map.world_map import GrowingMap
 
 CELL_M: Final = 0.25
 """Known lines are parametrised again when the body has moved to another cell of this size."""
@@ -41,7 +41,7 @@ class CachedProposals(NamedTuple):
     """Proposals with what they were computed from: the map without the sightings ``left_out``, the pair that
     touches already, and the frame."""
 
-    map: Map
+    map: GrowingMap
     left_out: tuple[int, ...]
     current: tuple[Key, Key] | None
     frame: Frame | None
@@ -49,16 +49,16 @@ class CachedProposals(NamedTuple):
 
 
 def propose_births(
-    model: ContactModel, knowledge: PriorMap, view: MapView | None, incident_share: float, frame: Frame
+    model: ContactModel, known_map: Map, view: MapView | None, incident_share: float, frame: Frame
 ) -> BirthProposals:
     """Proposals of a contact for the next tick. Their shares add up to one, unless there are none.
 
-    Where the ``knowledge`` leaves both elements open, they may be of the map. The elements of the map were
+    Where the ``known_map`` leaves both elements open, they may be of the map. The elements of the map were
     estimated from the motion at other times, so all that is known of them is in the prior, and free motion is
     as predictable as for a new contact. ``incident_share`` is the prior probability that they are those of
     the last contact, or incident with these, where the contact needs elements of other kinds.
     """
-    known, near = named_pairs(knowledge, model), _near_lines(model, frame)
+    known, near = named_pairs(known_map, model), _near_lines(model, frame)
     if not known:
         return uninformed_proposal(model).pick(np.zeros(0, np.int64))
     near_m = np.array(frame.near_m)
@@ -95,18 +95,16 @@ def _near_lines(model: ContactModel, frame: Frame) -> tuple[float, ...] | None:
     return frame.near_m if model.contact.value[2] == "e" else None
 
 
-def propose_measured(
-    model: ContactModel, knowledge: PriorMap, measured: Pair, frame: Frame
-) -> BirthProposals:
+def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame: Frame) -> BirthProposals:
     """Proposals of a contact with elements that were ``measured`` otherwise than by motion (object in the
-    body frame, surroundings in the world frame), where the prior map does not give them.
+    body frame, surroundings in the world frame), where the map does not give them.
 
     Of a measured normal of the surroundings and the direction up, the more certain one counts.
     """
     ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
-    if knowledge.up is not None and theirs is not None and not _is_surer_than_up(theirs, knowledge.up):
+    if known_map.up is not None and theirs is not None and not _is_surer_than_up(theirs, known_map.up):
         theirs = None
-    known, near_m = named_pairs(knowledge, model), _near_lines(model, frame)
+    known, near_m = named_pairs(known_map, model), _near_lines(model, frame)
     return make_proposals(
         model,
         [_with(one, ours, theirs).pair(frame.origin_m) for one in known],
@@ -132,7 +130,7 @@ def _with(known: NamedPair, object: NamedElement | None, environment: NamedEleme
 
 
 def named(geometry: ContactGeometry, known: NamedPair) -> ContactGeometry:
-    """The geometry of a hypothesis that assumes ``known``, with the names in the prior map."""
+    """The geometry of a hypothesis that assumes ``known``, with the names in the map."""
     faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
     return ContactGeometry(
         _named(geometry.object, known.object, faces), _named(geometry.environment, known.environment, faces)

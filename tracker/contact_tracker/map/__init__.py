@@ -1,1 +1,1 @@
-"""The map: elements that the contacts of a recording have touched, with their joint covariance."""
+"""The map: elements of the object and of its surroundings, listed by the user or touched before."""

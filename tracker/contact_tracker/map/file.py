@@ -1,5 +1,5 @@
-"""Loading of a prior map from a TOML file or a table of the same keys, with validation
-(docs/knowledge.md)."""
+"""Loading of a map from a TOML file or a table of the same keys, with validation
+(docs/map.md)."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,8 +20,8 @@ from contact_tracker.map.keys import FARTHEST_M, Keys
 from contact_tracker.map.learned_file import learned_from
 from contact_tracker.map.map import (
     Accuracy,
+    Map,
     NamedElement,
-    PriorMap,
     Up,
     axis_name,
     elements_of,
@@ -42,14 +42,14 @@ MOST_PAIRS_OF_CONTACT: Final = 1100
 """Most of them that one contact may assume: many lines take the most time, since any two nearly cross."""
 
 
-def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
+def read_map(path: str, note: Note = lambda _: None) -> Map:
     """Read a TOML file; ``note`` is called with one line for each warning.
 
     Raises
     ------
     KnowledgeError : names the key and the reason.
     """
-    return knowledge_from(read_table(path), Path(path).parent, note)
+    return map_from(read_table(path), Path(path).parent, note)
 
 
 def read_table(path: str) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def read_table(path: str) -> dict[str, Any]:
 
 
 def files_named(path: str) -> list[Path]:
-    """A prior-map file and the meshes that it names.
+    """A map file and the meshes that it names.
 
     Raises
     ------
@@ -76,8 +76,8 @@ def files_named(path: str) -> list[Path]:
     return [Path(path), *(Path(path).parent / name for name in names if isinstance(name, str))]
 
 
-def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> PriorMap:
-    """A prior map from the keys of a file; paths of meshes are relative to ``folder``."""
+def map_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> Map:
+    """A map from the keys of a file; paths of meshes are relative to ``folder``."""
     keys = Keys(dict(table), "")
     up_keys, object_keys, environment_keys = map(keys.table, ("up", "object", "environment"))
     up = _up(up_keys) if "up" in keys else None
@@ -86,7 +86,7 @@ def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note =
     object, object_complete = _elements(object_keys, folder, note)
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
     environment = mark_covered(environment)
-    known = PriorMap(environment, object, up, environment_complete, object_complete, learned)
+    known = Map(environment, object, up, environment_complete, object_complete, learned)
     pairs = {model.contact.value: len(named_pairs(known, model)) for model in CONTACT_MODELS}
     for of, count, most in (
         *((f" for {contact}", count, MOST_PAIRS_OF_CONTACT) for contact, count in pairs.items()),

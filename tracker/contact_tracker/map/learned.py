@@ -16,7 +16,7 @@ ANYWHERE_M: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class MapPrior:
+class LearnedElements:
     """A Gaussian on elements of the object (body frame) and of the environment (world frame).
 
     Parameters
@@ -51,19 +51,19 @@ class MapPrior:
         """Covariance (P, P) of the free coordinates; wide in what is not known."""
         return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / self.weak(reach_m))))
 
-    def without_weak(self, reach_m: float) -> "MapPrior":
+    def without_weak(self, reach_m: float) -> "LearnedElements":
         """The same without the weak prior, which its information has beside what was seen."""
         sd = np.sqrt(self.weak(reach_m))
         return self.with_scaled(sd[:, None] * self.information * sd - np.eye(len(sd)), sd)
 
-    def with_scaled(self, scaled: Array, sd: Array) -> "MapPrior":
+    def with_scaled(self, scaled: Array, sd: Array) -> "LearnedElements":
         """The same with the information of coordinates in units of ``sd`` (P,), symmetric and not negative
         whatever rounding has left."""
         values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
         sound = (axes * np.maximum(values, 0.0)) @ axes.T
         return replace(self, information=sound / (sd[:, None] * sd))
 
-    def shifted(self, by_m: Array) -> "MapPrior":
+    def shifted(self, by_m: Array) -> "LearnedElements":
         """The same with the environment moved by ``by_m`` (3,), as for another origin of the world."""
         elements, back = dict(self.elements), np.eye(len(self.information))
         for (side, number), rows in self.slots.items():
@@ -79,4 +79,4 @@ class MapPrior:
         return replace(self, elements=elements, information=back.T @ self.information @ back)
 
 
-NO_PRIOR = MapPrior()
+NOTHING_LEARNED = LearnedElements()

@@ -1,4 +1,4 @@
-"""Maps that were learned from recordings, as a part of a prior-map file."""
+"""Maps that were learned from recordings, as a part of a map file."""
 
 import math
 from pathlib import Path
@@ -12,7 +12,7 @@ from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.elements import MapElement
 from contact_tracker.map.keys import FARTHEST_M, Keys
-from contact_tracker.map.learned import ANYWHERE_M, NO_PRIOR, MapPrior
+from contact_tracker.map.learned import ANYWHERE_M, NOTHING_LEARNED, LearnedElements
 from contact_tracker.map.map import KINDS
 from contact_tracker.map.view import Key
 from contact_tracker.map.world_map import MOST_LEARNED
@@ -23,7 +23,7 @@ _ROUNDING: Final = 1e-6
 """Largest share of an information matrix that rounding in a file makes asymmetric or negative."""
 
 
-def learned_text(learned: MapPrior) -> str:
+def learned_text(learned: LearnedElements) -> str:
     """The map as TOML, which ``learned_from`` reads."""
     lines = [
         f"# Learned by contact-tracker {__version__}: what contacts touched, for --known.",
@@ -53,13 +53,13 @@ def learned_text(learned: MapPrior) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_learned(path: Path, learned: MapPrior) -> None:
+def write_learned(path: Path, learned: LearnedElements) -> None:
     """Write a map to a file, atomically; raises OSError."""
     with whole_file(path) as temporary:
         temporary.write_text(learned_text(learned), encoding="utf-8")
 
 
-def learned_from(keys: Keys) -> MapPrior:
+def learned_from(keys: Keys) -> LearnedElements:
     """The map of the table ``learned`` of a file; raises KnowledgeError."""
     rows, elements, counts = keys.tables("element"), dict[Key, MapElement](), dict[Key, int]()
     if len(rows) > MOST_ELEMENTS:
@@ -80,11 +80,11 @@ def learned_from(keys: Keys) -> MapPrior:
     information = keys.matrix("information", size) if rows else np.zeros((0, 0))
     keys.finish()
     if not rows:
-        return NO_PRIOR
-    found = _sound(MapPrior(elements, counts, information))
+        return NOTHING_LEARNED
+    found = _sound(LearnedElements(elements, counts, information))
     order = sorted(elements)
     taken = np.concatenate([np.arange(found.slots[key].start, found.slots[key].stop) for key in order])
-    return MapPrior(
+    return LearnedElements(
         {key: elements[key] for key in order},
         {key: counts[key] for key in order},
         found.information[np.ix_(taken, taken)],
@@ -98,7 +98,7 @@ def _one_of(keys: Keys, key: str, choices: tuple[str, ...]) -> str:
     return value
 
 
-def _sound(learned: MapPrior) -> MapPrior:
+def _sound(learned: LearnedElements) -> LearnedElements:
     """The map with a symmetric matrix; raises KnowledgeError if it is not the information of a Gaussian."""
     sd = np.sqrt(learned.weak(ANYWHERE_M))
     scaled = sd[:, None] * learned.information * sd

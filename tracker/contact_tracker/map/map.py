@@ -1,6 +1,6 @@
-"""The prior map: known elements of the object and of its surroundings (docs/knowledge.md).
+"""A map of what the object and its surroundings touch each other with (docs/map.md).
 
-In the hypotheses a known element replaces an unknown one by a Gaussian prior with its covariance.
+A file lists elements with names and accuracies; those that contacts have touched are learned, without.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import numpy as np
 
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
-from contact_tracker.map.learned import NO_PRIOR, MapPrior
+from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
 from contact_tracker.states import CONTACTS, Contact
 
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
@@ -56,8 +56,9 @@ class Up:
 
 
 @dataclass(frozen=True, eq=False)
-class PriorMap:
-    """Known elements: ``object`` in the body frame, ``environment`` in the world frame.
+class Map:
+    """Elements with names, ``object`` in the body frame and ``environment`` in the world frame, and those
+    that were ``learned`` from another recording, with which the map of a recording begins.
 
     Where a side is complete, hypotheses assume no element of it that is not listed.
     """
@@ -67,13 +68,12 @@ class PriorMap:
     up: Up | None = None
     environment_complete: bool = False
     object_complete: bool = False
-    learned: MapPrior = NO_PRIOR
-    """The map of another recording, which the tracker's own map begins with."""
+    learned: LearnedElements = NOTHING_LEARNED
 
     def __bool__(self) -> bool:
-        """Whether it has any knowledge that the user has given."""
-        given = (self.environment, self.object, self.up, self.environment_complete, self.object_complete)
-        return any(map(bool, given))
+        """Whether it lists anything; what is learned does not count."""
+        listed = (self.environment, self.object, self.up, self.environment_complete, self.object_complete)
+        return any(map(bool, listed))
 
     def allows(self, contact: Contact) -> bool:
         """Whether there may be elements of the kinds that ``contact`` needs."""
@@ -89,7 +89,7 @@ class PriorMap:
         return tuple(contact for contact in CONTACTS if self.allows(contact))
 
 
-EMPTY_MAP: Final = PriorMap()
+EMPTY_MAP: Final = Map()
 
 
 def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -> Element:

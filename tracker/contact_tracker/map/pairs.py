@@ -10,7 +10,7 @@ from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.geometry.elements import Array, Element, Pair, by_foot, face_towards, shifted
 from contact_tracker.map.element_prior import PairPrior
 from contact_tracker.map.elements import MapElement, kinds_of, loose_variance, stacked
-from contact_tracker.map.map import NamedElement, PriorMap, Up
+from contact_tracker.map.map import Map, NamedElement, Up
 from contact_tracker.map.view import Key, MapView
 
 UNLISTED: Final = 0.5
@@ -71,7 +71,7 @@ def _facing(up: Up) -> Element:
 
 
 @lru_cache(maxsize=64)
-def named_pairs(known: PriorMap, model: ContactModel) -> tuple[NamedPair, ...]:
+def named_pairs(known: Map, model: ContactModel) -> tuple[NamedPair, ...]:
     """All pairs that a contact may touch by what has names; empty if the map rules the contact out."""
     kinds = kinds_of(model)
     up = known.up if kinds[1] == "f" else None

@@ -17,7 +17,7 @@ import numpy as np
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.association import log_marginal, weigh_pairs
 from contact_tracker.map.elements import MapElement, prior_variance
-from contact_tracker.map.learned import NO_PRIOR, MapPrior
+from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.map.view import Key, MapView, Side
 
@@ -47,7 +47,7 @@ Contacts = Mapping[Side, int]
 
 
 @dataclass(frozen=True, eq=False)
-class Map:
+class GrowingMap:
     """Learned from the ``sightings`` of one recording; ``pairs`` are the keys that each of them touched, by
     its first tick.
 
@@ -66,7 +66,7 @@ class Map:
     pairs: Mapping[int, tuple[Key, Key]] = field(default_factory=dict)
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
     contacts: Contacts = field(default_factory=dict)
-    prior: MapPrior = NO_PRIOR
+    prior: LearnedElements = NOTHING_LEARNED
     concentration: float = ONLINE_CONCENTRATION
     origin_m: Array | None = None
     prior_log_odds: Mapping[int, float] = field(default_factory=dict)
@@ -78,8 +78,8 @@ class Map:
         sightings: Sequence[Sighting],
         reach_m: float,
         contacts: Iterable[str] = (),
-        prior: MapPrior | None = None,
-    ) -> "Map":
+        prior: LearnedElements | None = None,
+    ) -> "GrowingMap":
         """The map of all sightings of a recording: associate greedily, then reconsider each."""
         by_information = sorted(sightings, key=lambda one: -one.gain(reach_m))[:MOST_SIGHTINGS]
         start = cls(reach_m, contacts=count_sides(contacts), concentration=CONCENTRATION)
@@ -96,18 +96,18 @@ class Map:
         mapper.solve(SOLVER_ROUNDS)
         return mapper.map
 
-    def with_prior(self, prior: MapPrior) -> "Map":
+    def with_prior(self, prior: LearnedElements) -> "GrowingMap":
         """An empty map with what is known before."""
         return replace(self, prior=prior, elements=dict(prior.elements))
 
-    def at_origin(self, origin_m: Array) -> "Map":
+    def at_origin(self, origin_m: Array) -> "GrowingMap":
         """The map in coordinates with this origin (3,), if it has none yet."""
         if self.origin_m is not None:
             return self
         return replace(self, origin_m=origin_m).with_prior(self.prior.shifted(-origin_m))
 
     @property
-    def learned(self) -> MapPrior:
+    def learned(self) -> LearnedElements:
         """What is known now of the elements that were touched most, in the coordinates of the world, for
         another recording."""
         view = self.whole
@@ -115,14 +115,14 @@ class Map:
         keys = sorted(often[:MOST_LEARNED])
         kept = [view.slots[key] for key in keys]
         rows = np.concatenate([np.zeros(0, int), *(np.arange(one.start, one.stop) for one in kept)])
-        found = MapPrior(
+        found = LearnedElements(
             {key: view.elements[key] for key in keys},
             {key: view.counts[key] for key in keys},
             np.linalg.inv(view.covariance[np.ix_(rows, rows)]),
         ).without_weak(self.reach_m)
         return found if self.origin_m is None else found.shifted(self.origin_m)
 
-    def insert(self, sighting: Sighting) -> "Map":
+    def insert(self, sighting: Sighting) -> "GrowingMap":
         """The map with one more sighting, which replaces an earlier one with the same first tick.
 
         A prior that makes the sightings far less probable is that of another object or place, and is dropped.
@@ -139,12 +139,14 @@ class Map:
             return bare.insert(sighting)
         return replace(self, prior_log_odds=prior_log_odds)._insert(sighting)
 
-    def _without_prior(self) -> "Map":
+    def _without_prior(self) -> "GrowingMap":
         used = {key for pair in self.pairs.values() for key in pair}
         elements = {key: one for key, one in self.elements.items() if key in used}
-        return replace(self, prior=NO_PRIOR, elements=elements, prior_log_odds={}, prior_is_dropped=True)
+        return replace(
+            self, prior=NOTHING_LEARNED, elements=elements, prior_log_odds={}, prior_is_dropped=True
+        )
 
-    def _insert(self, sighting: Sighting) -> "Map":
+    def _insert(self, sighting: Sighting) -> "GrowingMap":
         mapper = _Mapper(self)
         if sighting.first in self.pairs:
             mapper.forget(sighting.first)
@@ -153,7 +155,7 @@ class Map:
         mapper.insert(sighting)
         return mapper.map
 
-    def before_onsets(self) -> "Map":
+    def before_onsets(self) -> "GrowingMap":
         """The map for a stream whose ticks are numbered anew."""
         number = {one.first: i - len(self.sightings) for i, one in enumerate(self.sightings)}
         return replace(
@@ -271,13 +273,13 @@ def log_prior_of_new(contacts: Iterable[str]) -> float:
 class _Mapper:
     """Changes to a map: which elements its sightings touched, and where these are."""
 
-    def __init__(self, start: Map) -> None:
+    def __init__(self, start: GrowingMap) -> None:
         self._start = start
         self._sightings = {one.first: one for one in start.sightings}
         self._pairs, self._elements = dict(start.pairs), {**start.prior.elements, **start.elements}
 
     @property
-    def map(self) -> Map:
+    def map(self) -> GrowingMap:
         start, sightings = self._start, sorted(self._sightings.values(), key=lambda one: one.first)
         return replace(
             start, sightings=tuple(sightings), pairs=dict(self._pairs), elements=dict(self._elements)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from contact_tracker.adaptation.with_wrenches import NoLoad, mass_doubt, wrench_evidence
 from contact_tracker.config.parameters import Model
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording.log import PoseLog
 from contact_tracker.recording.wrenches import WrenchLog, read_wrenches
@@ -40,7 +40,7 @@ def recorded_evidence(
     topic: str,
     log: PoseLog,
     model: Model,
-    knowledge: PriorMap,
+    known_map: Map,
     mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> RecordedEvidence | None:
@@ -61,7 +61,7 @@ def recorded_evidence(
     if not len(poses):
         return None
     found = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
-    return evidence_of(found, topic, poses, model, knowledge, mass_kg, progress)
+    return evidence_of(found, topic, poses, model, known_map, mass_kg, progress)
 
 
 def evidence_of(
@@ -69,7 +69,7 @@ def evidence_of(
     name: str,
     poses: Poses,
     model: Model,
-    knowledge: PriorMap,
+    known_map: Map,
     mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> RecordedEvidence:
@@ -77,7 +77,7 @@ def evidence_of(
     ``recorded_evidence``."""
     noted = f"; {found.noted}" if found.noted else ""
     try:
-        evidence, load = wrench_evidence(poses, found.wrenches, model, knowledge, mass_kg, progress)
+        evidence, load = wrench_evidence(poses, found.wrenches, model, known_map, mass_kg, progress)
     except NoLoad as reason:
         return RecordedEvidence(None, f"{name} is not used: {reason}{noted}", bool(noted))
     return RecordedEvidence(

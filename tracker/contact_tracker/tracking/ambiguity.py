@@ -14,7 +14,7 @@ from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE
 from contact_tracker.hypotheses.pruning import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.map import Map
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -253,14 +253,14 @@ def most_beside(rivals: int) -> float:
     return 1.0 / (1.0 + NOT_EXCLUDED * rivals)
 
 
-def others_at_rest(label: Contact, knowledge: PriorMap) -> tuple[Contact, ...]:
+def others_at_rest(label: Contact, known_map: Map) -> tuple[Contact, ...]:
     """The states that a rest does not distinguish from the label: all that there may be.
 
     None if elements of both sides are known, since then a single pose shows whether they touch.
     """
-    if knowledge.object and knowledge.environment:
+    if known_map.object and known_map.environment:
         return ()
-    return tuple(state for state in STATES if state is not label and knowledge.allows(state))
+    return tuple(state for state in STATES if state is not label and known_map.allows(state))
 
 
 def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:

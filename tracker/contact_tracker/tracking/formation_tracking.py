@@ -39,7 +39,7 @@ def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[T
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
     leave_per_s, origin_m = state.model.transitions.leave_per_s, state.averaging.origin_m
     ticks = FormationTicks(
-        some, scales_of(state.model), leave_per_s, origin_m, state.knowledge, state.model.systematic
+        some, scales_of(state.model), leave_per_s, origin_m, state.known_map, state.model.systematic
     )
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
     formation = online.advance(state.formation, ticks, first)
@@ -72,6 +72,6 @@ def _reported(state: TrackerState, belief: Belief, tick: Tick) -> tuple[FurtherC
             state.formation.constraints,
         )
         for one in state.formation.tracked
-        for others in [tuple(filter(state.knowledge.allows, one.inseparable))]
+        for others in [tuple(filter(state.known_map.allows, one.inseparable))]
         if one.is_present
     )

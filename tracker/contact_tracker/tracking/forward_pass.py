@@ -11,7 +11,7 @@ from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import Tick
@@ -48,7 +48,7 @@ def forward(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: PriorMap = EMPTY_MAP,
+    known_map: Map = EMPTY_MAP,
     detail: Detail = Detail.GEOMETRY,
 ) -> Iterator[FilteredTick]:
     """The ticks of a recording, each as soon as it is over.
@@ -57,10 +57,10 @@ def forward(
     ----------
     poses : validated poses in order of time.
     progress : called after each batch of poses with the number of those read so far.
-    knowledge : known elements of the object and its surroundings.
+    known_map : elements of the object and its surroundings that are known before.
     detail : of the beliefs.
     """
-    state, count = tracker.start(model, knowledge=knowledge), 0
+    state, count = tracker.start(model, known_map=known_map), 0
     for batch in batches(poses):
         state, closed = tracker.accumulate_poses(state, batch)
         for tick, (after, belief) in zip(closed, tracker.update_each(state, closed, detail), strict=True):
@@ -79,13 +79,13 @@ def filter_batches(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: PriorMap = EMPTY_MAP,
+    known_map: Map = EMPTY_MAP,
 ) -> Iterator[tuple[TrackerState, list[TickResult]]]:
     """``forward`` without beliefs: several ticks at a time, with the state after them.
 
     Parameters as there.
     """
-    state, count = tracker.start(model, knowledge=knowledge), 0
+    state, count = tracker.start(model, known_map=known_map), 0
     for batch in batches(poses):
         state, closed = tracker.accumulate_poses(state, batch)
         for then, result in update_in_batches(state, closed):

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.map.world_map import Map, log_prior_of_new
+from contact_tracker.map.world_map import GrowingMap, log_prior_of_new
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity, tracker
 from contact_tracker.tracking.batch_update import update_in_batches
@@ -66,7 +66,7 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
             break
         contacts = [one.value for one in first.contacts]
         start = first.state.map
-        world = Map.learn(before.sightings, start.reach_m, contacts, start.prior)
+        world = GrowingMap.learn(before.sightings, start.reach_m, contacts, start.prior)
         after = PassRecord()
         found = _pass(first, world, after, executor)
         if not world.complexity:
@@ -82,7 +82,9 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     return best
 
 
-def _pass(first: PassRecord, world: Map, record: PassRecord, executor: Executor | None) -> Segmentation:
+def _pass(
+    first: PassRecord, world: GrowingMap, record: PassRecord, executor: Executor | None
+) -> Segmentation:
     """A pass over the ticks of the first one with a map."""
     assert first.state is not None
     start = tracker.start(first.state.model)._replace(

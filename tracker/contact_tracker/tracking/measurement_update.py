@@ -45,7 +45,7 @@ def is_uninformative(state: TrackerState, tick: Tick, sliding: SlidingWindow) ->
     the posterior. With known elements every tick is informative, since it shows whether they touch, and with
     those of the map each up to the one that completes a rest, except after a gap."""
     before, tick_s = state.window.innovation_excess[-1:], state.model.tick_s
-    if state.knowledge or not len(before) or before.any() or tick.innovation_excess != NO_EXCESS:
+    if state.known_map or not len(before) or before.any() or tick.innovation_excess != NO_EXCESS:
         return False
     if state.knows_elements and sliding.frames[-rest_ticks(tick_s) :].all():
         return rests_now(sliding, tick_s) and not completes_rest(sliding, tick_s)

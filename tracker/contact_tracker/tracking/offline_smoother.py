@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS
 from contact_tracker.motion.poses import Pose
@@ -71,7 +71,7 @@ def segment(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: PriorMap = EMPTY_MAP,
+    known_map: Map = EMPTY_MAP,
     executor: Executor | None = None,
     watch: Callable[[FilteredTick], None] | None = None,
 ) -> Segmentation:
@@ -81,7 +81,7 @@ def segment(
     ----------
     poses : validated poses in order of time.
     progress : called at intervals with the number of poses read so far.
-    knowledge : known elements of the object and its surroundings.
+    known_map : elements of the object and its surroundings that are known before.
     executor : processes that fit elements to segments while reading goes on; by default this process does.
     watch : called with each tick of the forward pass.
 
@@ -90,7 +90,7 @@ def segment(
     Segmentation with the Viterbi path, the smoothed posterior and the online beliefs.
     """
     return Segmentation.join(
-        list(pieces(poses, model, progress, knowledge, executor, watch, Detail.GEOMETRY))
+        list(pieces(poses, model, progress, known_map, executor, watch, Detail.GEOMETRY))
     )
 
 
@@ -98,7 +98,7 @@ def pieces(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: PriorMap = EMPTY_MAP,
+    known_map: Map = EMPTY_MAP,
     executor: Executor | None = None,
     watch: Callable[[FilteredTick], None] | None = None,
     online: Detail = Detail.SHARED,
@@ -112,13 +112,13 @@ def pieces(
     """
     segmenter = Segmenter(executor) if segmenter is None else segmenter
     if watch is None and online < Detail.SHARED:
-        for state, some in filter_batches(poses, model, progress, knowledge):
+        for state, some in filter_batches(poses, model, progress, known_map):
             for tick_result in some:
                 segmenter.note(state, tick_result)
                 if segmenter.due:
                     yield segmenter.conclude()
     else:
-        for result in forward(poses, model, progress, knowledge, online):
+        for result in forward(poses, model, progress, known_map, online):
             segmenter.note(
                 result.state, result.tick_result, result.belief if online >= Detail.SHARED else None
             )
@@ -338,7 +338,7 @@ class Segmenter:
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
         return SegmentTicks(
-            window, STATES[column], state.model, state.knowledge, state.averaging.origin_m, wrenches
+            window, STATES[column], state.model, state.known_map, state.averaging.origin_m, wrenches
         )
 
     def _next_piece(self, count: int) -> Segmentation:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
-from contact_tracker.map.world_map import Map
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
@@ -28,14 +28,14 @@ class PassRecord:
         self.best = self
 
     @property
-    def map(self) -> Map | None:
+    def map(self) -> GrowingMap | None:
         """The map of the best pass, or of a very long recording as it has grown; None without poses."""
         if self.state is None:
             return None
         start = self.state.map
         if self.is_full:
             return start
-        world = Map.learn(self.best.sightings, start.reach_m, prior=start.prior)
+        world = GrowingMap.learn(self.best.sightings, start.reach_m, prior=start.prior)
         return replace(world, origin_m=start.origin_m, prior_is_dropped=start.prior_is_dropped)
 
     @property

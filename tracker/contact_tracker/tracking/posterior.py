@@ -58,7 +58,7 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     begun = (b.further for b in state.recent[row:] if b.contact is contact and _had_begun(b, then.stamp_ns))
     further = max(begun, key=len, default=())
     is_open = telling.contact is contact and telling.is_open
-    possible = state.knowledge.allowed
+    possible = state.known_map.allowed
     probability = ambiguity.redistribute(probability, contact, inseparable, p_restricted, possible)
     probability = ambiguity.with_rivals(probability, contact, inseparable)
     if is_open:
@@ -96,14 +96,14 @@ def state_posterior(state: TrackerState, stamp_ns: int) -> Belief:
 def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief:
     """The belief in which states that the motion does not distinguish from the label share its
     probability."""
-    label, possible = belief.contact, state.knowledge.allowed
+    label, possible = belief.contact, state.known_map.allowed
     rivals, since, older = _compared_since_onset(state, label)
     freedom = ambiguity.freedom_of(label, since, older)
     others = ambiguity.indistinguishable(label, rivals, freedom)
     p_restricted = ambiguity.p_restricted(freedom.underused, since, state.model.tick_s)
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
-    inseparable = tuple(other for other in others if state.knowledge.allows(other))
+    inseparable = tuple(other for other in others if state.known_map.allows(other))
     probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
     return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
 
@@ -111,17 +111,17 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
 def open_beside(state: TrackerState, belief: Belief) -> Belief:
     """The belief in which other contacts that fit as well share the label's probability, if there are further
     contacts beside it."""
-    label, knowledge = belief.contact, state.knowledge
+    label, known_map = belief.contact, state.known_map
     if not belief.further:
         return belief
     rivals, since, _ = _compared_since_onset(state, label)
-    alike = set(filter(knowledge.allows, ambiguity.alike_in_formation(label, rivals)))
+    alike = set(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if not alike:
         return belief
     others = tuple(one for one in STATES if one in alike | {*belief.inseparable})
     p_restricted = ambiguity.p_restricted(True, since, state.model.tick_s)
     given = state_posterior(state, belief.stamp_ns).probability
-    probability = ambiguity.redistribute(given, label, others, p_restricted, knowledge.allowed)
+    probability = ambiguity.redistribute(given, label, others, p_restricted, known_map.allowed)
     return replace(belief, probability=probability, inseparable=others, p_restricted=p_restricted)
 
 
@@ -140,11 +140,11 @@ def _compared_since_onset(
 
 def open_at_rest(state: TrackerState, belief: Belief) -> Belief:
     """The belief after a tick with frames: if the object rests, it does not tell the label from others."""
-    others = ambiguity.others_at_rest(belief.contact, state.knowledge)
+    others = ambiguity.others_at_rest(belief.contact, state.known_map)
     if not others or belief.inseparable == others or not rests_now(state.sliding_window, state.model.tick_s):
         return belief
     given, p_restricted = state_posterior(state, belief.stamp_ns).probability, ambiguity.CHANGED_AT_REST
-    probability = ambiguity.redistribute(given, belief.contact, others, p_restricted, state.knowledge.allowed)
+    probability = ambiguity.redistribute(given, belief.contact, others, p_restricted, state.known_map.allowed)
     if belief.is_open:
         probability = ambiguity.at_most(probability, belief.contact)
     return replace(belief, probability=probability, inseparable=others, p_restricted=p_restricted)
@@ -157,7 +157,7 @@ def with_curved_motion(state: TrackerState, label: Contact, tests_curvature: boo
     if not tests_curvature:
         return state
     known = state.curved, state.window, state.free_since
-    return state._replace(curved=update_curved_motion(*known, scales_of(state.model), state.knowledge))
+    return state._replace(curved=update_curved_motion(*known, scales_of(state.model), state.known_map))
 
 
 def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | None:
@@ -168,7 +168,7 @@ def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | Non
     row = int(state.best_rows[label.column])
     assert state.averaging is not None
     scales, origin_m = scales_of(state.model), state.averaging.origin_m
-    pair = named_pairs(state.knowledge, contact)[bank.known_pair_index[row]]
+    pair = named_pairs(state.known_map, contact)[bank.known_pair_index[row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
     where = contact_geometry(bank, row, contact, scales, window, origin_m, state.model.systematic)
     return named(where, pair)

@@ -62,7 +62,7 @@ def predict_transitions(state: TrackerState, sliding: SlidingWindow) -> Transiti
             state.log_state_weight if first else hmm.birth_log_weights(state.log_state_weight, transition)
         )
         return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
-    if state.knowledge:  # known elements come into contact by any displacement, however smooth
+    if state.known_map:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
     scales, newest = scales_of(model), window.cut(-1, None)
     proximity = [
@@ -110,4 +110,4 @@ def _proposals_of(
     view = state.map.without(left_out) if left_out else state.map.whole
     view = replace(view, current=current)
     share = 0.0 if state.uses_later_contacts else state.model.geometry.revisit_prior
-    return CachedProposals(*key, propose_births(contact, state.knowledge, view, share, frame))
+    return CachedProposals(*key, propose_births(contact, state.known_map, view, share, frame))

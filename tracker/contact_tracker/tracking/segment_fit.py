@@ -21,7 +21,7 @@ from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_windows
 from contact_tracker.joints.evidence import find_joint
 from contact_tracker.joints.geometry import Joint, joint_of
-from contact_tracker.map.map import PriorMap
+from contact_tracker.map.map import Map
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.map.same_element import is_same_element
 from contact_tracker.map.sighting import ElementEstimate
@@ -52,7 +52,7 @@ class SegmentTicks:
     window: Window
     contact: Contact
     model: Model
-    knowledge: PriorMap
+    known_map: Map
     origin_m: Array
     wrenches: WindowEvidence | None = None
     """The evidence of measured wrenches."""
@@ -141,26 +141,26 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     fit = replace(fit, joint=joint_of(found.fitted, probability, near_m, segment.origin_m))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
-    others = tuple(other for other in STATES if other is not fit.contact and segment.knowledge.allows(other))
+    others = tuple(other for other in STATES if other is not fit.contact and segment.known_map.allows(other))
     p_restricted = max(fit.p_restricted, ambiguity.p_restricted(True, window, segment.model.tick_s))
     return replace(fit, inseparable=others, p_restricted=p_restricted)
 
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
-    model, knowledge, label = segment.model, segment.knowledge, segment.contact
+    model, known_map, label = segment.model, segment.known_map, segment.contact
     freedom = ambiguity.freedom_of(label, window, older=False)
     rivals = ambiguity.CompetingEvidence(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
     others = ambiguity.indistinguishable(label, rivals, freedom)
-    inseparable = tuple(other for other in others if knowledge.allows(other))
+    inseparable = tuple(other for other in others if known_map.allows(other))
     p_restricted, share = ambiguity.p_restricted(freedom.underused, window, model.tick_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
-        curved = curved_probabilities(segment.window, scales_of(model), knowledge)
+        curved = curved_probabilities(segment.window, scales_of(model), known_map)
         none_fits = is_mostly_curved(curved) and not freedom.one_direction
-        inseparable = knowledge.allowed if none_fits else inseparable
+        inseparable = known_map.allowed if none_fits else inseparable
     if segment.wrenches is not None:
         evidence = segment.wrenches.log_evidence
         label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, evidence)
@@ -170,17 +170,17 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     fit = fits[label.column] if share is None else _measured_fit(segment, window, contact, fits[label.column])
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fit, contact, window, scales)
-    pair = named_pairs(knowledge, contact)[fitted.known_pair_index[0]]
+    pair = named_pairs(known_map, contact)[fitted.known_pair_index[0]]
     where = contact_geometry(
         fitted, 0, contact, scales, window, segment.origin_m, model.systematic, information
     )
     formation = _formation(segment, window, KnownContact(contact, fitted.x[0]))
-    alike = tuple(filter(knowledge.allows, ambiguity.alike_in_formation(label, rivals)))
+    alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, window, model.tick_s)
     estimate = None
-    if not knowledge and segment.wrenches is None:  # else no map is made
+    if not known_map and segment.wrenches is None:  # else no map is made
         estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = named(where, pair), np.zeros(1)
     return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)
@@ -194,7 +194,7 @@ def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, 
     measured = segment.wrenches.elements.get(contact.contact) if segment.wrenches is not None else None
     if measured is None or measured == (None, None):
         return by_motion
-    proposals = propose_measured(contact, segment.knowledge, measured, _frame(segment, window))
+    proposals = propose_measured(contact, segment.known_map, measured, _frame(segment, window))
     own = window.with_error(segment.model.noise.extra_contact_variance[contact.contact.column])
     (found,) = fit_windows(contact, [own], scales_of(segment.model), [proposals])
     return found
@@ -208,12 +208,12 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
     """The contacts beside the ``first``, which lasts through the ``window``."""
     model, scales = segment.model, scales_of(segment.model)
     leave_per_s = model.transitions.leave_per_s
-    ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.knowledge, model.systematic)
+    ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.known_map, model.systematic)
     found = find_formation(ticks, first)
     power = model.certainty.posterior_power
     further = []
     for one in found.further:
-        others = tuple(filter(segment.knowledge.allows, one.inseparable))
+        others = tuple(filter(segment.known_map.allows, one.inseparable))
         given_label = float(expit(power * one.log_odds)) * ambiguity.most_beside(len(others))
         spans = tuple((int(window.index[run.first]), int(window.index[run.end - 1])) for run in one.runs)
         further.append(FittedContact(one.contact, given_label, spans, one.geometry, others))
@@ -222,9 +222,9 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
 
 def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
     """The best hypothesis of a contact for each whole segment, if the contact is possible."""
-    model, knowledge = segments[0].model, segments[0].knowledge
+    model, known_map = segments[0].model, segments[0].known_map
     proposals = [
-        propose_births(contact, knowledge, None, 0.0, _frame(one, window))
+        propose_births(contact, known_map, None, 0.0, _frame(one, window))
         for one, window in zip(segments, windows, strict=True)
     ]
     error = model.noise.extra_contact_variance[contact.contact.column]
@@ -267,13 +267,13 @@ class FinishedSegment(NamedTuple):
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
-        contact, column, knowledge = fit.contact, fit.contact.column, self.ticks.knowledge
+        contact, column, known_map = fit.contact, fit.contact.column, self.ticks.known_map
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
-        p_restricted, possible = np.maximum(fit.p_restricted, curved), knowledge.allowed
+        p_restricted, possible = np.maximum(fit.p_restricted, curved), known_map.allowed
         is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
         others = [possible if one else fit.inseparable for one in is_open]
-        open_at_rest = ambiguity.others_at_rest(contact, knowledge)
+        open_at_rest = ambiguity.others_at_rest(contact, known_map)
         if open_at_rest and fit.share is None:
             resting = self._rests()
             p_restricted[resting] = ambiguity.CHANGED_AT_REST

@@ -14,9 +14,9 @@ from contact_tracker.hypotheses.birth import uninformed_proposal
 from contact_tracker.hypotheses.birth_proposals import CachedProposals
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.view import Key
-from contact_tracker.map.world_map import Map
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.tick_grid import TickState
 from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
@@ -34,7 +34,7 @@ class TrackerState(NamedTuple):
     """
 
     model: Model
-    knowledge: PriorMap
+    known_map: Map
     """Known elements."""
     averaging: TickState | None
     """State of the averaging of poses into ticks; it may be ahead of the hypotheses."""
@@ -42,7 +42,7 @@ class TrackerState(NamedTuple):
     """The latest ticks by which the hypotheses have been updated."""
     banks: tuple[Bank, ...]
     """The hypothesis bank of each contact."""
-    map: Map
+    map: GrowingMap
     """Elements that contacts have touched."""
     cached_proposals: tuple[CachedProposals, ...]
     """Birth proposals of each contact, as last computed."""
@@ -96,7 +96,7 @@ class TrackerState(NamedTuple):
     @property
     def knows_elements(self) -> bool:
         """Whether a pose shows if known elements touch."""
-        return bool(self.knowledge or self.map.elements or self.map.contacts)
+        return bool(self.known_map or self.map.elements or self.map.contacts)
 
     @property
     def current_pair(self) -> tuple[Key, Key] | None:
@@ -112,7 +112,7 @@ class TrackerState(NamedTuple):
         return self.sliding_window.window
 
 
-def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> TrackerState:
+def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> TrackerState:
     """The state before the first pose.
 
     With ``lag_s``, beliefs are of that long ago, and use the data since then.
@@ -124,11 +124,11 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
     initial, states, empty = (
         log_initial(model),
         len(STATES),
-        Map(model.geometry.reach_m).with_prior(knowledge.learned),
+        GrowingMap(model.geometry.reach_m).with_prior(known_map.learned),
     )
     return TrackerState(
         model=model,
-        knowledge=knowledge,
+        known_map=known_map,
         averaging=None,
         sliding_window=EMPTY_WINDOW,
         banks=banks,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY
-from contact_tracker.map.world_map import Map
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.tick_averaging import Tick
@@ -102,7 +102,7 @@ def pass_time(state: TrackerState, until_ns: int) -> tuple[TrackerState, list[Ti
     return state._replace(averaging=averaging), closed
 
 
-def begin_like(state: TrackerState, leader: TrackerState, world: Map | None = None) -> TrackerState:
+def begin_like(state: TrackerState, leader: TrackerState, world: GrowingMap | None = None) -> TrackerState:
     """The state before the first pose, from which on it can follow the ticks of the ``leader``; the map is
     ``world``, if there is one."""
     assert leader.averaging is not None
@@ -177,7 +177,7 @@ def can_hold(state: TrackerState) -> bool:
     """
     newest = state.window.innovation_excess[-1:]
     return (
-        state.belief is not None and not state.knowledge and not state.lag_history.size and not newest.any()
+        state.belief is not None and not state.known_map and not state.lag_history.size and not newest.any()
     )
 
 

@@ -14,7 +14,7 @@ from contact_tracker.config.parameters import Model, Transitions
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoPoses, NoTruth
 from contact_tracker.ground_truth import Truth
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import Runner
 from contact_tracker.recording import open_log, read_truth
@@ -84,13 +84,13 @@ first."""
 @dataclass(frozen=True)
 class Source:
     """A selection of poses of a file; ``use_truth``: whether to learn from its ground truth, if any;
-    ``knowledge``: prior map."""
+    ``known_map``: map."""
 
     name: str
     topic: str | None = None
     frame: str | None = None
     use_truth: bool = True
-    knowledge: PriorMap = EMPTY_MAP
+    known_map: Map = EMPTY_MAP
     relative_to: str | None = None
     table: TableReading = AS_NAMED
 
@@ -151,7 +151,7 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
         chain = KnownStates(label, np.array([hazard_exposure(a) for a in observed.activity]))
     labelled = chain is not None
     if score_it or chain is None:
-        score, believed, segmentation = _pass(poses, truth, model, source.knowledge)
+        score, believed, segmentation = _pass(poses, truth, model, source.known_map)
         if chain is None:
             chain = believed
             for one in segmentation.segments:
@@ -175,14 +175,14 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
 def score_model(source: Source, model: Model) -> ModelScore:
     """Score ``model`` on a recording."""
     poses, truth, _ = source.read()
-    return _pass(poses, truth, model, source.knowledge)[0]
+    return _pass(poses, truth, model, source.known_map)[0]
 
 
 def _pass(
-    poses: Poses, truth: Truth | None, model: Model, knowledge: PriorMap
+    poses: Poses, truth: Truth | None, model: Model, known_map: Map
 ) -> tuple[ModelScore, EstimatedStates, Segmentation]:
     recorded = RecordedPass()
-    found = segment(poses, model, knowledge=knowledge, watch=recorded.note)
+    found = segment(poses, model, known_map=known_map, watch=recorded.note)
     steps = np.array([tick_transitions(model, exposed).log_transition for exposed in recorded.exposure])
     _, log_evidence = hmm.smooth(recorded.trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)

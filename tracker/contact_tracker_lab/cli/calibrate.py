@@ -118,8 +118,8 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
-    prior_map = arguments.load_map(args)
-    chosen = args.topic, args.frame, not args.unlabelled, prior_map, args.relative_to, args.table
+    known_map = arguments.load_map(args)
+    chosen = args.topic, args.frame, not args.unlabelled, known_map, args.relative_to, args.table
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)

@@ -12,7 +12,7 @@ from contact_tracker.exit_codes import DAMAGED, DONE
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.ground_truth import Truth
-    from contact_tracker.map.map import PriorMap
+    from contact_tracker.map.map import Map
     from contact_tracker_lab.evaluation.evaluate import Evaluation
 
 HELP: Final = "compare with the truth that recordings carry, or with your own labels"
@@ -50,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from contact_tracker_lab.evaluation.report import Report
 
-    model, prior_map = arguments.load_model(args), arguments.load_map(args)
+    model, known_map = arguments.load_model(args), arguments.load_map(args)
     names = arguments.recordings_in(args.logs, "evaluate")
     if args.labels is not None and len(names) != 1:
         raise UsageError(f"--labels are of one recording, and there are {len(names)}")
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     evaluations = dict[str, "Evaluation"]()
 
     def evaluate(name: str) -> int:
-        evaluations[name], is_damaged = _evaluate(name, args, model, prior_map)
+        evaluations[name], is_damaged = _evaluate(name, args, model, known_map)
         return DAMAGED if is_damaged else DONE
 
     codes = list(arguments.run_each(partial(evaluate, name) for name in names))
@@ -89,7 +89,7 @@ def _truth(name: str, args: argparse.Namespace) -> "Truth":
 
 
 def _evaluate(
-    name: str, args: argparse.Namespace, model: "Model", prior_map: "PriorMap"
+    name: str, args: argparse.Namespace, model: "Model", known_map: "Map"
 ) -> "tuple[Evaluation, bool]":
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.outputs.adaptation import warnings
@@ -106,11 +106,11 @@ def _evaluate(
         )
         truth = truth.without_geometry()
     evaluator = Evaluator(truth)
-    wrenches = arguments.load_wrenches(name, args, model, prior_map)
+    wrenches = arguments.load_wrenches(name, args, model, known_map)
     log = arguments.open_poses(args, name)
-    answering = Answering(model, prior_map, log.source.frame_moves)
+    answering = Answering(model, known_map, log.source.frame_moves)
     with progress(name, "poses", log.source.messages) as set_done:
-        tracker = OfflineTracker(model, prior_map, wrenches=wrenches, frame_moves=log.source.frame_moves)
+        tracker = OfflineTracker(model, known_map, wrenches=wrenches, frame_moves=log.source.frame_moves)
         for piece in with_pose_callback(
             answering.through(log.arrivals()),
             lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION),

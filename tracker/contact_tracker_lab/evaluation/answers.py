@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import adaptation
 from contact_tracker.config.parameters import Model
-from contact_tracker.map.map import EMPTY_MAP, PriorMap
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.pose_validation import Arrival, PoseGate
 from contact_tracker.motion.poses import Pose
 from contact_tracker.tracking.belief import Belief, Detail
@@ -33,8 +33,8 @@ class Answering:
     frame_moves : whether poses are in the frame of a body that moves, as the user asked.
     """
 
-    def __init__(self, model: Model, knowledge: PriorMap = EMPTY_MAP, frame_moves: bool = False) -> None:
-        self._state = adaptation.start(model, knowledge=knowledge, frame_moves=frame_moves)
+    def __init__(self, model: Model, known_map: Map = EMPTY_MAP, frame_moves: bool = False) -> None:
+        self._state = adaptation.start(model, known_map=known_map, frame_moves=frame_moves)
         self._parts: list[Beliefs] = []
         self._arrival_ns = array("q")
 
@@ -57,9 +57,9 @@ class Answering:
             self._arrival_ns.extend([time_ns or beliefs[-1].stamp_ns] * len(beliefs))
 
 
-def answers_to(poses: Iterable[Pose], model: Model, knowledge: PriorMap = EMPTY_MAP) -> Answers:
+def answers_to(poses: Iterable[Pose], model: Model, known_map: Map = EMPTY_MAP) -> Answers:
     """The answers to ``poses`` as measured, which pass the gate one by one."""
-    gate, answering = PoseGate(), Answering(model, knowledge)
+    gate, answering = PoseGate(), Answering(model, known_map)
 
     def arrivals() -> Iterator[Arrival]:
         yield from map(gate.arrive, poses)
