@@ -15,7 +15,7 @@ from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
 
 DOCS = ROOT / "docs"
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
-RUN_HERE = {"beliefs.md", "knowledge.md", "live_robot.md", "models.md", "motion_capture.md", "robot_tf.md"}
+RUN_HERE = {"beliefs.md", "live_robot.md", "map.md", "models.md", "motion_capture.md", "robot_tf.md"}
 RUN_IN_TEST_DOCS = {"tutorial_first_segmentation.md", "python.md", "batch.md"}
 SET_UP = {"index.md", "formats.md"}  # how to install, which .ci/run does
 LONG = {"paper.md", "reliability.md"}  # run on fewer recordings below, and by .ci/run
@@ -54,7 +54,7 @@ def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
 
 def write_samples(name: str, folder: Path) -> None:
     """The files of the reader that a page assumes."""
-    if name == "knowledge.md":
+    if name == "map.md":
         write_recording(str(folder / "LOG"), recorded(3.0), None, {})
         (toml, *_) = re.findall(r"^```toml\n(.*?)^```$", page(name), re.MULTILINE | re.DOTALL)
         (folder / "bench.toml").write_text(toml, encoding="utf-8")

@@ -4,7 +4,7 @@ The paper moved a real cube by hand and measured it by motion capture. Here both
 contacts, durations and rate, with white noise and with low-pass-filtered noise.
 
 In the first experiment, SLSQP minimises the paper's objective of the known contact from ten random starts;
-the tracker segments the same poses without prior knowledge. In the second one, the paper's objectives are
+the tracker segments the same poses without a map. In the second one, the paper's objectives are
 minimised on windows of 500 poses, ten poses apart (Fig. 5); the tracker gives a posterior in each tick:
 online from the poses so far, and offline from the whole recording.
 """

@@ -120,7 +120,7 @@ def _is_same(one: Element, other: Element) -> bool:
 
 
 def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, float]) -> Map:
-    """The prior map of ``level``, displaced by ``off`` (m, rad)."""
+    """The map of ``level``, displaced by ``off`` (m, rad)."""
     rng, accuracy = np.random.default_rng(zlib.crc32(path.stem.encode())), Accuracy()
     middle_m = poses.position_m.mean(axis=0)
     around, body = Displacement.random(off, middle_m, rng), Displacement.random(off, np.zeros(3), rng)

@@ -52,7 +52,7 @@ class Scores(NamedTuple):
 
 
 def known(level: str, metadata: dict[str, str]) -> Map:
-    """The prior map of ``level`` for a recording with this metadata."""
+    """The map of ``level`` for a recording with this metadata."""
     if level == "nothing":
         return EMPTY_MAP
     *normal, offset_m = map(float, metadata["table_plane_n_h"].split())

@@ -33,7 +33,7 @@ KNOWN = '[object.mesh]\npath = "meshes/part.obj"\n[[environment.mesh]]\nname = "
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A recording, a folder of parts, a model and prior knowledge with meshes."""
+    """A recording, a folder of parts, a model and a map with meshes."""
     poses = smooth_poses()
     truth = Truth.from_changes([START_NS], ["free"], int(poses.stamp_ns[-1]))
     (tmp_path / "parts").mkdir()

@@ -15,7 +15,7 @@ from contact_tracker.errors import KnowledgeError, UsageError
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.map.file import map_from, read_map
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "knowledge.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "map.md").read_text(encoding="utf-8")
 ALL = """
 [up]
 direction = [0, 0, 1]
@@ -67,7 +67,7 @@ def by_name(elements):
     return {known.name: known.element for known in elements}
 
 
-def test_a_file_defines_a_prior_map(tmp_path):
+def test_a_file_defines_a_map(tmp_path):
     known = loaded(tmp_path, ALL)
     assert known.up.direction.tolist() == [0, 0, 1]
     assert known.up.spread_rad == pytest.approx(math.radians(3))
@@ -100,7 +100,7 @@ def test_the_file_of_the_documentation_is_read(tmp_path):
 def test_the_python_of_the_documentation_runs():
     names = {}
     exec(block("python"), names)
-    assert len(names["state"].known_map.object) == 26
+    assert len(names["tracker"]._state.trackers.known_map.object) == 26
 
 
 def test_an_empty_file_is_an_empty_map(tmp_path):

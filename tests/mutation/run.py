@@ -33,7 +33,8 @@ from mutants import Mutant, apply, mutants_of  # noqa: E402  the path comes firs
 TESTS: dict[str, list[str]] = {
     "contacts": [
         "contacts",
-        *(f"hypotheses/test_{name}.py" for name in ("evidence", "gauss_newton", "element_prior", "parity")),
+        "map/test_element_prior.py",
+        *(f"hypotheses/test_{name}.py" for name in ("evidence", "gauss_newton", "parity")),
     ],
     "hypotheses/evidence.py": ["hypotheses", "tracking/test_ambiguity.py"],
     "hmm": ["hmm"],

@@ -138,7 +138,7 @@ def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
     assert [changes.update(belief(*one))[0] for one in given] == [True, False, True, True, False]
 
 
-def test_kinds_excluded_by_the_prior_map_are_not_reported() -> None:
+def test_kinds_excluded_by_the_map_are_not_reported() -> None:
     scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1)
 
     def candidate(contact: Contact) -> Candidate:

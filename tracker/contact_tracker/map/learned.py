@@ -1,6 +1,6 @@
 """What is known of elements before a recording: the map of an earlier one."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -36,11 +36,7 @@ class LearnedElements:
     @property
     def slots(self) -> dict[Key, slice]:
         """Rows of the free coordinates of each element."""
-        slots, end = dict[Key, slice](), 0
-        for key, one in self.elements.items():
-            slots[key] = slice(end, end + one.size)
-            end += one.size
-        return slots
+        return slots_of(self.elements, self.elements)
 
     def weak(self, reach_m: float) -> Array:
         """Variance (P,) of elements that nothing is known of."""
@@ -80,3 +76,12 @@ class LearnedElements:
 
 
 NOTHING_LEARNED = LearnedElements()
+
+
+def slots_of(elements: Mapping[Key, MapElement], keys: Iterable[Key]) -> dict[Key, slice]:
+    """Rows of the free coordinates of each element."""
+    slots, end = dict[Key, slice](), 0
+    for key in keys:
+        slots[key] = slice(end, end + elements[key].size)
+        end = slots[key].stop
+    return slots

@@ -17,7 +17,7 @@ import numpy as np
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.association import log_marginal, weigh_pairs
 from contact_tracker.map.elements import MapElement, prior_variance
-from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
+from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements, slots_of
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.map.view import Key, MapView, Side
 
@@ -194,7 +194,7 @@ class GrowingMap:
         used = {first: pair for first, pair in self.pairs.items() if first not in some}
         counts = Counter(key for pair in used.values() for key in pair)
         counts.update(self.prior.counts)
-        slots = slots_of(self.elements, counts)
+        slots = slots_of(self.elements, sorted(counts))
         covariance = np.asarray(np.linalg.inv(self.normal_equations(slots, used)[0]))
         return MapView(
             {key: self.elements[key] for key in slots},
@@ -245,15 +245,6 @@ class GrowingMap:
         prior = np.concatenate([prior_variance(view.elements[key].kind, self.reach_m) for key in shared])
         volume = np.linalg.slogdet(view.covariance[np.ix_(rows, rows)])[1]
         return float(0.5 * (np.log(prior).sum() - volume))
-
-
-def slots_of(elements: Mapping[Key, MapElement], keys: Iterable[Key]) -> dict[Key, slice]:
-    """Rows of the free coordinates of each element."""
-    slots, end = dict[Key, slice](), 0
-    for key in sorted(set(keys)):
-        slots[key] = slice(end, end + elements[key].size)
-        end = slots[key].stop
-    return slots
 
 
 def count_sides(contacts: Iterable[str]) -> Counter[Side]:
@@ -323,7 +314,7 @@ class _Mapper:
 
     def solve(self, rounds: int) -> None:
         """Move the elements to where all sightings agree best (Gauss-Newton)."""
-        slots = slots_of(self._elements, self._elements)
+        slots = slots_of(self._elements, sorted(self._elements))
         for _ in range(rounds):
             information, gradient = self.map.normal_equations(slots, self._pairs)
             change = np.asarray(-np.linalg.solve(information, gradient))

@@ -171,7 +171,7 @@ def test_an_empty_map_changes_nothing():
         assert a.touching == (None, None)
 
 
-def test_the_online_tracker_uses_the_prior_map():
+def test_the_online_tracker_uses_the_map():
     state = tracker.start(MODEL, known_map=known())
     beliefs = []
     for pose in recorded().poses[:60]:
@@ -182,7 +182,7 @@ def test_the_online_tracker_uses_the_prior_map():
     assert len(state.banks) == len(CONTACTS)
 
 
-def test_arguments_define_the_prior_map(tmp_path, capsys):
+def test_arguments_define_the_map(tmp_path, capsys):
     path = str(tmp_path / "short.mcap")
     write_recording(path, recorded().poses[:60], None, {})
     normal, offset_m = surfaces()[1].normal, surfaces()[1].offset_m
