@@ -64,17 +64,23 @@ class MapElement:
 
     def with_covariance(self, covariance: Array) -> Element:
         """The element with a covariance (P, P) of its free coordinates."""
-        across = None if self.kind == "v" else sphere_tangent(self.direction)
-        if across is None:
+        if self.kind == "v":
             return Point(self.place_m, covariance)
-        size = 4 if self.kind == "f" else 6
-        onto = np.zeros((size, self.size))
-        onto[:3, :2] = across
-        onto[3:, 2:] = across if self.kind == "e" else 1.0
+        onto = free_directions(self.kind, self.direction)
         spread = onto @ covariance @ onto.T
         if self.kind == "f":
             return Plane(self.direction, float(self.place_m[0]), spread)
         return Line(self.direction, self.place_m, spread)
+
+
+def free_directions(kind: str, direction: Array) -> Array:
+    """Derivative (S, P) of an element's parameters, as of ``geometry.elements.numbers``, by its free
+    coordinates: the point of a line moves only across it."""
+    if kind == "v":
+        return EYE
+    free, across = np.zeros((4 if kind == "f" else 6, TURNS[kind] + SHIFTS[kind])), sphere_tangent(direction)
+    free[:3, :2], free[3:, 2:] = across, across if kind == "e" else 1.0
+    return free
 
 
 def loose_variance(kind: str) -> Array:

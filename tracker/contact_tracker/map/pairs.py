@@ -15,7 +15,6 @@ from contact_tracker.map.view import Key, MapView
 
 UNLISTED: Final = 0.5
 """Prior probability that the touching element is not listed, where the list is not complete."""
-_SOME_DIRECTION: Final = np.array([0.0, 0.0, 1.0])
 
 
 class NamedPair(NamedTuple):
@@ -167,7 +166,6 @@ class _Side(NamedTuple):
         choices = view.choices(side, kinds[side])
         keys = [key for key, _ in choices]
         other = _stand_in(kinds[1 - side])
-        own = _entries(model, side)
         size = _stand_in(kinds[side]).size
         columns = slice(0, size) if side == 0 else slice(-size, None)
         x, onto = np.zeros((len(keys), model.family.SIZE)), np.zeros((len(keys), size, model.family.SIZE))
@@ -179,8 +177,7 @@ class _Side(NamedTuple):
             one = view.elements[key]
             pair = (one, other) if side == 0 else (other, one)
             whole, derivative = stacked(model, pair, anchors, np.ones(2), 1.0)
-            x[k, own] = whole[own]
-            by_own = np.where(own[:, None], derivative[:, columns], 0.0)
+            x[k], by_own = whole, derivative[:, columns]
             if model.family is face_face:
                 by_own[face_face.H] = 0.0
             onto[k] = np.linalg.pinv(by_own)
@@ -205,17 +202,5 @@ def _covariance(
 
 
 def _stand_in(kind: str) -> MapElement:
-    """A new element, of which nothing is read."""
-    return MapElement(kind, _SOME_DIRECTION, np.zeros(1 if kind == "f" else 3))
-
-
-def _entries(model: ContactModel, side: int) -> NDArray[np.bool_]:
-    """(S,) which entries of x belong to the elements of a side; the height of f-f belongs to both."""
-    form, is_first = model.family.FORM, model.body_in_1 == (side == 0)
-    boundary = form.d2 if form.d2 >= 0 else form.h
-    entries = (
-        np.arange(model.family.SIZE) < boundary if is_first else np.arange(model.family.SIZE) >= boundary
-    )
-    if model.family is face_face:
-        entries[face_face.H] = True
-    return np.asarray(entries)
+    """An element beside which x has the other one only."""
+    return MapElement(kind, np.zeros(3), np.zeros(1 if kind == "f" else 3))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.elements import Element, Line, Plane, Point, by_foot, numbers
-from contact_tracker.geometry.vectors import EYE, sphere_tangent
+from contact_tracker.map.elements import free_directions
 
 Array = NDArray[np.float64]
 
@@ -61,17 +61,13 @@ def _better_first(first: Element, second: Element) -> tuple[Element, Element]:
 
 
 def _free(element: Element) -> Array:
-    """(S, P) free directions of an element's parameters; a line's point moves only across the line."""
     match element:
         case Point():
-            return EYE
+            return free_directions("v", element.point_m)
         case Plane(normal):
-            free = np.zeros((4, 3))
-            free[:3, :2], free[3, 2] = sphere_tangent(normal), 1.0
+            return free_directions("f", normal)
         case Line(direction):
-            free = np.zeros((6, 4))
-            free[:3, :2] = free[3:, 2:] = sphere_tangent(direction)
-    return free
+            return free_directions("e", direction)
 
 
 def _along(free: Array, element: Element) -> Array:
