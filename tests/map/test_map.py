@@ -12,9 +12,15 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
 from contact_tracker.map.pairs import map_pairs
+from contact_tracker.map.prices import (
+    CONCENTRATION,
+    CONCENTRATIONS,
+    log_prior_of_new,
+    log_probabilities_of_new,
+)
 from contact_tracker.map.sighting import ElementEstimate, Sighting
 from contact_tracker.map.view import MapView
-from contact_tracker.map.world_map import CONCENTRATION, MARGIN_S, Map, log_prior_of_new
+from contact_tracker.map.world_map import MARGIN_S, Map
 from contact_tracker.states import Contact
 
 REACH_M = 0.3
@@ -185,11 +191,22 @@ def test_priors_of_pairs(model: ContactModel) -> None:
 
 
 def test_price_of_new_elements() -> None:
-    """The first element of a kind on a side is free, each further one has its price."""
-    assert log_prior_of_new(["v-f"]) == 0.0
+    """The first contact is free, and each further one pays for both its elements."""
+    assert log_prior_of_new(1) == 0.0
     second = np.log(CONCENTRATION / (1.0 + CONCENTRATION))
-    assert log_prior_of_new(["v-f", "e-f"]) == pytest.approx(second)  # two faces, one vertex, one edge
-    assert log_prior_of_new(["v-f", "v-f"]) == pytest.approx(2.0 * second)
+    assert log_prior_of_new(2) == pytest.approx(2.0 * second)
+
+
+def test_new_elements_get_cheap_where_all_are_new_and_dear_where_they_return() -> None:
+    def p_new(objects: list[int], environments: list[int]) -> tuple[float, ...]:
+        counts = {(side, i): n for side, ns in enumerate((objects, environments)) for i, n in enumerate(ns)}
+        return tuple(np.exp(log_probabilities_of_new(counts, 0, CONCENTRATIONS)))
+
+    assert p_new([], []) == pytest.approx((1.0, 1.0))
+    single, returning = p_new([1] * 5, [1] * 5), p_new([3, 2], [5])
+    assert min(single) > 0.4
+    assert max(returning) < 0.1
+    assert log_probabilities_of_new({}, 10, (0.5,))[0] == pytest.approx(np.log(0.5 / 10.5))
 
 
 def unshared(count: int, unknown: tuple[int, ...] = ()) -> list[Sighting]:

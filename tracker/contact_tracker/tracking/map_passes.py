@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.map.world_map import Map, log_prior_of_new
+from contact_tracker.map.prices import log_prior_of_new
+from contact_tracker.map.world_map import Map
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity, tracker
 from contact_tracker.tracking.batch_update import update_in_batches
@@ -59,14 +60,13 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     contacts pays that of new elements, and a map the complexity of what its contacts share.
     """
     best: Segmentation | None = None
-    best_evidence = first.log_evidence + log_prior_of_new(one.value for one in first.contacts) + DECISIVE_NATS
+    best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + DECISIVE_NATS
     before = first
     for _ in range(MOST_PASSES):
         if first.state is None:
             break
-        contacts = [one.value for one in first.contacts]
         start = first.state.map
-        world = Map.learn(before.sightings, start.reach_m, contacts, start.prior)
+        world = Map.learn(before.sightings, start.reach_m, len(first.contacts), start.prior)
         after = PassRecord()
         found = _pass(first, world, after, executor)
         if not world.complexity:
