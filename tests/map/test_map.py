@@ -181,7 +181,7 @@ def test_priors_of_pairs(model: ContactModel) -> None:
     world = Map.learn([seen(model.contact, pair, 0), seen(model.contact, pair, 100)], REACH_M)
     log_p_new, found = map_pairs(world.whole, model, np.zeros(3))
     assert np.exp(log_p_new) + sum(np.exp(one.log_share) for one in found) == pytest.approx(1.0)
-    assert log_p_new == pytest.approx(2.0 * np.log(CONCENTRATION / (2.0 + CONCENTRATION)))
+    assert log_p_new == pytest.approx(sum(np.log(a / (2.0 + a)) for a in CONCENTRATION))
     known = next(one for one in found if one.is_known)
     tangent = model.family.tangent(known.mean[None], model.anchors(np.zeros(3))[None])[0]
     values = np.linalg.eigvalsh(tangent.T @ known.information @ tangent)
@@ -193,8 +193,7 @@ def test_priors_of_pairs(model: ContactModel) -> None:
 def test_price_of_new_elements() -> None:
     """The first contact is free, and each further one pays for both its elements."""
     assert log_prior_of_new(1) == 0.0
-    second = np.log(CONCENTRATION / (1.0 + CONCENTRATION))
-    assert log_prior_of_new(2) == pytest.approx(2.0 * second)
+    assert log_prior_of_new(2) == pytest.approx(sum(np.log(a / (1.0 + a)) for a in CONCENTRATION))
 
 
 def test_new_elements_get_cheap_where_all_are_new_and_dear_where_they_return() -> None:
@@ -206,7 +205,9 @@ def test_new_elements_get_cheap_where_all_are_new_and_dear_where_they_return() -
     single, returning = p_new([1] * 5, [1] * 5), p_new([3, 2], [5])
     assert min(single) > 0.4
     assert max(returning) < 0.1
-    assert log_probabilities_of_new({}, 10, (0.5,))[0] == pytest.approx(np.log(0.5 / 10.5))
+    assert log_probabilities_of_new({}, 10, np.array([[0.5, 0.2]])) == pytest.approx(
+        np.log([0.5 / 10.5, 0.2 / 10.2])
+    )
 
 
 def unshared(count: int, unknown: tuple[int, ...] = ()) -> list[Sighting]:

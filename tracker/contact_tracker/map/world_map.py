@@ -57,7 +57,7 @@ class Map:
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
     contacts: int = 0
     prior: MapPrior = NO_PRIOR
-    concentrations: tuple[float, ...] = CONCENTRATIONS
+    concentrations: Array = field(default_factory=CONCENTRATIONS.copy)
     origin_m: Array | None = None
     prior_log_odds: Mapping[int, float] = field(default_factory=dict)
     prior_is_dropped: bool = False
@@ -72,7 +72,7 @@ class Map:
     ) -> "Map":
         """The map of all sightings of a recording: associate greedily, then reconsider each."""
         by_information = sorted(sightings, key=lambda one: -one.gain(reach_m))[:MOST_SIGHTINGS]
-        start = cls(reach_m, contacts=contacts, concentrations=(CONCENTRATION,))
+        start = cls(reach_m, contacts=contacts, concentrations=np.array([CONCENTRATION]))
         mapper = _Mapper(start if prior is None else start.with_prior(prior))
         for sighting in by_information:
             mapper.insert(sighting)
