@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contact_tracker import adaptation
+import as_values
+from contact_tracker import segmenting
 from contact_tracker.errors import ContactTrackerError, InvalidPose
 from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.pose_validation import gate
@@ -35,26 +36,26 @@ def later(pose: Pose, name: str) -> Pose:
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_one_pose_that_did_not_pass_the_gate_is_refused(name: str) -> None:
-    state, _ = adaptation.advance(adaptation.start(MODEL), SOUND[:30])
+    state, _ = as_values.advance(as_values.start(MODEL), SOUND[:30])
     with pytest.raises(InvalidPose) as caught:
-        adaptation.step(state, later(FAULTS[name], name))
+        state.add(later(FAULTS[name], name))
     assert isinstance(caught.value, ContactTrackerError)
     assert "gate" in str(caught.value) or "1e9" in str(caught.value)
-    adaptation.step(state, list(SOUND)[30])
+    state.add(list(SOUND)[30])
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_recordings_with_such_a_pose_are_refused(name: str) -> None:
     poses = [*list(SOUND)[:30], later(FAULTS[name], name), *list(SOUND)[31:]]
     with pytest.raises(InvalidPose):
-        adaptation.segment(poses, MODEL)
+        segmenting.segment(poses, MODEL)
 
 
 def test_columns_of_seconds_are_refused() -> None:
     seconds = replace(SOUND, stamp_ns=SOUND.stamp_ns * 1e-9)  # type: ignore[arg-type]
     for refused in (
-        adaptation.segment,
-        lambda poses, model: adaptation.advance(adaptation.start(model), poses),
+        segmenting.segment,
+        lambda poses, model: as_values.advance(as_values.start(model), poses),
     ):
         with pytest.raises(InvalidPose, match="nanoseconds"):
             refused(seconds, MODEL)
@@ -64,7 +65,7 @@ def test_the_gate_makes_them_valid() -> None:
     poses = [*list(SOUND)[:30], FAULTS["nan"], FAULTS["no rotation"], *list(SOUND)[30:]]
     sound = gate(poses)
     assert len(sound) == len(SOUND)
-    adaptation.segment(sound, MODEL)
+    segmenting.segment(sound, MODEL)
 
 
 @pytest.mark.skipif(not compiled.in_use(), reason="no kernels")

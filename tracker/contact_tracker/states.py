@@ -23,7 +23,7 @@ class Contact(StrEnum):
     @property
     def column(self) -> int:
         """Index of this state in all seven-column arrays."""
-        return STATES.index(self)
+        return _COLUMN[self]
 
     def contains(self, other: "Contact") -> bool:
         """Whether every motion that keeps this contact also keeps ``other``."""
@@ -33,6 +33,7 @@ class Contact(StrEnum):
 STATES: Final = tuple(Contact)
 CONTACTS: Final = STATES[:-1]
 
+_COLUMN: Final = {state: column for column, state in enumerate(STATES)}
 _CODIMENSION: Final = dict(zip(STATES, (3, 2, 2, 1, 1, 1, 0), strict=True))
 _CONTAINS: Final[dict[Contact, frozenset[Contact]]] = {
     Contact.FF: frozenset(STATES),

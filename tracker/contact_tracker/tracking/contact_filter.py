@@ -1,256 +1,234 @@
-"""The online tracker: ``step(state, pose) -> (state, belief)``, as in the figure of docs/theory.md.
+"""The online filter of contacts for one model of the noise, as in the figure of docs/theory.md.
 
-pose -> tick -> window -> hypotheses (fit, evidence) -> weights of the states -> belief
+tick -> window -> births and transitions -> hypotheses (fit, evidence) -> weights of the states -> belief
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
-from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY
-from contact_tracker.map.world_map import Map
-from contact_tracker.motion import tick_grid
-from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import SlidingWindow, advance_windows, hold_window
-from contact_tracker.states import Contact
-from contact_tracker.tracking import ambiguity, measurement_update
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hmm
+from contact_tracker.config.parameters import Model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hmm import fixed_lag
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.pruning import Births
+from contact_tracker.hypotheses.tick_update import TickInput, TickWeights
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.free_motion import NO_EXCESS
+from contact_tracker.motion.lifted_pose import R
+from contact_tracker.motion.rests import completes_rest, rest_ticks, rests_now
+from contact_tracker.motion.tick_averaging import Tick, with_excess
+from contact_tracker.motion.window import SlidingWindow, advance_window, hold_window
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.formation_tracking import follow_formation, pause_formation
-from contact_tracker.tracking.posterior import (
-    answer,
-    flush_lag,
-    label_geometry,
-    label_sighting,
-    open_at_rest,
-    share_among_indistinguishable,
-    state_posterior,
-    with_curved_motion,
-)
-from contact_tracker.tracking.state import TrackerState, scales_of, start
+from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
+from contact_tracker.tracking.prediction import TransitionPrediction, predict_transitions
+from contact_tracker.tracking.state import FilterState, scales_of, start
+from contact_tracker.tracking.transition_model import FREE, hazard_exposure, tick_transitions
 
-__all__ = [
-    "TrackerState",
-    "accumulate_pose",
-    "accumulate_poses",
-    "answer",
-    "begin_like",
-    "can_hold",
-    "close_tick",
-    "finish",
-    "flush_lag",
-    "hold",
-    "pass_time",
-    "scales_of",
-    "start",
-    "step",
-    "update",
-    "update_each",
-    "update_through_gaps",
-]
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
-def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
-    """Advance by one pose; returns a belief if the pose closes a tick, from data up to that tick only.
+@dataclass(eq=False)
+class ContactFilter:
+    """Semi-Markov filter over the six contacts and free motion, for one model of the noise."""
 
-    After a gap one pose closes several ticks, and the belief is that of the last. ``accumulate_pose`` and
-    ``update``, of which this consists, give them all.
-    """
-    state, closed = accumulate_pose(state, pose)
-    belief = None
-    for after, online in update_each(state, closed):
-        state, belief = after, answer(after, online)
-    return state, belief
+    state: FilterState
 
+    @classmethod
+    def start(cls, model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> Self:
+        """The filter before the first tick.
 
-def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
-    """At the end of the stream: beliefs of the last, partial tick and of the ticks within the lag.
+        With ``lag_s``, beliefs to report are of that long ago, and use the data since then.
+        """
+        return cls(start(model, lag_s, knowledge))
 
-    The stream may be continued: ``step`` then treats the time since as a gap, and no tick is reported twice.
-    """
-    state, closed = close_tick(state)
-    beliefs = []
-    for after, online in update_each(state, closed):
-        state = after
-        beliefs.append(answer(state, online))
-    rest = flush_lag(state)
-    return state._replace(recent=()), [*(b for b in beliefs if b is not None), *rest]
-
-
-def accumulate_pose(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
-    """Average poses into ticks; returns the ticks that this pose closes (several after a gap).
-
-    The pose is stored until its tick is closed.
-    """
-    averaging = state.averaging
-    if averaging is None or not tick_grid.goes_on(averaging, pose.stamp_ns, state.model):
-        return accumulate_poses(state, Poses.collect((pose,)))
-    return state._replace(averaging=averaging._replace(frames=(*averaging.frames, pose))), []
-
-
-def accumulate_poses(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick]]:
-    """``accumulate_pose`` for one pose or more."""
-    averaging = tick_grid.begin(state.model, poses) if state.averaging is None else state.averaging
-    averaging, closed = tick_grid.advance(averaging, poses, state.model)
-    return state._replace(averaging=averaging, map=state.map.at_origin(averaging.origin_m)), closed
-
-
-def pass_time(state: TrackerState, until_ns: int) -> tuple[TrackerState, list[Tick]]:
-    """Close the ticks that are over, see ``tick_grid.pass_time``."""
-    if state.averaging is None:
-        return state, []
-    averaging, closed = tick_grid.pass_time(state.averaging, until_ns, state.model)
-    return state._replace(averaging=averaging), closed
-
-
-def begin_like(state: TrackerState, leader: TrackerState, world: Map | None = None) -> TrackerState:
-    """The state before the first pose, from which on it can follow the ticks of the ``leader``; the map is
-    ``world``, if there is one."""
-    assert leader.averaging is not None
-    origin_m = leader.averaging.origin_m
-    return state._replace(
-        averaging=tick_grid.begin_at(leader.averaging.origin_ns, origin_m, state.model),
-        map=state.map.at_origin(origin_m) if world is None else world,
-    )
-
-
-def follow_ticks(
-    state: TrackerState, leader: TrackerState, advanced: TrackerState, closed: Sequence[Tick]
-) -> tuple[TrackerState, list[Tick]]:
-    """``accumulate_poses`` with the averages of a ``leader``, see ``tick_grid.follow``."""
-    assert state.averaging is not None
-    assert leader.averaging is not None
-    assert advanced.averaging is not None
-    averaging, own = tick_grid.follow(
-        state.averaging, leader.averaging, advanced.averaging, closed, state.model
-    )
-    return state._replace(averaging=averaging), own
-
-
-def close_tick(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
-    """Close the current tick early."""
-    if state.averaging is None or not state.averaging.frames:
-        return state, []
-    averaging, tick = tick_grid.close(state.averaging, state.model)
-    return state._replace(averaging=averaging), [tick]
-
-
-def update(
-    state: TrackerState, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True
-) -> tuple[TrackerState, Belief]:
-    """Update by one tick; the belief has this ``detail``.
-
-    Of trackers side by side, one ``tests_curvature``: whether free motion is on a curved surface.
-    """
-    ((state, belief),) = update_each(state, [tick], detail, tests_curvature)
-    return state, belief
-
-
-def update_each(
-    state: TrackerState,
-    ticks: Sequence[Tick],
-    detail: Detail = Detail.FORMATION,
-    tests_curvature: bool = True,
-) -> Iterator[tuple[TrackerState, Belief]]:
-    """``update`` by one tick after the other."""
-    slidings = advance_windows(state.sliding_window, state.ticks, ticks, state.model)
-    for tick, sliding in zip(ticks, slidings, strict=True):
-        if measurement_update.is_uninformative(state, tick, sliding):
-            state, belief = skip_update(state, tick, sliding)
+    def update(self, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True) -> Belief:
+        """Update by a tick; the belief about it has this ``detail``."""
+        before = self.state if self.state.ticks else begun(self.state, tick)
+        window = advance_window(before.sliding_window, before.ticks, tick, before.model)
+        if before.belief is not None and is_uninformative(before, tick, window):  # at rest, in gaps
+            self.state = pass_over(before, window, tick.outliers)
+            belief = replace(before.belief, stamp_ns=tick.stamp_ns)
         else:
-            state = measurement_update.update_hypotheses(state, tick, sliding)
-            state, belief = read_posterior(state, tick, detail, tests_curvature)
-        yield state, belief
+            transitions = predict_transitions(before, window)  # containment lattice, and births by the map
+            ticks = tick_input(before, tick, window, transitions)
+            banks, weights = _updated_banks(before, ticks)  # fit, evidence, search, pruning
+            self.state = weighed(before, tick, window, transitions, ticks.births, banks, weights)  # the HMM
+            self.state, belief = read_posterior(self.state, tick, detail, tests_curvature)  # and the map
+        self.state, belief = with_rest(self.state, tick, belief)
+        return belief
+
+    @property
+    def reported(self) -> Belief | None:
+        """The belief to report: the latest, or with a lag the earlier one, once there is one."""
+        length = self.state.lag_history.shape[1]
+        if not length:
+            return self.state.belief
+        return lagged_belief(self.state, 0) if len(self.state.recent) == length else None
+
+    def finish(self) -> list[Belief]:
+        """At the end of the stream: the beliefs that the lag has withheld. No tick is reported twice."""
+        recent, length = self.state.recent, self.state.lag_history.shape[1]
+        first = 1 if len(recent) == length else 0
+        beliefs = [lagged_belief(self.state, row) for row in range(first, len(recent))]
+        self.state = self.state._replace(recent=())
+        return beliefs
+
+    def as_seen(self, tick: Tick) -> Tick:
+        """A tick that was averaged for another filter, with the innovations of free motion by this noise."""
+        motion, own = with_excess(self.state.free_motion, tick, self.state.model)
+        self.state = self.state._replace(free_motion=motion)
+        return own
+
+    @property
+    def can_hold(self) -> bool:
+        """Whether ticks without motion can be passed in one step, see ``hold``.
+
+        Not with a lag or known elements, nor directly after motion.
+        """
+        state = self.state
+        newest = state.window.innovation_excess[-1:]
+        return (
+            state.belief is not None
+            and not state.knowledge
+            and not state.lag_history.size
+            and not newest.any()
+        )
+
+    def hold(self, count: int, outliers: int = 0) -> None:
+        """Pass ``count`` ticks without motion in one step, as if they had no frames. ``can_hold`` has to be
+        true. The belief stays as it was."""
+        if not count:
+            return
+        assert self.can_hold
+        window = hold_window(self.state.sliding_window, count, self.state.model)
+        self.state = pass_over(self.state, window, outliers, count)
 
 
-def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tuple[TrackerState, Belief]:
-    """Pass an uninformative tick: the belief stays as it was."""
-    assert state.belief is not None
-    state = measurement_update.propagate_without_update(state, sliding, tick.outliers)
-    assert state.belief is not None
-    return _record_belief(state, tick, replace(state.belief, stamp_ns=tick.stamp_ns))
+def begun(state: FilterState, tick: Tick) -> FilterState:
+    """The state before the first tick, in the coordinates of the ticks."""
+    return state._replace(origin_m=tick.origin_m, map=state.map.at_origin(tick.origin_m))
 
 
-def can_hold(state: TrackerState) -> bool:
-    """Whether ticks without motion can be passed in one step, see ``hold``.
-
-    Not with a lag or known elements, nor directly after motion.
-    """
-    newest = state.window.innovation_excess[-1:]
-    return (
-        state.belief is not None and not state.knowledge and not state.lag_history.size and not newest.any()
-    )
-
-
-def hold(state: TrackerState, count: int, outliers: int = 0) -> TrackerState:
-    """The state after ``count`` ticks without motion, in one step: as if they had no frames. ``can_hold`` has
-    to be true.
-
-    The belief stays as it was, that of the tick before.
-    """
-    if not count:
-        return state
-    assert can_hold(state)
-    sliding = hold_window(state.sliding_window, count, state.model)
-    return measurement_update.propagate_without_update(state, sliding, outliers, count)
-
-
-def update_through_gaps(
-    state: TrackerState, ticks: Sequence[Tick], detail: Detail, tests_curvature: bool = False
-) -> Iterator[tuple[TrackerState, int]]:
-    """``update_each`` with the empty ticks of a gap in one step: the states, and the number of ticks that led
-    to each."""
-    first = 0
-    while first < len(ticks):
-        count = next((i for i, tick in enumerate(ticks[first:]) if tick.count), len(ticks) - first)
-        if count and can_hold(state):
-            state = hold(state, count)
-        else:
-            (state, _), count = update(state, ticks[first], detail, tests_curvature), 1
-        yield state, count
-        first += count
-
-
-def read_posterior(
-    state: TrackerState, tick: Tick, detail: Detail, tests_curvature: bool = True
-) -> tuple[TrackerState, Belief]:
-    """The belief after a tick, whose evidence is in ``state``; certain elements are added to the memory."""
-    belief = state_posterior(state, tick.stamp_ns)
-    shared, learns = belief, _should_update_map(state, belief)
-    if learns or detail >= Detail.SHARED:  # sharing never raises the label's probability
-        state = with_curved_motion(state, belief.contact, tests_curvature)
-        shared = share_among_indistinguishable(state, belief)
-        learns = learns and _should_update_map(state, shared)
-    if detail >= Detail.SHARED:
-        belief = shared
-    where = label_geometry(state, belief.contact) if detail >= Detail.GEOMETRY else None
-    if learns and not shared.inseparable:
-        state = state._replace(map=state.map.insert(label_sighting(state, belief.contact, tick.stamp_ns)))
-    if where is not None and detail >= Detail.GEOMETRY:
-        belief = replace(belief, geometry=where)
-    if detail >= Detail.FORMATION:
-        state, belief = follow_formation(state, belief, tick)
-    else:
-        state = pause_formation(state)
-    return _record_belief(state, tick, belief)
-
-
-def _record_belief(state: TrackerState, tick: Tick, belief: Belief) -> tuple[TrackerState, Belief]:
-    if tick.count:
-        belief = open_at_rest(state, belief)
-    if belief.inseparable:
-        probability = ambiguity.with_rivals(belief.probability, belief.contact, belief.inseparable)
-        belief = replace(belief, probability=probability)
-    length = state.lag_history.shape[1]
-    recent = (*state.recent, belief)[-length:] if length else ()
-    return state._replace(recent=recent, belief=belief), belief
-
-
-def _should_update_map(state: TrackerState, belief: Belief) -> bool:
-    """Whether the labelled contact is certain enough for the map, and due."""
-    if (
-        state.uses_later_contacts
-        or belief.contact is Contact.FREE
-        or belief.probability.max() < MAP_INSERTION_PROBABILITY
-    ):
+def is_uninformative(state: FilterState, tick: Tick, sliding: SlidingWindow) -> bool:
+    """Whether neither this tick nor the one before carries information: at rest, in a gap, or before the
+    strength of motion is known. Births at such a tick can wait for the next informative one without changing
+    the posterior. With known elements every tick is informative, since it shows whether they touch, and with
+    those of the map each up to the one that completes a rest, except after a gap."""
+    before, tick_s = state.window.innovation_excess[-1:], state.model.tick_s
+    if state.knowledge or not len(before) or before.any() or tick.innovation_excess != NO_EXCESS:
         return False
-    return belief.stamp_ns >= state.map.due_ns.get(belief.onset_ns, belief.stamp_ns)
+    if state.knows_elements and sliding.frames[-rest_ticks(tick_s) :].all():
+        return rests_now(sliding, tick_s) and not completes_rest(sliding, tick_s)
+    return not completes_rest(sliding, tick_s)
+
+
+def pass_over(state: FilterState, sliding: SlidingWindow, outliers: int, count: int = 1) -> FilterState:
+    """Append an uninformative tick to the window only, or without a lag ``count`` of them; their exposure to
+    change is deferred to the next informative tick."""
+    assert count == 1 or not state.lag_history.size
+    oldest, banks = state.window.expired_by(sliding.window, count), state.banks
+    if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
+        scales, errors = scales_of(state.model), state.model.noise.extra_contact_variance
+        banks = tuple(
+            bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), scales)
+            for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
+        )
+    change, birth_weight = state.log_transition, state.log_birth_weight
+    if state.hazard_exposure:  # the tick before was informative
+        change = tick_transitions(state.model, 0.0).log_transition
+        birth_weight = hmm.birth_log_weights(state.log_state_weight, change)
+    histories = state.lag_history
+    if histories.size:
+        banks = _with_longer_histories(banks)
+        histories = np.array([fixed_lag.grown(past, column) for column, past in enumerate(histories)])
+    return state._replace(
+        sliding_window=sliding,
+        banks=banks,
+        live_hypotheses=state.live_hypotheses.held(state.ticks + count - 1),
+        ticks=state.ticks + count,
+        next_hypothesis_id=state.next_hypothesis_id + count,
+        outliers=state.outliers + outliers,
+        hazard_exposure=0.0,
+        log_transition=change,
+        log_birth_weight=birth_weight,
+        deferred_exposure=state.deferred_exposure + count * hazard_exposure(0.0),
+        lag_history=histories,
+    )
+
+
+def tick_input(
+    state: FilterState, tick: Tick, sliding: SlidingWindow, transitions: TransitionPrediction
+) -> TickInput:
+    """The newest tick of the window ``sliding``, with the hypotheses that begin in it."""
+    births = Births(
+        transitions.proposals,
+        state.ticks,
+        tick.start_ns,
+        state.next_hypothesis_id,
+        transitions.log_birth_weight,
+        fixed_lag.inherited(state.lag_history, state.log_state_weight, transitions.log_transition),
+        tick.zeta[R].reshape(3, 3),
+    )
+    rates = transitions.log_transition, transitions.log_survival
+    return TickInput(births, tick.stamp_ns, sliding.window, state.window, *rates)
+
+
+def _updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], TickWeights]:
+    model = state.model
+    beyond, margin = model.noise.extra_contact_variance, model.search.margin_nats
+    return bank_update.update(state.banks, ticks, beyond, scales_of(model), margin)
+
+
+def weighed(
+    state: FilterState,
+    tick: Tick,
+    sliding: SlidingWindow,
+    transitions: TransitionPrediction,
+    births: Births,
+    banks: Sequence[Bank],
+    weights: TickWeights,
+) -> FilterState:
+    """The state after an informative tick, with the updated banks and weights."""
+    past = births.lag_history
+    if past.size:
+        banks, free = _with_longer_histories(banks), fixed_lag.grown(past[FREE], FREE)
+        past = np.array([*(fixed_lag.mixed(b.lag_history, b.log_weight) for b in banks), free])
+    was_free = state.label is Contact.FREE
+    return state._replace(
+        sliding_window=sliding,
+        cached_proposals=transitions.cached_proposals,
+        ticks=state.ticks + 1,
+        next_hypothesis_id=state.next_hypothesis_id + births.total + 1,
+        deferred_exposure=0.0,
+        banks=tuple(banks),
+        log_state_weight=weights.log_state_weight,
+        residual=weights.residual,
+        best_rows=weights.best_rows,
+        live_hypotheses=weights.live_hypotheses,
+        outliers=state.outliers + tick.outliers,
+        label=STATES[int(np.argmax(weights.log_state_weight))],
+        free_since=state.free_since if was_free else state.ticks,
+        free_since_ns=state.free_since_ns if was_free else tick.start_ns,
+        hazard_exposure=transitions.hazard_exposure,
+        log_transition=transitions.log_transition,
+        log_birth_weight=weights.log_birth_weight,
+        log_normaliser=state.log_normaliser
+        + float(weights.log_birth_weight[FREE] - weights.log_state_weight[FREE]),
+        lag_history=past,
+    )
+
+
+def _with_longer_histories(banks: Sequence[Bank]) -> tuple[Bank, ...]:
+    """The banks with their lag histories extended by a tick in the state of each."""
+    return tuple(
+        replace(bank, lag_history=fixed_lag.grown(bank.lag_history, column))
+        for column, bank in enumerate(banks)
+    )
