@@ -39,7 +39,7 @@ LAYERS = (
     ("batch",),
     ("cli", "api"),
 )
-LAB_LAYERS = (("simulate", "evaluation"), ("calibration",), ("cli",))
+LAB_LAYERS = (("simulate", "evaluation"), ("calibration",), ("cli", "trace_tick"))
 """Of the second package, which imports any of the first one; the first one imports none of it."""
 FIRST_EDGE_LAYER = LAYERS.index(("with_wrenches",)) + 1
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}

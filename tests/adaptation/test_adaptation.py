@@ -146,7 +146,7 @@ def test_offline_has_the_online_beliefs_but_for_what_it_assumes_at_first(
 ) -> None:
     """Before the choice of the model and after it, except for frames that only a tracker with other noise
     leaves out."""
-    monkeypatch.setattr(offline, "INITIAL_AUTOCORRELATION", 0.0)
+    monkeypatch.setattr(segmenting, "INITIAL_AUTOCORRELATION", 0.0)
     poses = moving_average(paper(), 3)[:3000]
     state, online = as_values.advance(as_values.start(MODEL), poses, Detail.SHARED)
     assert state.is_decided

@@ -171,9 +171,7 @@ def test_of_many_pairs_the_most_probable_begin():
     points = [{"point_m": [0.0, 0.0, -height_m]} for height_m in heights_m]
     knowledge = knowledge_from({"environment": {"plane": [TABLE]}, "object": {"point": points}})
     pairs, evidence = proximity(tick(np.eye(3), CUBE_M / 2), knowledge)[Contact.VF.column]
-    model = CONTACT_MODELS[Contact.VF.column]
-    begins = propose_births(model, knowledge, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
-    kept = evidence.of(begins)
+    kept = evidence.proposals
     certain = kept.rows.elements_known
     assert certain.sum() == MOST_BIRTHS
     known = [number for number, pair in enumerate(pairs) if pair.certain]

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import as_values
-from contact_tracker import Tracker
+import contact_tracker
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import StateError
 from contact_tracker.exports.formats import json_line
@@ -190,7 +190,7 @@ def test_only_classes_of_a_state_are_built(tmp_path: Path, saved: tuple[Path, Tr
 def test_a_forged_state_is_refused_or_goes_on(tmp_path: Path) -> None:
     """Whatever one of its values is; 12 of 70 ended in a traceback."""
     poses = list(recorded("vision_30hz", 330))
-    tracker = Tracker(MODEL)
+    tracker = contact_tracker.Tracker(MODEL)
     for pose in poses[:300]:
         tracker.update(*pose)
     tracker.save(tmp_path / "a")
@@ -198,7 +198,7 @@ def test_a_forged_state_is_refused_or_goes_on(tmp_path: Path) -> None:
     for seed in range(16):
         what = forge(tmp_path / "a", tmp_path / "b", Random(seed))
         try:
-            restored = Tracker.load(tmp_path / "b")
+            restored = contact_tracker.Tracker.load(tmp_path / "b")
             for pose in poses[300:]:
                 restored.update(*pose)
             assert len(restored.finish()) in (0, 1), what

@@ -1,4 +1,4 @@
-"""The tracker of a stream as a value: each call returns another one, so that a test can go on from one state in
+"""The tracker of a stream as a value: each call returns another one, so that a test can go on from one in
 several ways."""
 
 from copy import copy

@@ -187,7 +187,8 @@ def test_memory_is_bounded():
     scenario = Scenario((Phase(Contact.FF, 24.0),), rate_hz=100.0)
     one, sizes = PoseFilter(model), []
     for pose in simulate(scenario, 1).poses:
-        for last in one.update(pose):
+        for belief in one.update(pose):
+            last = belief
             sizes.append(len(pickle.dumps(one)) if len(sizes) % 5 == 0 else 0)
     assert len(one.state.window) == 30
     assert max(sizes[180:]) <= 1.3 * max(sizes[100:160])  # the number of hypotheses varies

@@ -2,11 +2,10 @@
 
     python -m contact_tracker_lab.trace_tick recordings/paper_experiment.mcap
 
-Ticks are traced from the pose on that is named, where one filter is left. Calls of the package's own Python
+Twenty ticks are traced from pose 4000 on, where one filter is left. Calls of the package's own Python
 functions count, comprehensions and generators included.
 """
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from types import FrameType
 from typing import Any, Final, NamedTuple
 
 import contact_tracker
+from contact_tracker.cli.terminal import show
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.recording import open_log
@@ -79,12 +79,7 @@ def _traces(log: Path, first_pose: int) -> Iterator[Trace]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("log", type=Path)
-    parser.add_argument("--first-pose", type=int, default=FIRST_POSE, metavar="N")
-    parser.add_argument("--ticks", type=int, default=TICKS, metavar="N")
-    args = parser.parse_args()
-    traces = traced_ticks(args.log, args.first_pose, args.ticks)
+    traces = traced_ticks(Path(sys.argv[1]))
     figures = {
         "files": [len(one.files) for one in traces],
         "packages": [len(one.packages) for one in traces],
@@ -92,11 +87,11 @@ def main() -> int:
         "calls": [one.calls.total() for one in traces],
     }
     for name, counts in figures.items():
-        print(f"{name:10} median {median(counts):5.0f}  least {min(counts):5}  most {max(counts):5}")
+        show(f"{name:10} median {median(counts):5.0f}  least {min(counts):5}  most {max(counts):5}")
     usual = min(traces, key=lambda one: one.calls.total())
-    print("calls by file, in the tick with the fewest:")
+    show("calls by file, in the tick with the fewest:")
     for file, count in usual.by_file.most_common():
-        print(f"{count:5}  {file}")
+        show(f"{count:5}  {file}")
     return 0
 
 

@@ -94,8 +94,8 @@ class Window:
     @cached_property
     def latest_motion_ratio(self) -> float:
         """``motion_ratio`` of the newest tick, without computing the others."""
-        excess, variance = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
-        return float(max(e / (e + v) for e, v in zip(excess, variance, strict=True)))
+        (a, b), (p, q) = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
+        return float(max(a / (a + p), b / (b + q)))
 
     def then(self, index: int, zeta: Array, excess: Array, variance: Array, uneven: Array) -> "Window":
         """The window after one more tick, with as many ticks as ``variance`` (W, 2) has rows.

@@ -51,18 +51,18 @@ class ContactFilter:
 
     def update(self, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True) -> Belief:
         """Update by a tick; the belief about it has this ``detail``."""
-        before = self.state if self.state.ticks else begun(self.state, tick)
-        window = advance_window(before.sliding_window, before.ticks, tick, before.model)
-        if before.belief is not None and is_uninformative(before, tick, window):  # at rest, in gaps
-            self.state = pass_over(before, window, tick.outliers)
-            belief = replace(before.belief, stamp_ns=tick.stamp_ns)
+        state = self.state if self.state.ticks else begun(self.state, tick)
+        window = advance_window(state.sliding_window, state.ticks, tick, state.model)
+        if state.belief is not None and is_uninformative(state, tick, window):  # at rest and in gaps
+            belief = replace(state.belief, stamp_ns=tick.stamp_ns)
+            state = pass_over(state, window, tick.outliers)
         else:
-            transitions = predict_transitions(before, window)  # containment lattice, and births by the map
-            ticks = tick_input(before, tick, window, transitions)
-            banks, weights = _updated_banks(before, ticks)  # fit, evidence, search, pruning
-            self.state = weighed(before, tick, window, transitions, ticks.births, banks, weights)  # the HMM
-            self.state, belief = read_posterior(self.state, tick, detail, tests_curvature)  # and the map
-        self.state, belief = with_rest(self.state, tick, belief)
+            transitions = predict_transitions(state, window)  # by containment; births by the map
+            ticks = tick_input(state, tick, window, transitions)
+            banks, weights = updated_banks(state, ticks)  # fit of the geometry, evidence, search, pruning
+            state = weighed(state, tick, window, transitions, ticks.births, banks, weights)  # HMM
+            state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
+        self.state, belief = with_rest(state, tick, belief)
         return belief
 
     @property
@@ -181,7 +181,8 @@ def tick_input(
     return TickInput(births, tick.stamp_ns, sliding.window, state.window, *rates)
 
 
-def _updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], TickWeights]:
+def updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], TickWeights]:
+    """The banks after a tick, and the weights of their hypotheses."""
     model = state.model
     beyond, margin = model.noise.extra_contact_variance, model.search.margin_nats
     return bank_update.update(state.banks, ticks, beyond, scales_of(model), margin)

@@ -57,8 +57,8 @@ def predict_transitions(state: FilterState, sliding: SlidingWindow) -> Transitio
     if state.knows_elements:
         scales, newest, beyond = scales_of(model), window.cut(-1, None), model.noise.extra_contact_variance
         proximity = [
-            proximity_evidence(contact, begins, newest.with_error(beyond[column]), scales)
-            for column, (contact, begins) in enumerate(zip(CONTACT_MODELS, proposals, strict=True))
+            proximity_evidence(contact, begins, newest.with_error(more) if any(more) else newest, scales)
+            for contact, begins, more in zip(CONTACT_MODELS, proposals, beyond, strict=True)
         ]
         proposals = [near.proposals for near in proximity]
         log_odds[:-1] = [near.log_odds for near in proximity]
