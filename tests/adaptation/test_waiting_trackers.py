@@ -165,7 +165,7 @@ def test_a_state_that_is_saved_while_trackers_wait_continues_alike(tmp_path: Pat
     assert [one.to_json() for one in beliefs] == [one.to_json() for one in same]
     assert is_same(restored.filters.log_weight, expected.filters.log_weight)
     for one, other in zip(restored.filters.filters, expected.filters.filters, strict=True):
-        assert is_same(one.banks, other.banks)
+        assert is_same(one.state.banks, other.state.banks)
 
 
 @needs_kernels
@@ -176,7 +176,7 @@ def test_a_stream_that_ends_while_trackers_wait_may_continue() -> None:
     state, _ = as_values.finish(state)
     state, beliefs = as_values.advance(state, poses[cut:])
     assert len(beliefs) > 15
-    first, *others = state.filters.filters
+    first, *others = (one.state for one in state.filters.filters)
     assert others
     assert {one.ticks for one in others} == {first.ticks}
     for one in others:
