@@ -1,6 +1,7 @@
 """Poses from Python that did not pass the gate are refused with the package's own error."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from contact_tracker.errors import ContactTrackerError, InvalidPose
 from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Pose
+from contact_tracker.tracking.contact_filter import ContactFilter
 from mcap_logs import smooth_poses
-from short_recordings import MODEL
+from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SOUND = smooth_poses(40)
 FIRST = next(iter(SOUND))
@@ -79,3 +81,31 @@ def test_kernels_check_values_as_well_as_shapes(at: int) -> None:
     arrays[at] = np.full_like(arrays[at], np.nan)
     with pytest.raises(ValueError, match="finite"):
         kernels.Ticks(*arrays)
+
+
+def test_an_interrupted_update_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of several filters, some are updated by a tick then; the stream goes on as if nothing had happened."""
+    poses = recorded(FACE_TO_EDGE).poses[:260]
+    state, expected = as_values.start(MODEL, 0.5), as_values.start(MODEL, 0.5)
+    state.add(poses[:130])
+    update, calls = ContactFilter.update, list[int]()
+
+    def interrupted(one: ContactFilter, *args: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return update(one, *args)
+
+    monkeypatch.setattr(ContactFilter, "update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        any(state.add(pose) and False for pose in poses[130:180])
+    monkeypatch.undo()
+    assert len(state.filters.filters) > 2
+    assert state.last_ns is not None
+    left = poses.stamp_ns > state.last_ns
+    found = [*state.add(poses[left]), *state.finish()]
+    same = [*expected.add(poses), *expected.finish()]
+    assert len(found) > 5
+    for one, other in zip(found, same[-len(found) :], strict=True):
+        assert (one.stamp_ns, one.contact) == (other.stamp_ns, other.contact)
+        assert one.probability == pytest.approx(other.probability, abs=1e-9)

@@ -13,9 +13,8 @@ start = Tracker.start
 
 def copied(tracker: Tracker) -> Tracker:
     """A copy; what does not change in place is shared."""
-    other, bank = copy(tracker), copy(tracker.filters)
-    other.filters, other.uninspected = bank, [*tracker.uninspected]
-    bank.filters, bank.first, bank.grid = [copy(one) for one in bank.filters], [*bank.first], copy(bank.grid)
+    other = copy(tracker)
+    other.filters, other.uninspected = tracker.filters.copied(), [*tracker.uninspected]
     given, nothing = tracker.contradiction.given, tracker.contradiction.nothing
     if given is not None and nothing is not None:
         pair = []

@@ -87,7 +87,7 @@ class Tracker:
                 beliefs += self.add(pose, detail)
         if arrival.next_ns is not None and not self.filters.goes_on(arrival.next_ns):  # the tick is complete
             beliefs += self._update_filters(detail)
-            beliefs += self._in_doubt(self.filters.pass_time(arrival.next_ns, detail))
+            beliefs += self._pass_time(arrival.next_ns, detail)
         return beliefs
 
     def finish(self) -> list[Belief]:
@@ -125,7 +125,8 @@ class Tracker:
             require_valid(poses, self.last_ns)
             self.last_ns = int(poses.stamp_ns[-1])
         while len(poses):
-            some, poses = poses[: BATCH_POSES - self.many], poses[BATCH_POSES - self.many :]
+            room = max(BATCH_POSES - self.many, 1)
+            some, poses = poses[:room], poses[room:]
             self.uninspected.append(some)
             self.many += len(some)
             beliefs += self._update_all(detail)
@@ -134,7 +135,7 @@ class Tracker:
     def _update_all(self, detail: Detail) -> list[Belief]:
         """Update the filters, and if there are enough poses the inspection."""
         beliefs = self._update_filters(detail)
-        if self.many == BATCH_POSES:
+        if self.many >= BATCH_POSES:
             self._inspect()
         return beliefs
 
@@ -142,11 +143,18 @@ class Tracker:
         """Update the filters and the checks by the poses that they do not have yet."""
         if self.taken_in == len(self.uninspected):
             return []
-        poses = Poses.join(self.uninspected[self.taken_in :])
-        self.taken_in = len(self.uninspected)
-        beliefs = self.filters.add(poses, detail)
+        poses, filters = Poses.join(self.uninspected[self.taken_in :]), self.filters.copied()
+        beliefs = filters.add(poses, detail)
+        self.filters, self.taken_in = filters, len(self.uninspected)  # an interrupted call changes nothing
         self.check_conventions(poses)
         self.check_prior_map(poses)
+        return self._in_doubt(beliefs)
+
+    def _pass_time(self, until_ns: int, detail: Detail) -> list[Belief]:
+        """Close the ticks that are over by this time."""
+        filters = self.filters.copied()
+        beliefs = filters.pass_time(until_ns, detail)
+        self.filters = filters
         return self._in_doubt(beliefs)
 
     def _in_doubt(self, beliefs: list[Belief]) -> list[Belief]:

@@ -6,8 +6,9 @@ but the best (``comparison``).
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +103,13 @@ class FilterBank:
     map: Map | None = None
     earlier_outliers: int = 0
     changed_since_ns: int | None = None
+
+    def copied(self) -> Self:
+        """A copy that is updated without a change of this one; what does not change in place is shared."""
+        other = copy(self)
+        other.filters, other.first = [copy(one) for one in self.filters], [*self.first]
+        other.grid = copy(self.grid)
+        return other
 
     @property
     def is_decided(self) -> bool:
