@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.distortions import bent
 
-from contact_tracker.adaptation import OfflineTracker, repeatability
+from contact_tracker.adaptation import repeatability
 from contact_tracker.adaptation.repeatability import Repeatability, advance, difference, findings
 from contact_tracker.api.given import model_from
 from contact_tracker.config.parameters import SystematicErrors
@@ -15,6 +15,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Poin
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 

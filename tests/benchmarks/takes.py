@@ -14,12 +14,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.config.loading import load_model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.map.prior import NO_PRIOR, MapPrior
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate

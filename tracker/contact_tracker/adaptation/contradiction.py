@@ -7,14 +7,13 @@ the evidence against the prior map.
 
 from typing import Final, NamedTuple
 
-from contact_tracker.adaptation.explained import Explained, follow
+from contact_tracker.adaptation.explained import Explained
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.evidence import AS_WELL
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
 
 WRONG_NATS: Final = 8.0
@@ -71,13 +70,12 @@ def advance(
         return known._replace(is_settled=True)
     if not len(poses):
         return known
-    if known.given is not None and known.given.state.model != model:
+    if known.given is not None and known.given.grid.model != model:
         known = Contradiction()
-    given = known.given or Explained(tracker.start(model, knowledge=knowledge))
-    nothing = known.nothing or Explained(tracker.start(model))
-    difference = nothing.state.log_evidence - given.state.log_evidence
-    given, with_it = follow(given, poses)
-    nothing, without = follow(nothing, poses, Detail.SHARED)
+    given = known.given or Explained.start(model, knowledge)
+    nothing = known.nothing or Explained.start(model)
+    difference = nothing.filter.state.log_evidence - given.filter.state.log_evidence
+    with_it, without = given.update(poses), nothing.update(poses, Detail.SHARED)
     lead, lost, is_found = known.lead, known.lost, known.is_found
     for one, other in zip(with_it, without, strict=True):
         before, difference = difference, other.log_evidence - one.log_evidence

@@ -1,11 +1,14 @@
-"""Trackers that run only for the evidence of contacts against free motion."""
+"""A filter that runs only for the evidence of contacts against free motion."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, Self
 
+from contact_tracker.config.parameters import Model
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Poses
-from contact_tracker.tracking import tracker
+from contact_tracker.motion.tick_grid import TickGrid
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.state import TrackerState
+from contact_tracker.tracking.contact_filter import ContactFilter
 
 
 class AfterTick(NamedTuple):
@@ -16,23 +19,26 @@ class AfterTick(NamedTuple):
     belief: Belief
 
 
-class Explained(NamedTuple):
-    """A tracker, and the seconds of motion since its start."""
+@dataclass(eq=False)
+class Explained:
+    """A filter with ticks of its own, and the seconds of motion since its start."""
 
-    state: TrackerState
+    grid: TickGrid
+    filter: ContactFilter
     moved_s: float = 0.0
 
+    @classmethod
+    def start(cls, model: Model, knowledge: PriorMap = EMPTY_MAP) -> Self:
+        """The filter before the first pose."""
+        return cls(TickGrid(model), ContactFilter.start(model, knowledge=knowledge))
 
-def follow(
-    one: Explained, poses: Poses, detail: Detail = Detail.WEIGHTS
-) -> tuple[Explained, list[AfterTick]]:
-    """Advance by poses; returns the evidence after each tick that they close, and a belief of this
-    ``detail``."""
-    state, closed = tracker.accumulate_poses(one.state, poses)
-    moved_s, after = one.moved_s, list[AfterTick]()
-    for now, count in tracker.update_through_gaps(state, closed, detail):
-        state = now
-        moved_s += state.model.tick_s * state.window.latest_motion_ratio  # none in a gap
-        assert state.belief is not None
-        after += [AfterTick(state.log_evidence, moved_s, state.belief)] * count
-    return Explained(state, moved_s), after
+    def update(self, poses: Poses, detail: Detail = Detail.WEIGHTS) -> list[AfterTick]:
+        """Update by poses; returns the evidence after each tick that they close, and a belief of this
+        ``detail``."""
+        after = list[AfterTick]()
+        for tick in self.grid.add(poses):
+            belief = self.filter.update(tick, detail, tests_curvature=False)
+            state = self.filter.state
+            self.moved_s += state.model.tick_s * state.window.latest_motion_ratio
+            after.append(AfterTick(state.log_evidence, self.moved_s, belief))
+        return after

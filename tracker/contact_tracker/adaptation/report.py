@@ -3,14 +3,15 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from contact_tracker.adaptation import clearance
-from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.world_map import Map
 from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.tick_averaging import white_variances
+
+Array = NDArray[np.float64]
 
 
 class Report(NamedTuple):
@@ -38,24 +39,19 @@ def map_findings(world: Map) -> tuple[Finding, ...]:
     return (Finding("map", text, False),)
 
 
-def report(state: AdaptiveState) -> Report | None:
-    """Report of the stream so far; None before its rate is known."""
-    best = state.best
-    if best is None or best.averaging is None:
-        return None
-    estimate: NoiseEstimate = best.averaging.stream.noise
-    frames = state.trackers.trackers[0].sliding_window.frames  # others may wait
+def report_of(
+    model: Model,
+    chosen: Model,
+    is_decided: bool,
+    estimate: NoiseEstimate,
+    frames: Array,
+    findings: tuple[Finding, ...],
+) -> Report:
+    """The report, given the estimated noise of a pose, and the ``frames`` in each of the latest ticks."""
     typical = float(np.median(frames)) if len(frames) else 1.0
-    variance = white_variances(estimate, np.array(typical), best.model)
+    variance = white_variances(estimate, np.array(typical), chosen)
     tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
-    share = best.model.noise.estimate_share
+    share = chosen.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
-    lasting = best.model.noise.wander_position_m, best.model.noise.wander_rotation_rad
-    found = (
-        *state.findings,
-        *clearance.final_findings(state.clearance, state.trackers.knowledge),
-        *map_findings(best.map),
-    )
-    return Report(
-        state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, tuple(found)
-    )
+    lasting = chosen.noise.wander_position_m, chosen.noise.wander_rotation_rad
+    return Report(model, chosen, is_decided, noise, tick, lasting, typical, findings)

@@ -1,4 +1,4 @@
-"""Offline: choice of ticks and noise on the first part of a recording, then segmentation of the whole."""
+"""Segments a recording: ticks and noise are chosen on its first part, then it is gone over as a whole."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
@@ -8,20 +8,22 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation import misplaced, online, repeatability, untouched
+from contact_tracker.adaptation import misplaced, repeatability, untouched
 from contact_tracker.adaptation.candidates import period_for_all_s
 from contact_tracker.adaptation.mixture import mixed_with_uniform
-from contact_tracker.adaptation.report import Report, map_findings, report
+from contact_tracker.adaptation.report import Report, map_findings
 from contact_tracker.adaptation.unconfirmed import WaitingPieces
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.map.world_map import Map
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches
-from contact_tracker.tracking import offline_smoother
+from contact_tracker.tracker import BATCH_POSES, Tracker
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.forward_pass import ticks_of
 from contact_tracker.tracking.map_passes import with_map
-from contact_tracker.tracking.offline_smoother import Segmenter
+from contact_tracker.tracking.offline_smoother import Segmenter, pieces
 from contact_tracker.tracking.pass_record import PassRecord
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
@@ -52,35 +54,14 @@ class OfflineTracker:
         frame_moves: bool = False,
         uses_map: bool = True,
     ) -> None:
-        self._uses_map = uses_map and not knowledge and wrenches is None
         self._knowledge = knowledge
         self._wrenches = wrenches
         self._executor = executor
-        self._state = online.start(model, knowledge=knowledge, frame_moves=frame_moves)
+        self._tracker = Tracker.start(model, knowledge=knowledge, frame_moves=frame_moves)
         self._repeatability = repeatability.Repeatability()
         self._untouched = untouched.Untouched()
         self._misplaced = misplaced.Misplaced()
-        self._record: PassRecord | None = None
-
-    @property
-    def map(self) -> Map | None:
-        """The elements that the contacts have touched; None if the recording has no poses, or where knowledge
-        or wrenches are given."""
-        return None if self._record is None else self._record.map
-
-    @property
-    def report(self) -> Report | None:
-        """None if the recording has no poses."""
-        found = report(self._state)
-        if found is None:
-            return None
-        findings = *found.findings, *repeatability.findings(self._repeatability, found.model.systematic)
-        if self._record is not None and self._record.state is not None:
-            findings = *(one for one in findings if one.kind != "map"), *map_findings(self._record.state.map)
-        if all(one.kind != "knowledge" for one in findings):  # which would be why
-            unused = untouched.findings(self._untouched, self._knowledge)
-            findings = *findings, *misplaced.findings(self._misplaced), *unused
-        return found._replace(findings=findings)
+        self._record = PassRecord() if uses_map and not knowledge and wrenches is None else None
 
     def pieces(
         self,
@@ -96,26 +77,90 @@ class OfflineTracker:
         InvalidPose
             While iterating, where poses did not pass the gate.
         """
-        ahead, later = _read_ahead(_validated(batches(poses)))
-        if ahead:
-            trackers = self._state.trackers
-            period_s = period_for_all_s(np.concatenate([some.stamp_ns for some in ahead]), trackers.model)
-            self._state = self._state._replace(trackers=trackers._replace(period_s=period_s))
-        inspected, rest, early = self._choose(chain(_released(ahead), later), detail)
-        best = self._state.best
-        if best is None:
+        stream = self._with_usual_period(_validated(batches(poses)))  # ticks that suit the whole recording
+        stream, early = self._choose_noise(stream, detail)  # by the tracker, on the first part
+        if self._tracker.best is None:
             yield Segmentation()
             return
-        stream = _Stream(chain(inspected, self._inspected(rest)))
-        record = PassRecord() if self._uses_map else None
-        self._record = record
-        segmenter = Segmenter(self._executor, self._wrenches, record)
-        others = self._knowledge, self._executor, None, detail, segmenter
+        one = ContactFilter.start(self._model, knowledge=self._knowledge)
+        ticks = ticks_of(_Stream(stream), self._model, progress)
+        segmenter = Segmenter(self._executor, self._wrenches, self._record)
+        found = pieces(ticks, one, segmenter, detail)  # filter, smooth, decode, fit each segment
+        if self._record is not None:
+            found = with_map(found, self._record, self._executor)  # again with its map until that stands
+        yield from self._checked(found, early)
+
+    @property
+    def map(self) -> Map | None:
+        """The elements that the contacts have touched; None if the recording has no poses, or where knowledge
+        or wrenches are given."""
+        return None if self._record is None else self._record.map
+
+    @property
+    def report(self) -> Report | None:
+        """None if the recording has no poses."""
+        found = self._tracker.report
+        if found is None:
+            return None
+        findings = *found.findings, *repeatability.findings(self._repeatability, found.model.systematic)
+        if self._record is not None and self._record.state is not None:
+            findings = *(one for one in findings if one.kind != "map"), *map_findings(self._record.state.map)
+        if all(one.kind != "knowledge" for one in findings):  # which would be why
+            unused = untouched.findings(self._untouched, self._knowledge)
+            findings = *findings, *misplaced.findings(self._misplaced), *unused
+        return found._replace(findings=findings)
+
+    @property
+    def _model(self) -> Model:
+        """The chosen model."""
+        assert self._tracker.best is not None
+        model = self._tracker.best.model
         may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()
-        model = _with_initial_autocorrelation(best.model) if may_begin_free else best.model
-        found = offline_smoother.pieces(stream, model, progress, *others)
-        if record is not None:
-            found = with_map(found, record, self._executor)
+        return _with_initial_autocorrelation(model) if may_begin_free else model
+
+    def _with_usual_period(self, stream: Iterator[Poses]) -> Iterator[Poses]:
+        """The same stream, after the ticks have been chosen by its first ``AHEAD_POSES``."""
+        ahead = _read_ahead(stream)
+        if ahead:
+            filters = self._tracker.filters
+            stamp_ns = np.concatenate([some.stamp_ns for some in ahead])
+            filters.period_s = period_for_all_s(stamp_ns, filters.model)
+        return chain(_released(ahead), stream)
+
+    def _choose_noise(self, stream: Iterator[Poses], detail: Detail) -> tuple[Iterator[Poses], Beliefs]:
+        """The stream from its beginning, which is read until the model is chosen, and the online beliefs
+        until then, if ``detail`` is enough. The conventions of the poses are tested on as many as that
+        takes."""
+        tracker = self._tracker
+        inspected, ahead, beliefs, count = list[Poses](), list[Poses](), list[Beliefs](), 0
+        for some in stream:
+            used = 0
+            while used < len(some) and not tracker.is_decided:
+                part = some[used : used + BATCH_POSES]
+                beliefs.append(_in_columns(tracker.add(part, detail), detail))
+                used += len(part)
+            inspected.append(some[:used])
+            count += len(some)
+            if used < len(some):
+                tracker.check_conventions(some[used:])
+                ahead.append(some[used:])
+            is_known = tracker.is_decided and tracker.conventions.is_settled
+            if is_known or count >= MOST_POSES:
+                break
+        if not tracker.is_decided and count < MOST_POSES:
+            beliefs.append(_in_columns(tracker.finish(), detail))
+        rest = self._inspected(chain(_released(ahead), stream))
+        return chain(_released(inspected), rest), Beliefs.join(beliefs)
+
+    def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
+        """Pass poses on, after inspection and the test of the prior map."""
+        for poses in stream:
+            self._tracker.inspect_poses(poses)
+            self._tracker.check_prior_map(poses)
+            yield poses
+
+    def _checked(self, found: Iterator[Segmentation], early: Beliefs) -> Iterator[Segmentation]:
+        """The pieces after the checks of segments, with the ``early`` online beliefs instead of their own."""
         waiting = WaitingPieces(self._knowledge)
         for piece in found:
             count = min(len(early), len(piece.filtered))
@@ -124,54 +169,22 @@ class OfflineTracker:
             self._repeatability = repeatability.advance(self._repeatability, piece.segments)
             self._untouched = untouched.advance(self._untouched, self._knowledge, piece.segments)
             self._misplaced = misplaced.advance(self._misplaced, self._knowledge, piece.segments)
-            if self._state.is_in_doubt:
+            if self._tracker.is_in_doubt:
                 piece = _in_doubt(piece)
             piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
             yield from waiting.passed(piece, self._untouched)
         yield from waiting.finish(self._untouched)
 
-    def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """Pass poses on, after inspection and the test of the prior map."""
-        for poses in stream:
-            self._state = online.check_prior_map(online.inspect_poses(self._state, poses), poses)
-            yield poses
 
-    def _choose(
-        self, stream: Iterator[Poses], detail: Detail
-    ) -> tuple[Iterator[Poses], Iterator[Poses], Beliefs]:
-        """Poses until the model is chosen, the rest, and the online beliefs until then, if ``detail`` is
-        enough. The conventions of the poses are tested on as many as that takes."""
-        inspected, ahead, beliefs, count = list[Poses](), list[Poses](), list[Beliefs](), 0
-        for some in stream:
-            used = 0
-            while used < len(some) and not self._state.is_decided:
-                part = some[used : used + online.BATCH_POSES]
-                self._state, new = online.advance(self._state, part, detail)
-                beliefs.append(_in_columns(new, detail))
-                used += len(part)
-            inspected.append(some[:used])
-            count += len(some)
-            if used < len(some):
-                self._state = online.check_conventions(self._state, some[used:])
-                ahead.append(some[used:])
-            is_known = self._state.is_decided and self._state.conventions.is_settled
-            if is_known or count >= MOST_POSES:
-                break
-        if not self._state.is_decided and count < MOST_POSES:
-            self._state, new = online.finish(self._state)
-            beliefs.append(_in_columns(new, detail))
-        return _released(inspected), chain(_released(ahead), stream), Beliefs.join(beliefs)
-
-
-def _read_ahead(stream: Iterator[Poses]) -> tuple[list[Poses], Iterator[Poses]]:
-    """The first ``AHEAD_POSES`` poses, and the rest."""
+def _read_ahead(stream: Iterator[Poses]) -> list[Poses]:
+    """The first ``AHEAD_POSES`` poses."""
     ahead, count = list[Poses](), 0
     for some in stream:
         ahead.append(some)
         count += len(some)
         if count >= AHEAD_POSES:
             break
-    return ahead, stream
+    return ahead
 
 
 def _in_columns(beliefs: list[Belief], detail: Detail) -> Beliefs:
