@@ -21,10 +21,10 @@ where each contact has elements of its own, and dear where some are touched agai
 kinds, online, a fixed one of 0.3 gives 0.730 and these 0.731; on those of single contacts 0.667 and 0.677, in
 the first pass offline 0.818 and 0.890. With a price for each kind (0.3) it is 0.710 online."""
 CONCENTRATION: Final = (0.2, 0.02)
-"""Concentrations of the object and of the environment offline, where all contacts count, of which few are sure
-enough to tell them: an object shows more of its elements than its place. On ten recordings of all kinds these
-give 0.908, 0.02 for both 0.900 and ``CONCENTRATIONS`` 0.862; single contacts are not taken as one world, as
-it does not explain them better."""
+"""Concentrations of the object and of the environment offline, where all contacts count, of which few are
+sure enough to tell them: an object shows more of its elements than its place. On ten recordings of all kinds
+these give 0.908, 0.02 for both 0.900 and ``CONCENTRATIONS`` 0.862; single contacts are not taken as one
+world, as it does not explain them better."""
 
 
 def log_probabilities_of_new(
