@@ -28,6 +28,9 @@ LAYERS = (
     ("tracking",),
     ("checks",),
     ("adaptation",),
+    ("tracker",),
+    ("segmenting",),
+    ("with_wrenches",),
     ("extras", "interrupts"),
     ("recording", "saved_state", "processes"),
     ("outputs",),
@@ -36,9 +39,9 @@ LAYERS = (
     ("batch",),
     ("cli", "api"),
 )
-LAB_LAYERS = (("simulate", "evaluation"), ("calibration",), ("cli",))
+LAB_LAYERS = (("simulate", "evaluation"), ("calibration",), ("cli", "trace_tick"))
 """Of the second package, which imports any of the first one; the first one imports none of it."""
-FIRST_EDGE_LAYER = LAYERS.index(("adaptation",)) + 1
+FIRST_EDGE_LAYER = LAYERS.index(("with_wrenches",)) + 1
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
 # Of what comes before the edge: files that users name, and whether kernels are built from the sources
 # beside them.

@@ -15,11 +15,12 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import tempered
-from contact_tracker.tracking.forward_pass import RecordedPass, forward
+from contact_tracker.tracking.forward_pass import RecordedPass
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.scoring import Subset, scoring
 from fixed_windows import Emission, Recorded, Windows
+from pose_filter import forward
 from scores import OFFLINE, Method, Score
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.scoring import Subset

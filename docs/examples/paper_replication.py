@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.adaptation import offline
+from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
@@ -97,7 +97,7 @@ def replicate_contact(contact: Contact, noise: str, seed: int) -> SingleContact:
     scenario = Scenario((Phase(contact, SECONDS),), name=f"paper: {contact.value}")
     simulated = simulate(scenario, seed)
     poses = NOISES[noise](simulated.poses)
-    found = offline.segment(poses, load_model()).segments
+    found = segmenting.segment(poses, load_model()).segments
     by_slsqp = estimate_by_slsqp(contact, poses, np.random.default_rng(seed))
     whole = Segment(int(poses.stamp_ns[0]), int(poses.stamp_ns[-1]), contact, 1.0, by_slsqp)
     right = [segment for segment in found if segment.contact is contact]
@@ -249,7 +249,7 @@ def replicate_sequence(noise: str, seed: int, slsqp_every: int) -> ContactSequen
         windows,
         some,
         _by_slsqp(poses, some, np.random.default_rng(seed)),
-        offline.segment(poses, load_model()),
+        segmenting.segment(poses, load_model()),
     )
 
 

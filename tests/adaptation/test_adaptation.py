@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from contact_tracker import adaptation, hmm
-from contact_tracker.adaptation import offline
+import as_values
+from contact_tracker import hmm, segmenting
 from contact_tracker.adaptation.candidates import RATE_POSES, candidates, period_for_all_s, with_ticks_for
 from contact_tracker.adaptation.comparison import TickEvidence, are_compared, relative_evidence
+from contact_tracker.adaptation.filter_bank import RATIO_POSES
 from contact_tracker.adaptation.mixture import mixed_with_uniform, mixture
 from contact_tracker.adaptation.rest import LASTING_TICKS, SPAN_TICKS, is_moving
-from contact_tracker.adaptation.side_by_side import RATIO_POSES
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.lifted_pose import T, lift
@@ -26,17 +26,18 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS
 from contact_tracker.motion.window import Window
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.ambiguity import at_most
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.forward_pass import RecordedPass, forward
+from contact_tracker.tracking.forward_pass import RecordedPass
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned
+from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from smooth_motion import moving
 
@@ -68,7 +69,7 @@ def accuracies(poses: Poses, found) -> tuple[float, float]:
 def test_contacts_are_found_in_poses_that_were_filtered(name: str) -> None:
     """The noise estimated from third differences is much too small, so that contacts do not fit."""
     poses = FILTERS[name](paper())
-    offline, online = accuracies(poses, adaptation.segment(poses, MODEL))
+    offline, online = accuracies(poses, segmenting.segment(poses, MODEL))
     assert offline > 0.95
     assert online > 0.8
     if name == "interpolated":
@@ -81,9 +82,9 @@ def test_contacts_are_found_in_poses_that_were_filtered(name: str) -> None:
 def test_a_contact_that_changes_in_a_long_gap_does_so_in_its_middle() -> None:
     """From e-f to v-f after 20 s; neither is fitted to poses of the other."""
     gap_s, poses = (19.0, 26.0), paper()[1000:7000]  # f-f, e-f and v-f
-    whole = adaptation.segment(poses, MODEL)
+    whole = segmenting.segment(poses, MODEL)
     time_s = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
-    found = adaptation.segment(poses[(time_s < gap_s[0]) | (time_s > gap_s[1])], MODEL)
+    found = segmenting.segment(poses[(time_s < gap_s[0]) | (time_s > gap_s[1])], MODEL)
     assert [one.contact for one in found.segments] == [one.contact for one in whole.segments]
     for one, other in zip(found.segments[1:3], whole.segments[1:3], strict=True):
         assert one.geometry is not None
@@ -104,9 +105,9 @@ def test_a_long_rest_does_not_count_as_motion() -> None:
     """Filtered noise sometimes exceeds the threshold of motion; over a minute that must not add up."""
     rest = 60 * 200
     poses = FILTERS["low-passed at 20 Hz"](after_rest(paper()[:3000], 60.0))
-    state, _ = adaptation.advance(adaptation.start(MODEL), poses[:rest], Detail.WEIGHTS)
-    assert state.trackers.moved_s < 0.5
-    _, beliefs = adaptation.advance(state, poses[rest:], Detail.WEIGHTS)
+    state, _ = as_values.advance(as_values.start(MODEL), poses[:rest], Detail.WEIGHTS)
+    assert state.filters.moved_s < 0.5
+    _, beliefs = as_values.advance(state, poses[rest:], Detail.WEIGHTS)
     moving = [belief.contact for belief in beliefs if belief.stamp_ns > paper().stamp_ns[1000]]
     assert np.mean([contact is Contact.FF for contact in moving]) > 0.75
 
@@ -129,7 +130,7 @@ def after_rest(poses: Poses, rest_s: float) -> Poses:
 @needs_kernels
 def test_with_white_noise_the_model_is_kept() -> None:
     poses = paper()
-    state, beliefs = adaptation.advance(adaptation.start(MODEL), poses, Detail.SHARED)
+    state, beliefs = as_values.advance(as_values.start(MODEL), poses, Detail.SHARED)
     assert state.is_decided
     assert state.best is not None
     assert state.best.model == MODEL
@@ -145,11 +146,11 @@ def test_offline_has_the_online_beliefs_but_for_what_it_assumes_at_first(
 ) -> None:
     """Before the choice of the model and after it, except for frames that only a tracker with other noise
     leaves out."""
-    monkeypatch.setattr(offline, "INITIAL_AUTOCORRELATION", 0.0)
+    monkeypatch.setattr(segmenting, "INITIAL_AUTOCORRELATION", 0.0)
     poses = moving_average(paper(), 3)[:3000]
-    state, online = adaptation.advance(adaptation.start(MODEL), poses, Detail.SHARED)
+    state, online = as_values.advance(as_values.start(MODEL), poses, Detail.SHARED)
     assert state.is_decided
-    filtered = adaptation.segment(poses, MODEL).filtered
+    filtered = segmenting.segment(poses, MODEL).filtered
     assert len(online) == len(filtered) - 1  # the last tick is not over
     assert (
         max(np.abs(a.probability - b.probability).max() for a, b in zip(online, filtered, strict=False))
@@ -161,32 +162,32 @@ def test_offline_has_the_online_beliefs_but_for_what_it_assumes_at_first(
 @given(st.lists(st.integers(1, 150), min_size=1, max_size=30), st.sampled_from([0.0, 0.5]))
 def test_beliefs_do_not_depend_on_how_poses_are_split(sizes: list[int], lag_s: float) -> None:
     poses = moving_average(recorded(FACE_TO_EDGE).poses, 3)[:500]
-    at_once, expected = adaptation.advance(adaptation.start(MODEL, lag_s), poses)
-    state, beliefs = adaptation.start(MODEL, lag_s), []
+    at_once, expected = as_values.advance(as_values.start(MODEL, lag_s), poses)
+    state, beliefs = as_values.start(MODEL, lag_s), []
     edges = [0, *np.minimum(np.cumsum(sizes), len(poses)).tolist(), len(poses)]
     for first, end in pairwise(edges):
         if end > first:
             some = poses[first:end]
-            state, new = adaptation.advance(state, next(iter(some)) if end == first + 1 else some)
+            state, new = as_values.advance(state, next(iter(some)) if end == first + 1 else some)
             beliefs += new
     assert [b.stamp_ns for b in beliefs] == [b.stamp_ns for b in expected]
     for one, other in zip(beliefs, expected, strict=True):
         assert one.contact is other.contact
         assert one.probability == pytest.approx(other.probability, abs=1e-12)
-    assert state.trackers.log_weight == pytest.approx(at_once.trackers.log_weight, abs=1e-9)
+    assert state.filters.log_weight == pytest.approx(at_once.filters.log_weight, abs=1e-9)
 
 
 def test_a_stream_may_end_before_its_rate_is_known_and_continue_after_its_end() -> None:
     poses = recorded(FACE_TO_EDGE).poses
     for count in (1, 2, RATE_POSES - 1, RATE_POSES, RATIO_POSES - 1, RATIO_POSES, 200):
-        state, beliefs = adaptation.advance(adaptation.start(MODEL), poses[:count])
-        state, rest = adaptation.finish(state)
+        state, beliefs = as_values.advance(as_values.start(MODEL), poses[:count])
+        state, rest = as_values.finish(state)
         assert [*beliefs, *rest][-1].stamp_ns == poses.stamp_ns[count - 1]
-        state, more = adaptation.advance(state, poses[300:400])
+        state, more = as_values.advance(state, poses[300:400])
         assert more
         assert min(b.stamp_ns for b in more) > poses.stamp_ns[count - 1]
-    assert adaptation.finish(adaptation.start(MODEL))[1] == []
-    assert adaptation.report(adaptation.start(MODEL)) is None
+    assert as_values.finish(as_values.start(MODEL))[1] == []
+    assert as_values.start(MODEL).report is None
 
 
 def test_evidence_is_that_of_all_paths() -> None:
@@ -252,7 +253,7 @@ def test_correlated_errors_are_found_by_the_evidence() -> None:
     errors = lfilter([1.0], [1.0, -AUTOCORRELATION], white, axis=0)
     position, turn = poses.position_m + lasting_m * errors[2000:, :3], 5.0 * lasting_m * errors[2000:, 3:]
     moved = replace(poses, position_m=position, quat_xyzw=turned(poses, turn))
-    tracked = adaptation.OfflineTracker(MODEL)
+    tracked = OfflineTracker(MODEL)
     found = Segmentation.join(list(tracked.pieces(moved)))
     assert tracked.report is not None
     assert tracked.report.lasting[0] == pytest.approx(lasting_m, rel=0.6)
@@ -265,7 +266,7 @@ def test_correlated_errors_are_found_by_the_evidence() -> None:
 def test_contacts_are_found_in_few_poses() -> None:
     """Differences of such poses are mostly motion; the evidence finds that the noise is smaller."""
     poses = thinned(paper(), 5.0, 0.01, np.random.default_rng(5))
-    tracked = adaptation.OfflineTracker(MODEL)
+    tracked = OfflineTracker(MODEL)
     found = Segmentation.join(list(tracked.pieces(poses)))
     assert accuracies(poses, found)[0] > 0.9
     assert tracked.report is not None
@@ -294,7 +295,7 @@ def test_candidates_are_larger_than_white_noise_and_in_its_ratio() -> None:
 def test_a_tick_has_more_than_one_pose(rate_hz: float, tick_s: float) -> None:
     assert with_ticks_for(MODEL, 1.0 / rate_hz).tick_s == pytest.approx(tick_s)
     poses = moving(np.random.default_rng(1), 30.0 / rate_hz, rate_hz, 3e-4, 3e-3)
-    state, _ = adaptation.finish(adaptation.advance(adaptation.start(MODEL), poses)[0])
+    state, _ = as_values.finish(as_values.advance(as_values.start(MODEL), poses)[0])
     assert state.best is not None
     assert state.best.model.tick_s == pytest.approx(tick_s)
 
@@ -353,22 +354,22 @@ def test_an_open_formation_limits_the_probability_of_the_mixture() -> None:
 
 
 def test_the_tracker_with_the_best_evidence_remains() -> None:
-    state = adaptation.start(MODEL)
+    state = as_values.start(MODEL)
     for some in moving_average(recorded(FACE_TO_EDGE).poses, 5).batches():
-        before, state = state, adaptation.advance(state, some)[0]
-        if len(before.trackers.trackers) > 1:
-            white = [one.model for one in before.trackers.trackers if not one.model.correlation]
+        before, state = state, as_values.advance(state, some)[0]
+        if len(before.filters.filters) > 1:
+            white = [one.state.model for one in before.filters.filters if not one.state.model.correlation]
             floors = [model.noise.floor_position_m for model in white]
             assert floors == sorted(floors)
     assert state.best is not None
     assert state.best.model.noise.floor_position_m > MODEL.noise.floor_position_m
     given = replace(MODEL.with_noise(3e-4, 2.6e-3), name="given")
-    known, _ = adaptation.advance(adaptation.start(given), recorded(FACE_TO_EDGE).poses)
+    known, _ = as_values.advance(as_values.start(given), recorded(FACE_TO_EDGE).poses)
     assert known.is_decided
     assert known.best is not None
-    assert known.best.averaging is not None
-    assert known.best.averaging.stream.noise.sigma_position_m == pytest.approx(3e-4)
-    assert tracker.start(given).model == known.best.model
+    assert known.filters.grid is not None
+    assert known.filters.grid.last.noise.sigma_position_m == pytest.approx(3e-4)
+    assert given == known.best.model
 
 
 def test_the_prior_has_an_effect_in_the_first_seconds_only() -> None:
@@ -391,7 +392,7 @@ def test_the_prior_has_an_effect_in_the_first_seconds_only() -> None:
 def test_noise_of_filtered_poses_at_rest_is_not_taken_for_motion() -> None:
     """In the first five seconds of rest only the prior, that objects rest on faces, determines the label."""
     rest = low_pass(paper()[:1000], 20.0)
-    state, beliefs = adaptation.advance(adaptation.start(MODEL), rest)
+    state, beliefs = as_values.advance(as_values.start(MODEL), rest)
     assert not state.is_decided
     assert np.mean([belief.contact is Contact.FF for belief in beliefs]) > 0.7
     without_adaptation = segment(rest, MODEL).filtered
@@ -401,7 +402,7 @@ def test_noise_of_filtered_poses_at_rest_is_not_taken_for_motion() -> None:
 @needs_kernels
 def test_offline_smooth_free_motion_at_the_start_is_no_contact() -> None:
     poses = simulate("all_states", 0).poses[:2000]  # free until 5.5 s, then v-f
-    first, *_, last = adaptation.segment(poses, MODEL).segments
+    first, *_, last = segmenting.segment(poses, MODEL).segments
     assert (first.contact, last.contact) == (Contact.FREE, Contact.VF)
     assert (first.end_ns - first.start_ns) * 1e-9 > 5.0
 
@@ -410,8 +411,8 @@ def test_offline_smooth_free_motion_at_the_start_is_no_contact() -> None:
 def test_ticks_follow_the_mean_period_of_jittered_stamps_without_gaps(seed: int) -> None:
     rows = 20 * np.arange(20) + np.random.default_rng(seed).integers(-6, 7, 20) + 6
     rows[10:] += 200
-    state, _ = adaptation.advance(adaptation.start(MODEL), paper()[rows], Detail.WEIGHTS)
-    assert state.trackers.trackers[0].model.tick_s == pytest.approx(0.15, abs=0.008)
+    state, _ = as_values.advance(as_values.start(MODEL), paper()[rows], Detail.WEIGHTS)
+    assert state.filters.filters[0].state.model.tick_s == pytest.approx(0.15, abs=0.008)
 
 
 # --- the rate of the stream, and the time of answers -------------------------------------------------------
@@ -422,13 +423,13 @@ def test_ticks_follow_a_lasting_change_of_the_rate() -> None:
     poses = recorded(FACE_TO_EDGE).poses
     slow_ns = poses.stamp_ns[0] - 2_000_000_000 * np.arange(10, 0, -1)
     slow_start = Poses.join([replace(poses[:10], stamp_ns=slow_ns), poses])
-    state, beliefs = adaptation.advance(adaptation.start(MODEL), slow_start, Detail.WEIGHTS)
+    state, beliefs = as_values.advance(as_values.start(MODEL), slow_start, Detail.WEIGHTS)
     ticks_ns = np.diff([belief.stamp_ns for belief in beliefs if belief.stamp_ns > poses.stamp_ns[0]])
     assert np.median(ticks_ns[5:]) == pytest.approx(1e8, rel=0.01)
     assert min(ticks_ns) > 0
     assert period_for_all_s(slow_start.stamp_ns, MODEL) == pytest.approx(0.005)
     later_ns = poses.stamp_ns[-1] + 500_000_000 * np.arange(1, 15)
-    state, _ = adaptation.advance(state, replace(poses[:14], stamp_ns=later_ns), Detail.WEIGHTS)
+    state, _ = as_values.advance(state, replace(poses[:14], stamp_ns=later_ns), Detail.WEIGHTS)
     assert state.best is not None
     assert state.best.model.tick_s == pytest.approx(0.5 * MODEL.poses_per_tick)
 
@@ -439,11 +440,11 @@ def test_ticks_go_out_in_time_while_poses_are_held() -> None:
     away = np.zeros((len(poses), 1))
     away[500:700] = 1.0
     away[900:] = 1.0  # and stay there
-    gate, state = PoseGate(), adaptation.start(MODEL)
+    gate, state = PoseGate(), as_values.start(MODEL)
     delays_ns, counts = list[int](), list[float]()
     for pose in replace(poses, position_m=poses.position_m + 0.3 * away):
         arrival = gate.arrive(pose)
-        state, beliefs = adaptation.take(state, arrival, Detail.WEIGHTS)
+        state, beliefs = as_values.take(state, arrival, Detail.WEIGHTS)
         delays_ns += [(arrival.time_ns or 0) - belief.stamp_ns for belief in beliefs]
         best = state.best
         if best is not None and beliefs:

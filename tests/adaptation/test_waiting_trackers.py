@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from contact_tracker import adaptation
+import as_values
 from contact_tracker.adaptation import rest
-from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.checks import window_scores
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
 from contact_tracker.map.file import map_from
 from contact_tracker.motion.poses import Poses
 from contact_tracker.saved_state import is_same, load, save
-from contact_tracker.tracking import tracker
+from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Belief
+from contact_tracker.tracking.contact_filter import ContactFilter
 from distortions import turned
 from short_recordings import FACE_TO_EDGE, recorded
 
@@ -44,41 +44,40 @@ def then(poses: Poses, more: Poses, pause_s: float = 1.0 / RATE_HZ) -> Poses:
     return Poses.join([poses, replace(more, stamp_ns=more.stamp_ns + shift)])
 
 
-def followed(poses: Poses, size: int = 50) -> tuple[list[AdaptiveState], list[Belief]]:
+def followed(poses: Poses, size: int = 50) -> tuple[list[Tracker], list[Belief]]:
     """The states after every ``size`` poses, and all beliefs."""
-    state, states, beliefs = adaptation.start(MODEL), list[AdaptiveState](), list[Belief]()
+    state, states, beliefs = as_values.start(MODEL), list[Tracker](), list[Belief]()
     for first in range(0, len(poses), size):
-        state, some = adaptation.advance(state, poses[first : first + size])
+        state, some = as_values.advance(state, poses[first : first + size])
         states.append(state)
         beliefs += some
     return states, beliefs
 
 
-def waiting(poses: Poses) -> tuple[AdaptiveState, int]:
+def waiting(poses: Poses) -> tuple[Tracker, int]:
     """The last state in which trackers wait, and the number of poses until then."""
     states, _ = followed(poses)
     last = max(i for i, state in enumerate(states) if waits(state))
     return states[last], 50 * (last + 1)
 
 
-def waits(state: AdaptiveState) -> bool:
-    first, *others = state.trackers.trackers
-    assert all(one.averaging is not None for one in others)
-    return any(one.ticks < first.ticks for one in others)
+def waits(state: Tracker) -> bool:
+    first, *others = state.filters.filters
+    return any(one.state.ticks < first.state.ticks for one in others)
 
 
 @needs_kernels
 def test_at_rest_only_the_first_tracker_takes_in_ticks() -> None:
     states, beliefs = followed(resting(recorded(FACE_TO_EDGE).poses, 30.0))
-    assert len(states[-1].trackers.trackers) > 3
+    assert len(states[-1].filters.filters) > 3
     assert np.mean([waits(state) for state in states]) > 0.6
     stamps = np.diff([belief.stamp_ns for belief in beliefs])
     assert len(beliefs) > 290
     assert stamps.min() > 0
     assert stamps.max() < 2 * stamps.min()
-    others = states[-1].trackers.trackers[1:]
-    assert len({one.ticks for one in others}) == 1
-    assert len(states[-1].trackers.rest.kept) <= rest.KEPT_TICKS
+    others = states[-1].filters.filters[1:]
+    assert len({one.state.ticks for one in others}) == 1
+    assert len(states[-1].filters.rest.kept) <= rest.KEPT_TICKS
     assert len(states[-1].checks.conventions.waiting) <= (window_scores.TICKS + 2) * RATE_HZ * MODEL.tick_s
 
 
@@ -103,11 +102,11 @@ def test_in_a_gap_trackers_wait_and_then_take_in_what_follows() -> None:
     moving = recorded(FACE_TO_EDGE).poses
     half = moving[:400]
     states, _ = followed(then(half, moving[400:], pause_s=4.0))
-    assert len(states[7].trackers.trackers) > 3
+    assert len(states[7].filters.filters) > 3
     assert not any(waits(state) for state in states[:8])
     assert waits(states[8])
     assert not any(waits(state) for state in states[12:])  # a second later: the motion is known again
-    ended, _ = adaptation.finish(states[8])
+    ended, _ = as_values.finish(states[8])
     assert not waits(ended)
 
 
@@ -122,9 +121,9 @@ def test_in_bursts_of_poses_the_noise_is_decided_as_well() -> None:
     off = 2e-4 * rng.normal(size=(2, len(time_s), 3))
     quat = Rotation.from_rotvec(turn) * Rotation.from_rotvec(off[1])
     states, _ = followed(Poses((time_s * 1e9).astype(np.int64), place + off[0], quat.as_quat()))
-    assert len(states[1].trackers.trackers) > 3
-    assert len(states[-1].trackers.trackers) < 3
-    assert states[-1].trackers.moved_s > 5.0
+    assert len(states[1].filters.filters) > 3
+    assert len(states[-1].filters.filters) < 3
+    assert states[-1].filters.moved_s > 5.0
 
 
 @needs_kernels
@@ -149,7 +148,7 @@ def test_however_poses_come_a_gap_during_which_trackers_begin_to_wait_is_the_sam
     still = resting(moving[70:], 1.0)[::6]
     poses = then(then(then(moving[:70], still, 0.03), moving[70:100], pause_s=1.6), moving[100:160], 0.03)
     states, expected = followed(poses)
-    assert len(states[1].trackers.trackers) > 3
+    assert len(states[1].filters.filters) > 3
     _, beliefs = followed(poses, size)
     for one, other in zip(beliefs, expected, strict=True):
         assert one.probability == pytest.approx(other.probability, abs=1e-12)
@@ -161,13 +160,13 @@ def test_a_state_that_is_saved_while_trackers_wait_continues_alike(tmp_path: Pat
     poses = then(resting(moving, 5.0), moving[:200])
     state, cut = waiting(poses[:1000])
     save(tmp_path / "state", state)
-    restored, beliefs = adaptation.advance(load(tmp_path / "state"), poses[cut:])
-    expected, same = adaptation.advance(state, poses[cut:])
+    restored, beliefs = as_values.advance(load(tmp_path / "state"), poses[cut:])
+    expected, same = as_values.advance(state, poses[cut:])
     assert not waits(expected)
     assert [one.to_json() for one in beliefs] == [one.to_json() for one in same]
-    assert is_same(restored.trackers.log_weight, expected.trackers.log_weight)
-    for one, other in zip(restored.trackers.trackers, expected.trackers.trackers, strict=True):
-        assert is_same(one.banks, other.banks)
+    assert is_same(restored.filters.log_weight, expected.filters.log_weight)
+    for one, other in zip(restored.filters.filters, expected.filters.filters, strict=True):
+        assert is_same(one.state.banks, other.state.banks)
 
 
 @needs_kernels
@@ -175,10 +174,10 @@ def test_a_stream_that_ends_while_trackers_wait_may_continue() -> None:
     moving = recorded(FACE_TO_EDGE).poses
     poses = then(resting(moving, 5.0), moving[:400])
     state, cut = waiting(poses[:1000])
-    state, _ = adaptation.finish(state)
-    state, beliefs = adaptation.advance(state, poses[cut:])
+    state, _ = as_values.finish(state)
+    state, beliefs = as_values.advance(state, poses[cut:])
     assert len(beliefs) > 15
-    first, *others = state.trackers.trackers
+    first, *others = (one.state for one in state.filters.filters)
     assert others
     assert {one.ticks for one in others} == {first.ticks}
     for one in others:
@@ -190,9 +189,9 @@ def test_a_stream_that_ends_while_trackers_wait_may_continue() -> None:
 def test_with_known_elements_or_a_lag_no_tracker_waits() -> None:
     given = map_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
     poses = resting(recorded(FACE_TO_EDGE).poses, 6.0)
-    for start in (adaptation.start(MODEL, 0.5), adaptation.start(MODEL, known_map=given)):
-        state, _ = adaptation.advance(start, poses)
-        assert len(state.trackers.trackers) > 3
+    for start in (as_values.start(MODEL, 0.5), as_values.start(MODEL, known_map=given)):
+        state, _ = as_values.advance(start, poses)
+        assert len(state.filters.filters) > 3
         assert not waits(state)
 
 
@@ -200,16 +199,15 @@ def updates_of(poses: Poses, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int]
     """Number of ticks reported, and of updates of all trackers side by side."""
     count = 0
 
-    def counting(*args: Any, **kwargs: Any) -> Any:
+    def counting(*args: Any, **kwargs: Any) -> Belief:
         nonlocal count
-        for one in update_each(*args, **kwargs):
-            count += 1
-            yield one
+        count += 1
+        return update(*args, **kwargs)
 
-    update_each = tracker.update_each
-    monkeypatch.setattr(tracker, "update_each", counting)
-    state, beliefs = adaptation.advance(adaptation.start(MODEL), poses)
-    assert len(state.trackers.trackers) > 3
+    update = ContactFilter.update
+    monkeypatch.setattr(ContactFilter, "update", counting)
+    state, beliefs = as_values.advance(as_values.start(MODEL), poses)
+    assert len(state.filters.filters) > 3
     return len(beliefs), count
 
 
@@ -249,8 +247,8 @@ def test_poses_too_far_apart_for_any_evidence_are_followed_by_one_tracker() -> N
     """Hours of poses five seconds apart fit in a small file; none of them decides between trackers."""
     steps = np.random.default_rng(4).normal(size=(300, 3))
     poses = slow(0.01 * np.cumsum(steps, axis=0), 0.2)
-    state, _ = adaptation.advance(adaptation.start(MODEL), poses)
+    state, _ = as_values.advance(as_values.start(MODEL), poses)
     assert state.is_decided
     assert not state.checks.conventions.found
-    state, _ = adaptation.advance(adaptation.start(MODEL), slow(np.zeros((100, 3)), 0.8))
-    assert len(state.trackers.trackers) > 3
+    state, _ = as_values.advance(as_values.start(MODEL), slow(np.zeros((100, 3)), 0.8))
+    assert len(state.filters.filters) > 3

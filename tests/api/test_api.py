@@ -11,10 +11,8 @@ import pyarrow
 import pytest
 
 import contact_tracker
+from as_values import finish, start, take
 from contact_tracker import ContactTrackerWarning, Trajectory
-from contact_tracker.adaptation import finish, start, take
-from contact_tracker.adaptation import segment as segment_inside
-from contact_tracker.adaptation.with_wrenches import NoLoad
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import (
     AmbiguousSource,
@@ -30,6 +28,8 @@ from contact_tracker.errors import (
 from contact_tracker.motion.pose_validation import PoseGate, gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import WRENCH_TYPE, wrench_evidence, write_recording
+from contact_tracker.segmenting import segment as segment_inside
+from contact_tracker.with_wrenches import NoLoad
 from contact_tracker.wrenches.wrenches import Wrenches
 from mcap_logs import Topic, header, poses_topic, smooth_poses, transform, wrench_stamped, write_log
 from short_recordings import FACE_TO_EDGE, recorded

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.map.file import map_from
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker_lab.evaluation.tables import number, table
 from shared_recordings import SHARED_RECORDINGS
 
@@ -47,7 +47,7 @@ def direction_of_faces(path: Path) -> Array | None:
 def is_reported(poses: Poses, direction: Array) -> bool:
     """Whether ``direction`` is reported as wrong."""
     known_map = map_from({"up": {"direction": [float(part) for part in direction]}})
-    tracker = adaptation.OfflineTracker(load_model(), known_map)
+    tracker = OfflineTracker(load_model(), known_map)
     for _ in tracker.pieces(poses):
         pass
     assert tracker.report is not None

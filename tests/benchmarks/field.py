@@ -27,7 +27,7 @@ import numpy as np
 from tqdm import tqdm
 
 import kept_tables
-from contact_tracker import adaptation
+from contact_tracker import segmenting
 from contact_tracker.api.given import model_from
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.pose_validation import gate
@@ -70,7 +70,7 @@ def measure(path: str, distortion: str, model: Model, oracle: bool) -> Measured:
     random = np.random.default_rng(zlib.crc32(f"{Path(path).stem} {distortion}".encode()))
     distorted = DISTORTIONS[distortion](clean, random)
     poses = gate(distorted)
-    found, answers = adaptation.segment(poses, model), answers_to(distorted, model)
+    found, answers = segmenting.segment(poses, model), answers_to(distorted, model)
     if oracle:
         good = gate(measured_poses(distortion, clean, distorted))
         other = offline_smoother.segment(good, true_model(distortion, path, good, model))

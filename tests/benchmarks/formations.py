@@ -24,12 +24,12 @@ import numpy as np
 from tqdm import tqdm
 
 import kept_tables
-from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
@@ -94,7 +94,7 @@ def measure_file(path: str) -> Measured:
 
 def _segmented(poses: Poses, online: bool) -> Segmentation:
     detail = Detail.FORMATION if online else Detail.WEIGHTS
-    return Segmentation.join([*adaptation.OfflineTracker(load_model()).pieces(poses, None, detail)])
+    return Segmentation.join([*OfflineTracker(load_model()).pieces(poses, None, detail)])
 
 
 def single(found: Segmentation, poses: Poses) -> Measured:

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -21,10 +22,10 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_grid import TickGrid
 from contact_tracker.recording import open_log
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.state import TrackerState
+from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker_lab.evaluation.tables import number, table
 from speeds.long_logs import write_long_log
 
@@ -59,16 +60,24 @@ class Growth(NamedTuple):
         return np.asarray(self.hypotheses / self.hypotheses[0])
 
 
-def track(state: TrackerState, poses: Poses) -> Iterator[tuple[TrackerState, TickCost]]:
+class Stream(NamedTuple):
+    """A filter and its ticks."""
+
+    grid: TickGrid
+    one: ContactFilter
+
+
+def track(stream: Stream, poses: Poses) -> Iterator[TickCost]:
     """The cost of each tick that ends within the poses; ticks of a batch share the time of its averaging."""
     for batch in poses.batches():
         began_s = time.process_time()
-        state, closed = tracker.accumulate_poses(state, batch)
+        closed = stream.grid.add(batch)
         share_s = (time.process_time() - began_s) / max(len(closed), 1)
         for tick in closed:
             began_s = time.process_time()
-            state, _ = tracker.update(state, tick, Detail.WEIGHTS)
-            yield state, TickCost(share_s + time.process_time() - began_s, sum(map(len, state.banks)))
+            stream.one.update(tick, Detail.WEIGHTS)
+            many = sum(map(len, stream.one.state.banks))
+            yield TickCost(share_s + time.process_time() - began_s, many)
 
 
 def minutes(log: Path, after_s: float, seconds: float) -> tuple[Poses, Poses, Poses]:
@@ -91,16 +100,15 @@ def _read(log: Path) -> Poses:
 def measure(log: Path, model: str, after_s: float, seconds: float, turns: int) -> Growth:
     """The same ``seconds`` with an empty landmark memory and ``after_s`` later, median of each tick."""
     early, late, between = minutes(log, after_s, seconds)
-    start = known = tracker.start(load_model(model))
-    for state, _ in track(start, between):
-        known = state
-    costs = [
-        [
-            (first, later)
-            for (_, first), (_, later) in zip(track(start, early), track(known, late), strict=False)
-        ]
-        for _ in range(turns)
-    ]
+    given = load_model(model)
+    known = Stream(TickGrid(given), ContactFilter.start(given))
+    for _ in track(known, between):
+        pass
+    costs = []
+    for _ in range(turns):
+        new = Stream(TickGrid(given), ContactFilter.start(given))
+        again = Stream(copy(known.grid), copy(known.one))
+        costs.append(list(zip(track(new, early), track(again, late), strict=False)))
     cost, many = np.median(np.array(costs), axis=0).mean(axis=0).T  # of (turns, ticks, 2, 2)
     return Growth(float(late.stamp_ns[0] - early.stamp_ns[0]) * 1e-9, cost, many)
 

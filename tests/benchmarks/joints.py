@@ -25,7 +25,7 @@ import numpy as np
 from tqdm import tqdm
 
 import kept_tables
-from contact_tracker import adaptation
+from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.ground_truth import Truth
@@ -140,7 +140,7 @@ def _lasting(scenario: Scenario, seconds: float) -> Scenario:
 
 
 def _segments(poses: Poses) -> tuple[Segment, ...]:
-    return tuple(adaptation.segment(poses, load_model()).segments)
+    return tuple(segmenting.segment(poses, load_model()).segments)
 
 
 def _seconds(segment: Segment) -> float:

@@ -23,7 +23,6 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 import kept_tables
-from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.quantities import deviations
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
@@ -40,6 +39,7 @@ from contact_tracker.map.map import (
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_metadata
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.scene import vertices_from_metadata
@@ -142,7 +142,7 @@ def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, 
 def measure(path: Path, level: str, off: tuple[float, float]) -> Measured:
     """Track and evaluate one recording."""
     poses, truth = gate(Poses.collect(open_log(str(path)))), need_truth(str(path))
-    tracker = adaptation.OfflineTracker(load_model(), known(path, level, poses, truth, off))
+    tracker = OfflineTracker(load_model(), known(path, level, poses, truth, off))
     found = Segmentation.join(list(tracker.pieces(poses, detail=Detail.GEOMETRY)))
     report = tracker.report
     is_warned = report is not None and any(one.kind == "knowledge" for one in report.findings)

@@ -27,7 +27,8 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.forward_pass import forward
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.forward_pass import forward, ticks_of
 from contact_tracker_lab.evaluation.tables import number, table
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -51,7 +52,7 @@ def with_margin(model: Model, margin_nats: float) -> Model:
 def track(poses: Poses, model: Model) -> Run:
     """Track at least one pose."""
     began_s, probabilities, hypotheses = time.process_time(), [], 0
-    for tick in forward(poses, model, detail=Detail.SHARED):
+    for tick in forward(ticks_of(poses, model), ContactFilter.start(model), Detail.SHARED):
         probabilities.append(tick.belief.probability)
         hypotheses += sum(map(len, tick.state.banks))
     cpu_s = time.process_time() - began_s

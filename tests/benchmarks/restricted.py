@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 import kept_tables
-from contact_tracker import adaptation
+from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.states import STATES, Contact
@@ -47,7 +47,7 @@ def row(name: str, motion: Motion, seeds: int) -> list[str]:
     measured, labels = [], np.zeros(len(STATES))
     for seed in range(seeds):
         poses = gate(poses_of(motion, np.random.default_rng(seed)))
-        found = adaptation.segment(poses, load_model())
+        found = segmenting.segment(poses, load_model())
         measured.append([shares(found.beliefs), shares(found.filtered)])
         labels += np.bincount(found.beliefs.rows["contact"], minlength=len(STATES))
     mean = np.mean(measured, axis=0).T.ravel()

@@ -25,7 +25,7 @@ from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.tracker import scales_of
+from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
 from scores import OFFLINE, Answer, Method
 from tracking import Tracked

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 import kept_tables
-from contact_tracker import adaptation
+from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
@@ -35,7 +35,7 @@ def measure(path: Path) -> Evaluation:
     truth = read_truth(str(path))
     assert truth is not None, f"{path}: no truth"
     poses = gate(Poses.collect(open_log(str(path))))
-    return evaluate(poses, truth, adaptation.segment(poses, load_model()))
+    return evaluate(poses, truth, segmenting.segment(poses, load_model()))
 
 
 def row(name: str, evaluation: Evaluation) -> list[str]:

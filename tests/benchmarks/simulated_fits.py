@@ -20,8 +20,9 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.forward_pass import ticks_of
+from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.evaluation.bound import cramer_rao, errors
 from contact_tracker_lab.evaluation.elements import Deviation
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
@@ -172,26 +173,21 @@ def _normals(true: ContactGeometry, rotation: Array) -> Array:
 
 def fitted_geometry(poses: Poses, contact: Contact, model: Model | None = None) -> ContactGeometry:
     """The geometry that the offline tracker fits to a segment of these poses with this label."""
-    state, closed = tracker.start(load_model() if model is None else model), []
-    for pose in poses:
-        state, some = tracker.accumulate_pose(state, pose)
-        closed += some
-    state, some = tracker.close_tick(state)
-    closed += some
-    assert state.averaging is not None
+    model = load_model() if model is None else model
+    closed = list(ticks_of(poses, model))
     noise = closed[-1].noise
     counts = np.array([float(tick.count) for tick in closed])
     window = Window(
         np.arange(len(closed)),
         np.array([tick.zeta for tick in closed]),
-        tick_variances(noise, counts, state.model),
+        tick_variances(noise, counts, model),
         np.array(
             [[tick.innovation_excess.position_m2, tick.innovation_excess.rotation_rad2] for tick in closed]
         ),
-        tick_anisotropy(noise, counts, state.model),
+        tick_anisotropy(noise, counts, model),
     )
-    kind, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
+    kind, scales = CONTACT_MODELS[contact.column], scales_of(model)
     fitted, information = refine(fit_window(kind, window, scales), kind, window, scales)
     return contact_geometry(
-        fitted, 0, kind, scales, window, state.averaging.origin_m, state.model.systematic, information
+        fitted, 0, kind, scales, window, closed[0].origin_m, model.systematic, information
     )

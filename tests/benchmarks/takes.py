@@ -14,12 +14,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import kept_tables
-from contact_tracker.adaptation import segment
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_metadata, read_truth
+from contact_tracker.segmenting import segment
 from contact_tracker.states import STATES
 from contact_tracker_lab.evaluation.answers import answers_to
 from contact_tracker_lab.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force

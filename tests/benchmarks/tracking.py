@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
-from contact_tracker.tracking import tracker
-from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.forward_pass import RecordedPass, forward, ticks_of
 from contact_tracker.tracking.offline_smoother import Segmenter
 from contact_tracker.tracking.posterior import lagged_belief
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
-from contact_tracker.tracking.state import TrackerState
 from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
 from scores import LAGS_S, OFFLINE, Answer, Method
 
@@ -42,31 +41,25 @@ class Tracked(NamedTuple):
 
 def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Tracked:
     """One pass over at least one pose, with the longest of the lags."""
-    state, recorded, segmenter = tracker.start(model, max(lags_s)), RecordedPass(), Segmenter()
+    one, recorded, segmenter = ContactFilter.start(model, max(lags_s)), RecordedPass(), Segmenter()
     lags = {lag_s: round(lag_s / model.tick_s) for lag_s in lags_s}
     lagged: dict[float, list[Array]] = {lag_s: [] for lag_s in lags_s}
 
-    def update(state: TrackerState, closed: list[Tick]) -> TrackerState:
-        for tick in closed:
-            state, belief = tracker.update(state, tick)
-            filtered = FilteredTick(state, tick, belief)
-            recorded.note(filtered)
-            segmenter.note(state, filtered.tick_result, belief)
-            for lag_s, lag in lags.items():
-                if len(recorded.beliefs) > lag:
-                    lagged[lag_s].append(lagged_belief(state, len(state.recent) - 1 - lag).probability)
-        return state
-
-    for pose in poses:
-        state = update(*tracker.accumulate_pose(state, pose))
-    state = update(*tracker.close_tick(state))
+    for filtered in forward(ticks_of(poses, model), one, Detail.FORMATION):
+        recorded.note(filtered)
+        segmenter.note(filtered)
+        for lag_s, lag in lags.items():
+            if len(recorded.beliefs) > lag:
+                row = len(filtered.state.recent) - 1 - lag
+                lagged[lag_s].append(lagged_belief(filtered.state, row).probability)
+    state = one.state
     for lag_s, lag in lags.items():  # at the end of the stream the last ticks have a shorter lag
         rows = range(max(len(state.recent) - lag, 0), len(state.recent))
         lagged[lag_s] += [lagged_belief(state, row).probability for row in rows]
     return Tracked(
         segmenter.finish(),
         {lag_s: np.array(posteriors) for lag_s, posteriors in lagged.items()},
-        recorded.window(state),
+        recorded.window(model),
         np.array(recorded.frames, np.int64),
         np.array(recorded.start_ns, np.int64),
         np.array([b.stamp_ns for b in recorded.beliefs], np.int64),

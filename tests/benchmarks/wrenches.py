@@ -19,12 +19,12 @@ from typing import Final
 import numpy as np
 
 import kept_tables
-from contact_tracker.adaptation import OfflineTracker
-from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_wrenches
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.with_wrenches import NoLoad, wrench_evidence
 from contact_tracker.wrenches.wrenches import Wrenches
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number, table

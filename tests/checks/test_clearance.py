@@ -10,8 +10,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+import as_values
 from checked_stream import stream_of
-from contact_tracker.adaptation import online
 from contact_tracker.checks.clearance import Clearance
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.file import map_from
@@ -141,11 +141,11 @@ def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> No
     noise = np.random.default_rng(3).normal(scale=1e-4, size=poses.position_m.shape)
     poses = replace(poses, position_m=poses.position_m + noise)
     for model, most in (("default", 0.6), ("impacts", 1.0)):
-        state = online.start(load_model(model), known_map=known_map)
-        state, beliefs = online.advance(state, poses[:40])
+        state = as_values.start(load_model(model), known_map=known_map)
+        state, beliefs = as_values.advance(state, poses[:40])
         assert beliefs
         sure = max(belief.probability.max() for belief in beliefs)
         assert sure <= most
         assert state.may_be_in_doubt is (model == "default")
-        state, _ = online.advance(state, poses[40:90])  # a hundred that never turn are in doubt again
+        state, _ = as_values.advance(state, poses[40:90])  # a hundred that never turn are in doubt again
         assert not state.may_be_in_doubt

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import as_values
 from checked_stream import stream_of
-from contact_tracker import adaptation
-from contact_tracker.adaptation import online
 from contact_tracker.checks.contradiction import Contradiction
 from contact_tracker.hypotheses import compiled
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
@@ -18,6 +17,7 @@ from contact_tracker.map.map import Map
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from distortions import moving_average
@@ -39,7 +39,7 @@ def poses_of(name: str) -> Poses:
 
 
 def tracked(name: str, known_map: Map) -> tuple[list[str], Segmentation]:
-    tracker = adaptation.OfflineTracker(MODEL, known_map)
+    tracker = OfflineTracker(MODEL, known_map)
     found = Segmentation.join(list(tracker.pieces(poses_of(name))))
     assert tracker.report is not None
     return [one.text for one in tracker.report.findings if one.kind == "knowledge"], found
@@ -98,7 +98,7 @@ def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edg
     """A box with a face on a wall across the edge would tilt like that too, if ``--up`` did not exclude it;
     this counts for nothing, as the hand may restrict the motion."""
     normal = np.array([0.0, -0.6, 0.8])
-    tracker = adaptation.OfflineTracker(MODEL, up(list(normal)))
+    tracker = OfflineTracker(MODEL, up(list(normal)))
     assert list(tracker.pieces(tilting(np.random.default_rng(0), normal)))
     assert tracker.report is not None
     assert [one.text for one in tracker.report.findings if one.kind == "knowledge"] == []
@@ -111,7 +111,7 @@ def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, f
     table = {"normal": [0.0, 0.0, 1.0], "offset_m": 0.0, "name": "table"}
     box = {"size_m": [0.2, width_m, 0.08]}
     known = map_from({"environment": {"plane": [table]}, "object": {"box": box}})
-    tracker = adaptation.OfflineTracker(MODEL, known)
+    tracker = OfflineTracker(MODEL, known)
     found = Segmentation.join(list(tracker.pieces(slid_and_tilted(np.random.default_rng(0), size_m))))
     assert tracker.report is not None
     assert (tracker.report.findings == ()) == fits, tracker.report.findings
@@ -132,7 +132,7 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
         first.position_m + 3e-4 * rng.normal(size=(450, 3)),
         (Rotation.from_quat(first.quat_xyzw) * error).as_quat(),
     )
-    state, _ = online.advance(online.start(MODEL, known_map=known), moving_average(resting, 3))
+    state, _ = as_values.advance(as_values.start(MODEL, known_map=known), moving_average(resting, 3))
     assert not state.checks.contradiction.is_likely(state.stream)
 
 
@@ -179,4 +179,4 @@ def test_without_prior_knowledge_nothing_is_compared() -> None:
     known = Contradiction().update(Poses.join([]), stream_of())
     assert known.is_settled
     assert not known.is_likely(stream_of())
-    assert online.start(MODEL).findings == ()
+    assert as_values.start(MODEL).findings == ()

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import as_values
 from checked_stream import stream_of
-from contact_tracker import adaptation
-from contact_tracker.adaptation import online
 from contact_tracker.checks import conventions
 from contact_tracker.checks.conventions import Conventions
 from contact_tracker.checks.readings import READINGS, Given, read_turns
@@ -20,6 +19,7 @@ from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
 from short_recordings import MODEL
 from smooth_motion import moving, slid_and_tilted, smooth
@@ -147,7 +147,7 @@ def test_free_motion_is_no_mistake() -> None:
 
 
 def tracked(poses: Poses) -> tuple[list[str], Segmentation]:
-    tracker = adaptation.OfflineTracker(MODEL)
+    tracker = OfflineTracker(MODEL)
     found = Segmentation.join(list(tracker.pieces(poses)))
     assert tracker.report is not None
     return [finding.text for finding in tracker.report.findings], found
@@ -179,10 +179,10 @@ def test_while_a_mistake_is_found_no_label_is_certain() -> None:
 def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves: bool) -> None:
     """Those of a table in the cup's frame are the inverse of the cup's poses."""
     poses = inverse(recorded()[1000:3000])
-    state, _ = online.advance(online.start(MODEL, frame_moves=frame_moves), poses)
+    state, _ = as_values.advance(as_values.start(MODEL, frame_moves=frame_moves), poses)
     assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
     assert state.is_in_doubt is not frame_moves
-    tracker = adaptation.OfflineTracker(MODEL, frame_moves=frame_moves)
+    tracker = OfflineTracker(MODEL, frame_moves=frame_moves)
     found = Segmentation.join(list(tracker.pieces(poses)))
     is_certain = max(belief.probability.max() for belief in found.beliefs) > 0.9
     assert bool(is_certain) is frame_moves

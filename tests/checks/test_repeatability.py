@@ -8,7 +8,6 @@ import pytest
 from benchmarks.distortions import bent
 
 from checked_stream import MODEL, stream_of
-from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.api.given import model_from
 from contact_tracker.checks import repeatability
 from contact_tracker.checks.repeatability import Repeatability, difference
@@ -17,6 +16,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Poin
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 

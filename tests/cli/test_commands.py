@@ -19,8 +19,6 @@ from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from command_line import ENVIRONMENT, PROGRAM, ROOT, Done, run, shown_on_a_terminal
-from contact_tracker.adaptation import online
-from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
@@ -32,6 +30,7 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import STATES
+from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
@@ -638,12 +637,14 @@ def test_info_of_many_bodies_takes_little_longer_than_of_one(
     ]
     path, updates = str(write_log(tmp_path / "x.mcap", bodies)), list[int]()
 
-    def counted(state: AdaptiveState, some: Poses, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
-        state, beliefs = online.advance(state, some, detail)
-        updates.append(len(beliefs))
-        return state, beliefs
+    add = Tracker.add
 
-    monkeypatch.setattr("contact_tracker.adaptation.advance", counted)
+    def counted(tracker: Tracker, some: Poses, detail: Detail) -> list[Belief]:
+        beliefs = add(tracker, some, detail)
+        updates.append(len(beliefs))
+        return beliefs
+
+    monkeypatch.setattr(Tracker, "add", counted)
     monkeypatch.setattr(info, "MOST_UPDATES", 300)
     assert main.run(["info", path]) == 0
     out = capsys.readouterr().out

@@ -16,11 +16,11 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import ModelError, UsageError
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.posterior import label_geometry
 from contact_tracker_lab.calibration.parameters import model_text
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
+from pose_filter import PoseFilter
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
@@ -329,10 +329,10 @@ def banks_of(poses, model):
 
 
 def state_after(poses, model):
-    state = tracker.start(model)
+    one = PoseFilter(model)
     for pose in poses:
-        state, _ = tracker.step(state, pose)
-    return state
+        one.update(pose)
+    return one.state
 
 
 def test_optional_keys_have_defaults(tmp_path):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from contact_tracker import adaptation
-from contact_tracker.adaptation.online import AdaptiveState
+import as_values
+from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.exports.formats import json_line
 from contact_tracker.formations.naming import named_by
@@ -23,6 +23,7 @@ from contact_tracker.outputs.text import describe, table
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save
 from contact_tracker.states import Contact
+from contact_tracker.tracker import Tracker
 from contact_tracker.tracking import ambiguity, offline_smoother
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
@@ -42,12 +43,12 @@ def made(name: str) -> Simulated:
 
 @cache
 def found(name: str) -> Segmentation:
-    return adaptation.segment(made(name).poses, load_model())
+    return segmenting.segment(made(name).poses, load_model())
 
 
 @cache
-def online(name: str) -> tuple[AdaptiveState, tuple[Belief, ...]]:
-    state, beliefs = adaptation.advance(adaptation.start(load_model()), made(name).poses)
+def online(name: str) -> tuple[Tracker, tuple[Belief, ...]]:
+    state, beliefs = as_values.advance(as_values.start(load_model()), made(name).poses)
     return state, tuple(beliefs)
 
 
@@ -63,8 +64,8 @@ def test_no_further_contact_repeats_another() -> None:
     """Wrong orders of quaternions give motion that keeps constraints, but no contacts beside the first."""
     poses = Poses.collect(open_log(str(RECORDINGS / "paper_experiment.mcap")))[1000:4000]
     poses = replace(poses, quat_xyzw=np.ascontiguousarray(poses.quat_xyzw[:, [1, 2, 3, 0]]))
-    _, beliefs = adaptation.advance(adaptation.start(load_model()), poses)
-    for one in (*adaptation.segment(poses, load_model()).segments, *beliefs):
+    _, beliefs = as_values.advance(as_values.start(load_model()), poses)
+    for one in (*segmenting.segment(poses, load_model()).segments, *beliefs):
         contacts = [describe(other.geometry) for other in (one, *one.further) if other.geometry is not None]
         assert len(set(contacts)) == len(contacts)
 
@@ -132,9 +133,9 @@ def test_a_further_contact_begins_and_ends() -> None:
 def test_a_single_contact_has_no_further_ones_and_is_no_joint(contact: Contact) -> None:
     """Two vertices on the table would be an edge, three a face."""
     poses = simulate(Scenario((Phase(contact, 10.0),)), 1).poses
-    result = adaptation.segment(poses, load_model())
+    result = segmenting.segment(poses, load_model())
     assert not any(segment.further or segment.joint for segment in result.segments)
-    _, beliefs = adaptation.advance(adaptation.start(load_model()), poses)
+    _, beliefs = as_values.advance(as_values.start(load_model()), poses)
     assert not any(belief.further for belief in beliefs)
 
 
@@ -156,12 +157,12 @@ def test_a_further_contact_is_reported_online_while_it_holds() -> None:
 @needs_kernels
 def test_a_saved_stream_resumes_with_its_formation(tmp_path) -> None:
     poses = made("vertex_and_vertex").poses
-    state, beliefs = adaptation.advance(adaptation.start(load_model()), poses[:2000])
+    state, beliefs = as_values.advance(as_values.start(load_model()), poses[:2000])
     assert beliefs[-1].further
     save(tmp_path / "state", state)
     restored = load(tmp_path / "state")
-    _, rest = adaptation.advance(state, poses[2000:2400])
-    _, again = adaptation.advance(restored, poses[2000:2400])
+    _, rest = as_values.advance(state, poses[2000:2400])
+    _, again = as_values.advance(restored, poses[2000:2400])
     assert list(map(json_line, again)) == list(map(json_line, rest))
     assert any(belief.further for belief in rest)
 
@@ -228,7 +229,7 @@ def test_further_contacts_are_searched_among_known_elements() -> None:
             object_complete=True,
             environment_complete=True,
         )
-        (segment,) = adaptation.segment(
+        (segment,) = segmenting.segment(
             made("vertex_and_vertex").poses[:2400], load_model(), known_map=known_map
         ).segments
         assert segment.contact is Contact.VF

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from mcap.writer import CompressionType
 
-from contact_tracker import adaptation
+import as_values
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.shipped import preset_names, shipped
 from contact_tracker.motion.poses import Poses
@@ -102,7 +102,7 @@ def meshes() -> tuple[bytes, ...]:
 
 @cache
 def states() -> tuple[bytes, ...]:
-    state, _ = adaptation.advance(adaptation.start(load_model()), smooth_poses(120))
+    state, _ = as_values.advance(as_values.start(load_model()), smooth_poses(120))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "s"
         save(path, state)

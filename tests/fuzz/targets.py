@@ -17,7 +17,7 @@ import formats
 import mutations
 import numpy as np
 
-from contact_tracker import adaptation
+import as_values
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError
@@ -139,12 +139,12 @@ def _stream(path: Path, rng: random.Random) -> None:
     poses = mutations.poses_of(rng.choice(corpus.streams()), random.Random(seed))
     model = load_model()
     try:
-        adaptation.advance(adaptation.start(model), poses)
+        as_values.advance(as_values.start(model), poses)
     except ContactTrackerError as error:
         if not str(error).isprintable():
             raise Violation(f"an error of several lines: {error}") from error
-    state, beliefs = adaptation.advance(adaptation.start(model), gate(poses))
-    for belief in [*beliefs, *adaptation.finish(state)[1]]:
+    state, beliefs = as_values.advance(as_values.start(model), gate(poses))
+    for belief in [*beliefs, *as_values.finish(state)[1]]:
         total = belief.probability.sum()
         if not (belief.probability >= 0.0).all() or not abs(total - 1.0) < 1e-9:
             raise Violation(f"not a distribution: {belief.probability}")

@@ -16,9 +16,9 @@ from contact_tracker.hypotheses.contact_geometry import shifted
 from contact_tracker.map.element_prior import pair_priors as prior_given
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.forward_pass import forward
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
+from pose_filter import forward
 
 MODEL = load_model()
 SURE_M, SURE_RAD = 1e-3, 3e-3

@@ -16,11 +16,11 @@ from contact_tracker.hypotheses.curved_contact import (
 from contact_tracker.hypotheses.curved_evidence import curved_evidence
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.window import Window
-from contact_tracker.tracking import tracker
+from contact_tracker.tracking.state import scales_of
 from restricted_motions import MOTIONS
 from short_recordings import MODEL
 
-SCALES = tracker.scales_of(MODEL)
+SCALES = scales_of(MODEL)
 VARIANCE = np.array([1e-8, 1e-6])
 EXCESS = np.array([1e-6, 1e-4])
 each_contact = pytest.mark.parametrize("contact", CURVED_CONTACTS, ids=lambda contact: contact.name)

@@ -24,8 +24,7 @@ from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.map.element_prior import known_entries
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import Contact
-from contact_tracker.tracking import tracker
-from contact_tracker.tracking.forward_pass import forward
+from pose_filter import after, forward
 from pruning import with_margin
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
@@ -238,7 +237,7 @@ def test_exchanged_geometries_agree(model):
 def test_updates_by_a_tick_agree(k):
     """With births, searches (in which contacts alternate) and pruning."""
     ticks = tracked_ticks()
-    numpy, kernel = both(lambda: tracker.update(ticks[k].state, ticks[k + 1].tick)[0])
+    numpy, kernel = both(lambda: after(ticks[k].state, ticks[k + 1].tick)[0])
     for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
         for name in ("number", "onset", "prior_index"):
             np.testing.assert_array_equal(getattr(compiled_, name), getattr(reference, name))
@@ -296,9 +295,9 @@ def test_births_agree(model, old, many, correlation):
     shorter = window.cut(3, None)  # it has lost some
     moment = TickInput(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
     scales = replace(SCALES, correlation=correlation)
-    advanced = both(bank_update.update, banks, [moment], EXTRA_VARIANCE, scales, margin=1e4)
-    numpy, kernel = (updated.banks[column] for updated in advanced)
-    all_weights = [weights for updated in advanced for weights in updated.tick_weights]
+    advanced = both(bank_update.update, banks, moment, EXTRA_VARIANCE, scales, margin=1e4)
+    numpy, kernel = (banks[column] for banks, _ in advanced)
+    all_weights = [weights for _, weights in advanced]
     for name in ("log_birth_weight", "log_state_weight", "residual"):
         np.testing.assert_allclose(*(getattr(weights, name) for weights in all_weights), atol=5e-3)
     np.testing.assert_array_equal(*(weights.best_rows for weights in all_weights))

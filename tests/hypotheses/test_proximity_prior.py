@@ -24,10 +24,10 @@ from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.prediction import predict_transitions
 from contact_tracker.tracking.transition_model import tick_transitions
 from cube_on_table import CUBE_M, CUBE_ON_TABLE, TABLE
+from pose_filter import PoseFilter
 
 MODEL = load_model()
 SCALES = EvidenceParameters(0.3, 0.1, 0.03, 1.0, 0.1)
@@ -64,8 +64,10 @@ def test_contacts_with_larger_errors_are_possible_at_larger_distances():
     corner = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_quat()
     height_m = CUBE_M * np.sqrt(0.75) + 3e-3
     poses = [Pose(i * 10**8, (0.3, -0.2, height_m), tuple(corner.tolist())) for i in range(2)]
-    state, _ = tracker.step(tracker.start(MODEL, known_map=CUBE_ON_TABLE), poses[0])
-    state, _ = tracker.step(state, poses[1])
+    one = PoseFilter(MODEL, known_map=CUBE_ON_TABLE)
+    for pose in poses:
+        one.update(pose)
+    state = one.state
     loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
     before, after = (
         predict_transitions(state._replace(model=model), state.sliding_window).log_transition[FREE]
@@ -167,9 +169,7 @@ def test_of_many_pairs_the_most_probable_begin():
     points = [{"point_m": [0.0, 0.0, -height_m]} for height_m in heights_m]
     known_map = map_from({"environment": {"plane": [TABLE]}, "object": {"point": points}})
     pairs, evidence = proximity(tick(np.eye(3), CUBE_M / 2), known_map)[Contact.VF.column]
-    model = CONTACT_MODELS[Contact.VF.column]
-    begins = propose_births(model, known_map, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
-    kept = evidence.of(begins)
+    kept = evidence.proposals
     certain = kept.rows.elements_known
     assert certain.sum() == MOST_BIRTHS
     known = [number for number, pair in enumerate(pairs) if pair.certain]

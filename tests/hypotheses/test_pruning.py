@@ -32,9 +32,9 @@ from contact_tracker.hypotheses.schedule import (
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking import tracker
-from contact_tracker.tracking.forward_pass import forward
 from contact_tracker.tracking.state import scales_of
+from pose_filter import after as after_tick
+from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 Array = NDArray[np.float64]
@@ -149,7 +149,7 @@ def test_falling_hypotheses_are_refitted_until_they_fit(in_use, monkeypatch):
     state = state._replace(
         banks=(*state.banks[: model.contact.column], displaced, *state.banks[model.contact.column + 1 :])
     )
-    after = tracker.update(state, ticks[40].tick)[0].banks[model.contact.column]
+    after = after_tick(state, ticks[40].tick)[0].banks[model.contact.column]
     right = ticks[40].state.banks[model.contact.column]
     for number in bank.number[fallen]:
         assert after.log_weight[after.number == number] == pytest.approx(
@@ -190,7 +190,7 @@ def test_falling_hypotheses_that_do_not_recover_are_kept_for_a_while(in_use, k, 
         model=pruning.with_margin(MODEL, np.inf),
         banks=(*state.banks[:column], bank, *state.banks[column + 1 :]),
     )
-    after = tracker.update(state, ticks[k].tick)[0].banks[column]
+    after = after_tick(state, ticks[k].tick)[0].banks[column]
     stays = np.isin(bank.number, after.number)
     after, group = after.pick(np.flatnonzero(np.isin(after.number, bank.number))), group[stays]
     assert (after.protected_until[long[stays]] == 1e3).all()
@@ -254,7 +254,7 @@ def test_protected_hypotheses_recover_their_minimum(in_use, is_protected, monkey
     state = state._replace(banks=(*state.banks[:column], displaced, *state.banks[column + 1 :]))
     for later in ticks[start : start + 3]:
         assert displaced.number[row] in state.banks[column].number
-        state, _ = tracker.update(state, later.tick)
+        state, _ = after_tick(state, later.tick)
     bank = state.banks[column]
     assert (bank.log_weight[bank.number == displaced.number[row]] > -FAR_NATS).tolist() == [
         True

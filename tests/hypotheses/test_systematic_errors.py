@@ -11,10 +11,9 @@ from contact_tracker.hypotheses.systematic_errors import MOST_TICKS, added_covar
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking import tracker
-from contact_tracker.tracking.belief import Detail
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
+from pose_filter import forward
 
 SEEDS = 3
 BENT = NOISES["mocap"]._replace(seconds=5.0, systematic_m=0.5e-3, systematic_deg=0.1)
@@ -113,11 +112,8 @@ def test_online_and_offline_deviations_agree():
     """Of one contact that lasts; online the fit weighs ticks by their motion."""
     poses = simulated(Contact.VF)
     model = with_errors(0.5e-3, 2e-3)
-    state = tracker.start(model)
-    for pose in poses:
-        state, ticks = tracker.accumulate_pose(state, pose)
-        for tick in ticks:
-            state, belief = tracker.update(state, tick, Detail.GEOMETRY)
+    *_, last = forward(poses, model)
+    belief = last.belief
     assert belief.contact is Contact.VF
     offline = fitted_geometry(poses, Contact.VF, model)
     for online, found in (

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import contact_tracker
-from contact_tracker import adaptation
+from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import Line, Point
@@ -74,7 +74,7 @@ def moved(
 
 @cache
 def segmented(kind: JointKind, seed: int) -> Segmentation:
-    return adaptation.segment(moved(kind, seed)[1], load_model())
+    return segmenting.segment(moved(kind, seed)[1], load_model())
 
 
 def joint_in(found: Segmentation) -> Joint:
@@ -214,7 +214,7 @@ def test_no_label_is_certain_with_a_joint(kind: JointKind) -> None:
 def test_a_slider_is_no_screw_of_metres_per_radian() -> None:
     """Such a screw would turn by the noise of its angle."""
     slider = replace(named_scenario("slider", 2), phases=(Phase(Contact.FREE, 5.0),))
-    joint = joint_in(adaptation.segment(simulate(slider, 2).poses, load_model()))
+    joint = joint_in(segmenting.segment(simulate(slider, 2).poses, load_model()))
     assert joint.kind is JointKind.SLIDER
 
 
@@ -272,7 +272,7 @@ def test_a_screw_of_a_large_pitch_stays_one_with_large_systematic_errors() -> No
     model = load_model().with_systematic_errors(2e-3, np.radians(0.5))
     _, poses = moved(JointKind.SCREW, 2, pitch_m=0.1)
     poses = with_systematic_errors(poses, model.systematic, 2)
-    found = adaptation.segment(poses, model)
+    found = segmenting.segment(poses, model)
     assert [one.joint.kind for one in found.segments if one.joint] == [JointKind.SCREW]
     assert found.segments[0].joint is not None
     assert found.segments[0].joint.probability > 0.9

@@ -17,9 +17,9 @@ from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, 
 from contact_tracker.map.pairs import UNLISTED, named_pairs
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking.forward_pass import forward
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
+from pose_filter import forward
 
 ACCURACY = Accuracy(2e-3, 0.01)
 FREEDOM = {"f": 3, "e": 4, "v": 3}

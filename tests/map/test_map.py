@@ -12,9 +12,15 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
 from contact_tracker.map.pairs import learned_pairs
+from contact_tracker.map.prices import (
+    CONCENTRATION,
+    CONCENTRATIONS,
+    log_prior_of_new,
+    log_probabilities_of_new,
+)
 from contact_tracker.map.sighting import ElementEstimate, Sighting
 from contact_tracker.map.view import MapView
-from contact_tracker.map.world_map import CONCENTRATION, MARGIN_S, GrowingMap, log_prior_of_new
+from contact_tracker.map.world_map import MARGIN_S, GrowingMap
 from contact_tracker.states import Contact
 
 REACH_M = 0.3
@@ -175,7 +181,7 @@ def test_priors_of_pairs(model: ContactModel) -> None:
     world = GrowingMap.learn([seen(model.contact, pair, 0), seen(model.contact, pair, 100)], REACH_M)
     log_p_new, found = learned_pairs(world.whole, model, np.zeros(3))
     assert np.exp(log_p_new) + np.exp(found.log_share).sum() == pytest.approx(1.0)
-    assert log_p_new == pytest.approx(2.0 * np.log(CONCENTRATION / (2.0 + CONCENTRATION)))
+    assert log_p_new == pytest.approx(sum(np.log(a / (2.0 + a)) for a in CONCENTRATION))
     row = int(found.are_both_known.argmax())
     mean, information = found.prior.mean[row], found.prior.information[row]
     tangent = model.family.tangent(mean[None], model.anchors(np.zeros(3))[None])[0]
@@ -186,11 +192,23 @@ def test_priors_of_pairs(model: ContactModel) -> None:
 
 
 def test_price_of_new_elements() -> None:
-    """The first element of a kind on a side is free, each further one has its price."""
-    assert log_prior_of_new(["v-f"]) == 0.0
-    second = np.log(CONCENTRATION / (1.0 + CONCENTRATION))
-    assert log_prior_of_new(["v-f", "e-f"]) == pytest.approx(second)  # two faces, one vertex, one edge
-    assert log_prior_of_new(["v-f", "v-f"]) == pytest.approx(2.0 * second)
+    """The first contact is free, and each further one pays for both its elements."""
+    assert log_prior_of_new(1) == 0.0
+    assert log_prior_of_new(2) == pytest.approx(sum(np.log(a / (1.0 + a)) for a in CONCENTRATION))
+
+
+def test_new_elements_get_cheap_where_all_are_new_and_dear_where_they_return() -> None:
+    def p_new(objects: list[int], environments: list[int]) -> tuple[float, ...]:
+        counts = {(side, i): n for side, ns in enumerate((objects, environments)) for i, n in enumerate(ns)}
+        return tuple(np.exp(log_probabilities_of_new(counts, 0, CONCENTRATIONS)))
+
+    assert p_new([], []) == pytest.approx((1.0, 1.0))
+    single, returning = p_new([1] * 5, [1] * 5), p_new([3, 2], [5])
+    assert min(single) > 0.4
+    assert max(returning) < 0.1
+    assert log_probabilities_of_new({}, 10, np.array([[0.5, 0.2]])) == pytest.approx(
+        np.log([0.5 / 10.5, 0.2 / 10.2])
+    )
 
 
 def unshared(count: int, unknown: tuple[int, ...] = ()) -> list[Sighting]:

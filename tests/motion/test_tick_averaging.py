@@ -15,7 +15,8 @@ from contact_tracker.motion import tick_grid
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import ONE, R, T, lift
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_averaging import tick_variances
+from contact_tracker.motion.tick_averaging import tick_variances, with_excess
+from contact_tracker.motion.tick_grid import TickGrid
 from contact_tracker.states import Contact
 from smooth_motion import START_NS, moving
 
@@ -26,12 +27,10 @@ seeds = st.integers(0, 2**32 - 1)
 
 def averaged(poses, model=MODEL, batch=None):
     """All ticks of a stream that comes in batches."""
-    state, closed = tick_grid.begin(model, poses), []
+    grid, closed = TickGrid(model), []
     for first in range(0, len(poses), batch or len(poses)):
-        state, more = tick_grid.advance(state, poses[first : first + (batch or len(poses))], model)
-        closed += more
-    state, last = tick_grid.close(state, model)
-    return [*closed, last]
+        closed += grid.add(poses[first : first + (batch or len(poses))])
+    return [*closed, *grid.close()]
 
 
 def spiked(rng, poses, share, size_m=0.05):
@@ -91,31 +90,27 @@ def test_a_follower_with_the_same_noise_shares_the_leaders_ticks(seed, batch, ra
     poses, _ = spiked(rng, moving(rng, 600 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
     late = rng.choice([0, 10**9, 10**10], p=[0.996, 0.002, 0.002], size=len(poses)).cumsum()
     poses = replace(poses, stamp_ns=poses.stamp_ns + late)
-    leader = follower = tick_grid.begin(MODEL, poses)
+    grid, motion = TickGrid(MODEL), None
     ended = int(rng.integers(len(poses)))
     for first in range(0, len(poses), batch):
-        advanced, closed = tick_grid.advance(leader, poses[first : first + batch], MODEL)
-        follower, ticks = tick_grid.follow(follower, leader, advanced, closed, MODEL)
-        assert len(ticks) == len(closed)
-        for own, expected in zip(ticks, closed, strict=True):
+        closed = grid.add(poses[first : first + batch])
+        closed += grid.close() if first <= ended < first + batch else []
+        for expected in closed:
+            motion, own = with_excess(motion, replace(expected, innovation_excess=NO_EXCESS), MODEL)
             assert own.innovation_excess == expected.innovation_excess
-            np.testing.assert_array_equal(own.zeta, expected.zeta)
-        leader = advanced
-        if first <= ended < first + batch:
-            (leader, last), (follower, same) = (tick_grid.close(one, MODEL) for one in (leader, follower))
-            assert last.innovation_excess == same.innovation_excess
-    assert (leader.stream.free_motion is None) == (follower.stream.free_motion is None)
+    assert (motion is None) == (grid.stream.free_motion is None)
 
 
 def test_a_follower_with_other_noise_computes_its_own_innovations():
     """With white noise and without outliers: as from its own average of the frames."""
     poses = moving(np.random.default_rng(2), 20.0, 200.0, 3e-4, 2e-3)
     noisier = replace(MODEL, noise=replace(MODEL.noise, floor_position_m=1e-3, floor_rotation_rad=5e-3))
-    start = tick_grid.begin(MODEL, poses)
-    advanced, closed = tick_grid.advance(start, poses, MODEL)
+    closed, motion, ticks = TickGrid(MODEL).add(poses), None, []
     assert not sum(tick.outliers for tick in closed)
-    _, ticks = tick_grid.follow(start, start, advanced, closed, noisier)
-    _, alone = tick_grid.advance(start, poses, noisier)
+    for tick in closed:
+        motion, own = with_excess(motion, tick, noisier)
+        ticks.append(own)
+    alone = TickGrid(noisier).add(poses)
     for own, expected in zip(ticks, alone, strict=True):
         assert own.innovation_excess == pytest.approx(expected.innovation_excess, rel=1e-9)
     assert ticks[-1].innovation_excess != closed[-1].innovation_excess
@@ -368,8 +363,8 @@ def test_turning_the_sign_of_quaternions_changes_nothing():
 
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():
-    state = tick_grid.begin(MODEL, moving(np.random.default_rng(0), 1.0, 30.0))
-    position, rotation = tick_variances(state.stream.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
+    noise = TickGrid.begun(MODEL, 0, np.zeros(3)).stream.noise
+    position, rotation = tick_variances(noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
     floor = MODEL.noise.floor_position_m**2
     assert position[0] == position[1] == pytest.approx(MODEL.noise.sigma_position_m**2 + floor)
     assert position[2] - floor == pytest.approx(MODEL.noise.sigma_position_m**2 / 100.0)

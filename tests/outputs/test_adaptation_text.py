@@ -1,6 +1,6 @@
 """The line on noise says what was found, and what is only assumed."""
 
-from contact_tracker.adaptation import Report
+from contact_tracker.adaptation.report import Report
 from contact_tracker.config.loading import load_model
 from contact_tracker.outputs.adaptation import noise_text
 

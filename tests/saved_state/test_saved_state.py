@@ -14,8 +14,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from contact_tracker import Tracker, adaptation
-from contact_tracker.adaptation.online import AdaptiveState
+import as_values
+import contact_tracker
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import StateError
 from contact_tracker.exports.formats import json_line
@@ -27,6 +27,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import is_same, load, save
 from contact_tracker.saved_state.encoding import schema
+from contact_tracker.tracker import Tracker
 from forged_states import forge
 from mcap_logs import smooth_poses
 from short_recordings import MODEL
@@ -49,15 +50,15 @@ def recorded(name: str, count: int) -> Poses:
 
 def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: bool = False) -> list[str]:
     """All beliefs of a stream that is saved and restored before the poses ``cuts``."""
-    state, lines_ = adaptation.start(MODEL, lag_s, KNOWN if known else EMPTY_MAP), list[str]()
+    state, lines_ = as_values.start(MODEL, lag_s, KNOWN if known else EMPTY_MAP), list[str]()
     gate = PoseGate()
     for i, pose in enumerate(poses):
         if i in cuts:
             save(path, (state, gate))
             state, gate = load(path)
-        state, beliefs = adaptation.take(state, gate.arrive(pose))
+        state, beliefs = as_values.take(state, gate.arrive(pose))
         lines_ += map(json_line, beliefs)
-    return [*lines_, *map(json_line, adaptation.finish(state)[1])]
+    return [*lines_, *map(json_line, as_values.finish(state)[1])]
 
 
 @needs_kernels
@@ -110,19 +111,19 @@ def test_the_gate_continues_after_a_restore(tmp_path: Path, rows: list[tuple[int
 
 
 @pytest.fixture(scope="module")
-def saved(tmp_path_factory: Any) -> tuple[Path, AdaptiveState]:
+def saved(tmp_path_factory: Any) -> tuple[Path, Tracker]:
     path = tmp_path_factory.mktemp("state") / "a.state"
-    state, _ = adaptation.advance(adaptation.start(MODEL), smooth_poses(300))
+    state, _ = as_values.advance(as_values.start(MODEL), smooth_poses(300))
     save(path, state)
     return path, state
 
 
-def test_the_same_state_has_the_same_bytes(tmp_path: Path, saved: tuple[Path, AdaptiveState]) -> None:
+def test_the_same_state_has_the_same_bytes(tmp_path: Path, saved: tuple[Path, Tracker]) -> None:
     path, state = saved
     save(tmp_path / "again", load(path))
     assert (tmp_path / "again").read_bytes() == path.read_bytes()
     assert is_same(load(path), state)
-    assert not is_same(state, adaptation.start(load_model("robot_1khz")))
+    assert not is_same(state, as_values.start(load_model("robot_1khz")))
 
 
 @given(
@@ -132,7 +133,7 @@ def test_the_same_state_has_the_same_bytes(tmp_path: Path, saved: tuple[Path, Ad
 )
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_damaged_state_is_refused_or_is_the_same(
-    tmp_path: Path, saved: tuple[Path, AdaptiveState], changes: list[tuple[float, int]]
+    tmp_path: Path, saved: tuple[Path, Tracker], changes: list[tuple[float, int]]
 ) -> None:
     data = bytearray(saved[0].read_bytes())
     for at, byte in changes:
@@ -165,7 +166,7 @@ def rewritten(path: Path, target: Path, change: Any) -> Path:
     [
         ["object", "Popen", "true"],
         ["object", "PoseGate"],
-        ["object", "AdaptiveState", None],
+        ["object", "Tracker", None],
         ["member", "Contact", "XX"],
         ["member", "PoseGate", "x"],
         ["array", 10**6],
@@ -179,9 +180,7 @@ def rewritten(path: Path, target: Path, change: Any) -> Path:
         [["tuple"]],
     ],
 )
-def test_only_classes_of_a_state_are_built(
-    tmp_path: Path, saved: tuple[Path, AdaptiveState], tree: Any
-) -> None:
+def test_only_classes_of_a_state_are_built(tmp_path: Path, saved: tuple[Path, Tracker], tree: Any) -> None:
     with pytest.raises(StateError):
         load(rewritten(saved[0], tmp_path / "x", lambda _: tree))
 
@@ -191,7 +190,7 @@ def test_only_classes_of_a_state_are_built(
 def test_a_forged_state_is_refused_or_goes_on(tmp_path: Path) -> None:
     """Whatever one of its values is; 12 of 70 ended in a traceback."""
     poses = list(recorded("vision_30hz", 330))
-    tracker = Tracker(MODEL)
+    tracker = contact_tracker.Tracker(MODEL)
     for pose in poses[:300]:
         tracker.update(*pose)
     tracker.save(tmp_path / "a")
@@ -199,7 +198,7 @@ def test_a_forged_state_is_refused_or_goes_on(tmp_path: Path) -> None:
     for seed in range(16):
         what = forge(tmp_path / "a", tmp_path / "b", Random(seed))
         try:
-            restored = Tracker.load(tmp_path / "b")
+            restored = contact_tracker.Tracker.load(tmp_path / "b")
             for pose in poses[300:]:
                 restored.update(*pose)
             assert len(restored.finish()) in (0, 1), what
@@ -209,7 +208,7 @@ def test_a_forged_state_is_refused_or_goes_on(tmp_path: Path) -> None:
     assert 3 < refused < 16
 
 
-def test_deep_trees_are_refused(tmp_path: Path, saved: tuple[Path, AdaptiveState]) -> None:
+def test_deep_trees_are_refused(tmp_path: Path, saved: tuple[Path, Tracker]) -> None:
     tree: Any = 1
     for _ in range(500):
         tree = ["tuple", tree]
@@ -217,7 +216,7 @@ def test_deep_trees_are_refused(tmp_path: Path, saved: tuple[Path, AdaptiveState
         load(rewritten(saved[0], tmp_path / "x", lambda _: tree))
 
 
-def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, AdaptiveState]) -> None:
+def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, Tracker]) -> None:
     path = tmp_path / "x"
     path.write_bytes(pickle.dumps({"a": 1}))
     with pytest.raises(StateError, match="no saved state"):
@@ -234,7 +233,7 @@ def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, 
 
 
 def test_a_state_of_another_version_is_named(
-    tmp_path: Path, saved: tuple[Path, AdaptiveState], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, saved: tuple[Path, Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from contact_tracker.saved_state import state_file
 

@@ -26,14 +26,15 @@ from contact_tracker.motion.used_directions import used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.text import describe, table
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking import ambiguity, tracker
+from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, segmented
 
-SCALES = tracker.scales_of(MODEL)
+SCALES = scales_of(MODEL)
 SIGMA_M, SIGMA_RAD = 1e-4, 1e-3
 TICKS = 60
 each_contact = pytest.mark.parametrize("contact", CONTACTS)

@@ -11,10 +11,12 @@ from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, know
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking import curved_motion, offline_smoother, segment_fit, tracker
+from contact_tracker.tracking import curved_motion, offline_smoother, segment_fit
 from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
+from pose_filter import PoseFilter
 from restricted_motions import MOTIONS, poses_of
 from short_recordings import MODEL
 
@@ -57,10 +59,9 @@ def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others():
     assert set(longest.inseparable) == possible
     assert longest.probability < 0.5
     assert found.filtered.probability[-20:, FREE].max() < 0.9
-    state, beliefs = tracker.start(MODEL, 0.5, known_map), []
+    one, beliefs = PoseFilter(MODEL, 0.5, known_map), []
     for pose in poses:
-        state, belief = tracker.step(state, pose)
-        beliefs += [belief] if belief is not None else []
+        beliefs += one.update(pose)
     assert max(belief.probability[FREE] for belief in beliefs[-20:]) < 0.5
     impossible = [contact.column for contact in CONTACTS if contact not in possible]
     assert not found.beliefs.probability[:, impossible].any()
@@ -111,12 +112,10 @@ def test_free_motion_is_tested_at_intervals(monkeypatch):
     known = NO_CURVED_MOTION
     for tick in range(100):
         window = Window(np.arange(tick + 1), np.zeros((tick + 1, 25)), *np.ones((2, tick + 1, 2)))
-        known = update_curved_motion(known, window, 0, tracker.scales_of(MODEL), EMPTY_MAP)
+        known = update_curved_motion(known, window, 0, scales_of(MODEL), EMPTY_MAP)
         assert (known.probability > 0.9) == (tick >= 39)
     assert asked == [40, 60, 60]
-    known = update_curved_motion(known, window, 90, tracker.scales_of(MODEL), EMPTY_MAP)
+    known = update_curved_motion(known, window, 90, scales_of(MODEL), EMPTY_MAP)
     assert known.probability == 0.0
-    complete = update_curved_motion(
-        NO_CURVED_MOTION, window, 0, tracker.scales_of(MODEL), Map(object_complete=True)
-    )
+    complete = update_curved_motion(NO_CURVED_MOTION, window, 0, scales_of(MODEL), Map(object_complete=True))
     assert complete.probability == 0.0

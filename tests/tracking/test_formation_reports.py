@@ -18,7 +18,6 @@ from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.changes import Changes
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief
 from contact_tracker.tracking.segment_fit import (
@@ -29,6 +28,7 @@ from contact_tracker.tracking.segment_fit import (
     SegmentTicks,
     joined_by_wrenches,
 )
+from contact_tracker.tracking.state import start
 
 MODEL = load_model()
 COVARIANCE = 1e-6 * np.eye(4)
@@ -79,7 +79,7 @@ def further(start_ns: int) -> FurtherContact:
 
 
 def lagging(*recent: Belief) -> Belief:
-    state = tracker.start(MODEL, len(recent) * MODEL.tick_s)
+    state = start(MODEL, len(recent) * MODEL.tick_s)
     history = np.zeros_like(state.lag_history)
     history[..., Contact.VF.column] = 1.0
     weight = np.zeros(len(history))

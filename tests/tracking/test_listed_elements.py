@@ -25,10 +25,10 @@ from contact_tracker.map.map import (
 )
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
+from pose_filter import PoseFilter
 from short_recordings import true_contacts
 
 MODEL = load_model()
@@ -172,14 +172,12 @@ def test_an_empty_map_changes_nothing():
 
 
 def test_the_online_tracker_uses_the_map():
-    state = tracker.start(MODEL, known_map=known())
-    beliefs = []
+    one, beliefs = PoseFilter(MODEL, known_map=known()), []
     for pose in recorded().poses[:60]:
-        state, belief = tracker.step(state, pose)
-        beliefs += [] if belief is None else [belief]
+        beliefs += one.update(pose)
     offline = with_everything().filtered
     assert [b.to_json() for b in beliefs] == [b.to_json() for b in offline[: len(beliefs)]]
-    assert len(state.banks) == len(CONTACTS)
+    assert len(one.state.banks) == len(CONTACTS)
 
 
 def test_arguments_define_the_map(tmp_path, capsys):

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import Contact
 from contact_tracker.tracking import pass_record
 from contact_tracker.tracking.segmentation import Segmentation

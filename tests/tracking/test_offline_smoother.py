@@ -14,13 +14,14 @@ from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.poses import BATCH, Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, forward
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, ticks_of
 from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
+from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
 each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
@@ -69,10 +70,10 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
 def test_every_tick_has_the_noise_that_is_known_at_the_end():
     """The model's prior, 0.5 mm, is not used for the first ticks."""
     ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
-    seen, state = RecordedPass.over(ticks), ticks[-1].state
-    deviation_m, _ = np.sqrt(seen.window(state).variance).T
+    seen, noise = RecordedPass.over(ticks), ticks[-1].tick.noise
+    deviation_m, _ = np.sqrt(seen.window(MODEL).variance).T
     frames = np.sqrt(seen.frames)
-    per_tick = np.hypot(state.averaging.stream.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
+    per_tick = np.hypot(noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
     np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
     assert np.sqrt(seen.newest[0].variance[0, 0]) > 1.05 * per_tick[0]
 
@@ -144,10 +145,15 @@ def again_and_again(times):
             )
 
 
+def pieces_of(poses, progress=None):
+    ticks = ticks_of(poses, MODEL, progress)
+    return list(pieces(ticks, ContactFilter.start(MODEL), Segmenter()))
+
+
 def in_pieces(executor=None, times=1):
     segmenter, found, most = Segmenter(executor), [], 0
     for seen in again_and_again(times):
-        segmenter.note(seen.state, seen.tick_result, seen.belief)
+        segmenter.note(seen)
         if segmenter.due:
             found.append(segmenter.conclude())
             most = max(most, segmenter.open_ticks)
@@ -173,24 +179,6 @@ def test_pieces_together_are_the_whole(monkeypatch):
     assert len(found.segments) == 12
 
 
-def test_segments_do_not_depend_on_progress_reports(monkeypatch):
-    """With progress reports ticks are updated one by one; intermediate segments are the same."""
-    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
-    poses, watched = recorded("f-e e-e f-e e-f e-e f-f e-e").poses, []
-    found = list(pieces(poses, MODEL, online=Detail.WEIGHTS))
-    expected = list(pieces(poses, MODEL, watch=watched.append, online=Detail.WEIGHTS))
-    assert len(watched) > 100
-    assert sum(len(piece.segments) > 0 for piece in found) >= 2
-    for ours, theirs in zip(found, expected, strict=True):
-        assert ours.outliers == theirs.outliers
-        np.testing.assert_array_equal(ours.beliefs.probability, theirs.beliefs.probability)
-        for a, b in zip(ours.segments, theirs.segments, strict=True):
-            assert (a.contact, a.start_ns, a.end_ns) == (b.contact, b.start_ns, b.end_ns)
-            assert (a.geometry is None) == (b.geometry is None)
-            if a.geometry is not None and b.geometry is not None:
-                np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
-
-
 def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch):
     """Intermediate segments use the noise of the ticks so far, not of pending ones."""
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
@@ -198,7 +186,7 @@ def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch
     for batch in (20, 10_000):
         monkeypatch.setattr("contact_tracker.motion.poses.BATCH", batch)
         poses = recorded("f-e e-e f-e e-f e-e f-f e-e").poses
-        some[batch] = list(pieces(poses, MODEL, online=Detail.WEIGHTS))
+        some[batch] = pieces_of(poses)
     assert sum(len(piece.segments) > 0 for piece in some[20]) >= 2
     expected = Segmentation.join(some.pop(20))
     for found in map(Segmentation.join, some.values()):
@@ -210,14 +198,14 @@ def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch
 
 def test_progress_is_reported_without_online_beliefs():
     counts = []
-    list(pieces(recorded(FACE_TO_EDGE).poses[:1101], MODEL, counts.append, online=Detail.WEIGHTS))
+    pieces_of(recorded(FACE_TO_EDGE).poses[:1101], counts.append)
     assert counts == [500, 1000, 1101]
 
 
 def test_segments_do_not_depend_on_the_number_of_online_beliefs():
     """Landmarks of hypotheses do not depend on the number of online beliefs."""
     poses = recorded(FACE_TO_EDGE).poses
-    found = Segmentation.join(list(pieces(poses, MODEL, online=Detail.WEIGHTS)))
+    found = Segmentation.join(pieces_of(poses))
     expected = segmented(FACE_TO_EDGE)
     assert [b.to_json() for b in found.beliefs] == [b.to_json() for b in expected.beliefs]
     assert [s.start_ns for s in found.segments] == [s.start_ns for s in expected.segments]
@@ -253,7 +241,7 @@ def test_an_object_that_stays_exactly_at_rest_fills_no_memory(monkeypatch):
         moving.position_m[-1:].repeat(count, axis=0),
         moving.quat_xyzw[-1:].repeat(count, axis=0),
     )
-    some = list(pieces(Poses.join([moving, same]), MODEL, online=Detail.WEIGHTS))
+    some = pieces_of(Poses.join([moving, same]))
     assert 2 < len(some) < 20
     assert max(sizes) <= 60_000
     assert len(Segmentation.join(some).stamp_ns) > 900
@@ -271,7 +259,7 @@ def test_worker_processes_give_the_same_result(monkeypatch):
 
 def test_of_a_very_long_segment_the_moving_parts_are_fitted(monkeypatch):
     seen = RecordedPass.over(ticks_seen())
-    window = seen.window(ticks_seen()[-1].state).cut(0, 35)
+    window = seen.window(MODEL).cut(0, 35)
     rest = replace(window, innovation_excess=np.full_like(window.innovation_excess, 1e-12))
     long = Window.join([rest, window, rest])
     long = replace(long, index=np.arange(len(long)))

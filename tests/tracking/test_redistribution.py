@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from contact_tracker.cli.main import run
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking import ambiguity, tracker
+from contact_tracker.tracking import ambiguity
+from pose_filter import PoseFilter
 from short_recordings import EDGE_TO_EDGES, MODEL, recorded
 
 weights = st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7).filter(lambda w: sum(w) > 1e-3)
@@ -73,12 +74,10 @@ def test_indistinguishable_states_share_whichever_is_the_label(posterior, first,
 
 
 def test_every_belief_with_a_lag_is_a_distribution():
-    state, beliefs = tracker.start(MODEL, 1.0), []
+    one, beliefs = PoseFilter(MODEL, 1.0), []
     for pose in recorded(EDGE_TO_EDGES).poses:
-        state, belief = tracker.step(state, pose)
-        beliefs += [belief] if belief is not None else []
-    state, rest = tracker.finish(state)
-    assert all(is_distribution(b.probability) for b in [*beliefs, *rest])
+        beliefs += one.update(pose)
+    assert all(is_distribution(b.probability) for b in [*beliefs, *one.finish()])
 
 
 @pytest.mark.long

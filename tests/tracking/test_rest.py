@@ -11,10 +11,11 @@ from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.rests import rest_ticks
 from contact_tracker.states import STATES
-from contact_tracker.tracking import tracker
-from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, forward
+from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import FREE, hazard_exposure, log_initial, tick_transitions
+from pose_filter import after as after_tick
+from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
 
 MODEL = load_model()
@@ -90,7 +91,7 @@ def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
 
     def after(rest_s: float) -> float:
         state = rested._replace(deferred_exposure=rest_s / MODEL.tick_s * hazard_exposure(0.0))
-        return float(tracker.update(state, next_tick)[1].probability[contact.column])
+        return float(after_tick(state, next_tick)[1].probability[contact.column])
 
     assert after(5.0) > 0.8 * ticks[MOVED // 20 + 5].belief.probability[contact.column] > 0.5
     assert after(5.0) > after(60.0) > after(600.0)

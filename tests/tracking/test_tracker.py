@@ -12,13 +12,14 @@ from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.motion.free_motion import SETTLING_TICKS
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.rests import rest_ticks
+from contact_tracker.motion.tick_grid import TickGrid
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking import ambiguity, tracker
-from contact_tracker.tracking.forward_pass import forward
+from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import REST_EXPOSURE, log_initial, tick_transitions
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
+from pose_filter import PoseFilter, after, forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, age_s, recorded, segmented, true_contacts
 from smooth_motion import moving
 
@@ -30,12 +31,10 @@ each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGE
 
 def run(poses, model=MODEL):
     """All beliefs of a stream, including the last tick, and the state at its end."""
-    state, beliefs = tracker.start(model), []
+    one, beliefs = PoseFilter(model), []
     for pose in poses:
-        state, belief = tracker.step(state, pose)
-        beliefs += [] if belief is None else [belief]
-    state, rest = tracker.finish(state)
-    return [*beliefs, *rest], state
+        beliefs += one.update(pose)
+    return [*beliefs, *one.finish()], one
 
 
 def same(a, b):
@@ -161,11 +160,10 @@ def test_the_filter_equals_the_smoother_on_the_poses_so_far(without_ambiguity):
 
 def test_a_lag_equals_the_smoother_with_that_much_future(without_ambiguity):
     poses, lag = recorded(FACE_TO_EDGE).poses[300:500], 3
-    state, found = tracker.start(MODEL, lag * MODEL.tick_s), []
+    one, found = PoseFilter(MODEL, lag * MODEL.tick_s), []
     for pose in poses:
-        state, belief = tracker.step(state, pose)
-        found += [] if belief is None else [belief]
-    found += tracker.finish(state)[1]
+        found += one.update(pose)
+    found += one.finish()
     assert len(found) == 10
     for tick, belief in enumerate(found):
         seen = segment(poses[: 20 * min(tick + lag + 1, 10)], MODEL).beliefs[tick]
@@ -175,18 +173,10 @@ def test_a_lag_equals_the_smoother_with_that_much_future(without_ambiguity):
 
 def test_a_state_is_a_value():
     """The same step twice from one state gives the same result; earlier results are unchanged."""
-    poses = list(recorded(FACE_TO_EDGE).poses[:250])
-    state = tracker.start(MODEL)
-    for pose in poses[:219]:
-        state, _ = tracker.step(state, pose)
+    *before, last = forward(recorded(FACE_TO_EDGE).poses[:250], MODEL)
+    state = before[-1].state
     kept = pickle.dumps(state)
-    ends = []
-    for _ in range(2):
-        now, belief = state, None
-        for pose in poses[219:]:
-            now, found = tracker.step(now, pose)
-            belief = found or belief
-        ends.append(belief)
+    ends = [after(state, last.tick)[1] for _ in range(2)]
     assert pickle.dumps(state) == kept
     assert same(*ends)
 
@@ -195,13 +185,12 @@ def test_memory_is_bounded():
     """For an endless stream in one contact, whose onset is kept."""
     model = replace(MODEL, search=replace(MODEL.search, window_s=3.0))
     scenario = Scenario((Phase(Contact.FF, 24.0),), rate_hz=100.0)
-    state, sizes = tracker.start(model), []
+    one, sizes = PoseFilter(model), []
     for pose in simulate(scenario, 1).poses:
-        state, belief = tracker.step(state, pose)
-        if belief is not None:
+        for belief in one.update(pose):
             last = belief
-            sizes.append(len(pickle.dumps(state)) if len(sizes) % 5 == 0 else 0)
-    assert len(state.window) == 30
+            sizes.append(len(pickle.dumps(one)) if len(sizes) % 5 == 0 else 0)
+    assert len(one.state.window) == 30
     assert max(sizes[180:]) <= 1.3 * max(sizes[100:160])  # the number of hypotheses varies
     assert last.contact is Contact.FF
 
@@ -268,45 +257,34 @@ def test_beliefs_at_rest_change_as_slowly_as_the_transition_model():
 
 
 def test_a_tracker_without_poses_has_no_beliefs():
-    state, beliefs = tracker.finish(tracker.start(MODEL))
-    assert beliefs == []
-    assert state.ticks == 0
-    state, belief = tracker.step(state, Pose(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
-    assert belief is None
+    one = PoseFilter(MODEL)
+    assert one.finish() == []
+    assert one.state.ticks == 0
+    assert one.update(Pose(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))) == []
 
 
 def test_finishing_twice_repeats_no_belief():
-    beliefs, state = run(recorded(FACE_TO_EDGE).poses[:50])
+    beliefs, one = run(recorded(FACE_TO_EDGE).poses[:50])
     assert len(beliefs) == 3
-    assert tracker.finish(state)[1] == []
+    assert one.finish() == []
 
 
 def in_parts(poses, cuts, lag_s=0.0):
     """All beliefs, including gaps, of a stream that was finished and continued at each of the ``cuts``."""
-    state, beliefs = tracker.start(MODEL, lag_s), []
+    one, beliefs = PoseFilter(MODEL, lag_s), []
     for first, end in pairwise([0, *cuts, len(poses)]):
         for pose in poses[first:end]:
-            state, closed = tracker.accumulate_pose(state, pose)
-            for tick in closed:
-                state, online = tracker.update(state, tick)
-                beliefs.append(tracker.answer(state, online))
-        state, rest = tracker.finish(state)
-        beliefs += rest
-    return [belief for belief in beliefs if belief is not None]
+            beliefs += one.update(pose)
+        beliefs += one.finish()
+    return beliefs
 
 
 def test_poses_may_come_one_by_one_and_many_at_once():
     poses = recorded(FACE_TO_EDGE).poses[:200]
-    state, found = tracker.start(MODEL), []
+    grid, found = TickGrid(MODEL), []
     for first, end in pairwise([0, 1, 30, 33, 60, 61, 62, 200]):
-        if end - first < 5:
-            for pose in poses[first:end]:
-                state, closed = tracker.accumulate_pose(state, pose)
-                found += closed
-        else:
-            state, closed = tracker.accumulate_poses(state, poses[first:end])
-            found += closed
-    _, whole = tracker.accumulate_poses(tracker.start(MODEL), poses)
+        found += grid.add(poses[first:end])
+    whole = TickGrid(MODEL).add(poses)
     assert [tick.count for tick in found] == [tick.count for tick in whole]
     np.testing.assert_array_equal([tick.zeta for tick in found], [tick.zeta for tick in whole])
 
@@ -331,11 +309,12 @@ def test_an_end_within_a_tick_causes_no_jump(cuts):
     seconds = np.arange(800) / 200.0
     position_m = np.outer(seconds, [0.5, 0.0, 0.0]) + np.random.default_rng(0).normal(size=(800, 3)) * 3e-4
     poses = Poses((seconds * 1e9).astype(np.int64), position_m, np.tile([0.0, 0.0, 0.0, 1.0], (800, 1)))
-    state = tracker.start(MODEL)
+    one = PoseFilter(MODEL)
     for first, end in pairwise([0, *cuts, 800]):
         for pose in poses[first:end]:
-            state, _ = tracker.step(state, pose)
-        state, _ = tracker.finish(state)
+            one.update(pose)
+        one.finish()
+    state = one.state
     assert state.outliers == 0
     rest = 10 + len(cuts)  # the row of the rest of the tick; each end has added one
     assert not state.window.motion_ratio[rest : rest + SETTLING_TICKS].any()

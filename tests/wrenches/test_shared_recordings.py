@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from contact_tracker.adaptation import OfflineTracker
-from contact_tracker.adaptation.with_wrenches import wrench_evidence
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_wrenches
+from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.with_wrenches import wrench_evidence
 from contact_tracker_lab.evaluation.evaluate import Evaluator
 
 

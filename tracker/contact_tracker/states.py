@@ -15,15 +15,10 @@ class Contact(StrEnum):
     EE = "e-e"
     FREE = "free"
 
-    @property
-    def codimension(self) -> int:
-        """Number of constraints on each pose: 3, 2, 2, 1, 1, 1 and 0."""
-        return _CODIMENSION[self]
-
-    @property
-    def column(self) -> int:
-        """Index of this state in all seven-column arrays."""
-        return STATES.index(self)
+    codimension: int
+    """Number of constraints on each pose: 3, 2, 2, 1, 1, 1 and 0."""
+    column: int
+    """Index of this state in all seven-column arrays."""
 
     def contains(self, other: "Contact") -> bool:
         """Whether every motion that keeps this contact also keeps ``other``."""
@@ -33,7 +28,8 @@ class Contact(StrEnum):
 STATES: Final = tuple(Contact)
 CONTACTS: Final = STATES[:-1]
 
-_CODIMENSION: Final = dict(zip(STATES, (3, 2, 2, 1, 1, 1, 0), strict=True))
+for _column, (_state, _codimension) in enumerate(zip(STATES, (3, 2, 2, 1, 1, 1, 0), strict=True)):
+    _state.column, _state.codimension = _column, _codimension
 _CONTAINS: Final[dict[Contact, frozenset[Contact]]] = {
     Contact.FF: frozenset(STATES),
     Contact.EF: frozenset({Contact.EF, Contact.VF, Contact.EE, Contact.FREE}),

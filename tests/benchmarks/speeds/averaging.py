@@ -4,8 +4,8 @@ from pathlib import Path
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
-from contact_tracker.motion import tick_grid
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_grid import TickGrid
 from contact_tracker.recording import open_log
 from speeds.figures import Figure, Setup, cpu_s
 
@@ -28,8 +28,7 @@ def _figures(log: Path, target: str, model: Model, runs: int) -> list[Figure]:
 
 def average(poses: Poses, model: Model) -> int:
     """Average poses into ticks; returns the number of ticks that they close."""
-    state, count = tick_grid.begin(model, poses), 0
+    grid, count = TickGrid(model), 0
     for some in poses.batches():
-        state, closed = tick_grid.advance(state, some, model)
-        count += len(closed)
+        count += len(grid.add(some))
     return count

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
+from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.recording import open_log
-from contact_tracker.tracking import tracker
+from contact_tracker.tracker import Tracker
 from speeds.figures import Figure, Setup
 from speeds.long_logs import write_long_log
 
@@ -67,18 +68,14 @@ def _spread(what: str, taken_ms: Array, p99: str = "") -> list[Figure]:
 
 def track(log: Path, model: Model) -> Ticks:
     """Track a log as ``live`` does, with the CPU time of each belief."""
-    state, poses, cpu_s, age_s, uninformative = tracker.start(model), 0, [], [], []
+    tracker, gate, poses, cpu_s, age_s, uninformative = Tracker.start(model), PoseGate(), 0, [], [], []
     begin_s = time.process_time()
     for pose in open_log(str(log)):
         poses += 1
-        state, closed = tracker.accumulate_pose(state, pose)
-        for tick in closed:
-            state, online = tracker.update(state, tick)
-            belief = tracker.answer(state, online)
-            assert belief is not None
+        for belief in tracker.update(gate.arrive(pose)):
             now_s = time.process_time()
             cpu_s.append(now_s - begin_s)
             age_s.append(1e-9 * (belief.stamp_ns - belief.onset_ns))
-            uninformative.append(not state.hazard_exposure)
+            uninformative.append(not tracker.filters.filters[0].state.hazard_exposure)
             begin_s = now_s
     return Ticks(np.array(cpu_s), np.array(age_s), np.array(uninformative), poses)

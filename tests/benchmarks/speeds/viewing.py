@@ -6,10 +6,11 @@ from itertools import islice, pairwise
 from typing import Final
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.tick_grid import TickGrid
 from contact_tracker.recording import open_log, read_metadata
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief
+from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.live import LiveViewer
@@ -25,10 +26,10 @@ def measure(setup: Setup) -> list[Figure]:
     model, log = load_model(setup.model), str(setup.log)
     vertices = vertices_from_metadata(read_metadata(log))
     poses = _beginning(log)
-    state, tracked = tracker.start(model), list[tuple[Pose, Belief | None]]()
+    grid, one, tracked = TickGrid(model), ContactFilter.start(model), list[tuple[Pose, Belief | None]]()
     for pose in poses:
-        state, belief = tracker.step(state, pose)
-        tracked.append((pose, belief))
+        beliefs = [one.update(tick) for tick in grid.add(Poses.collect([pose]))]
+        tracked.append((pose, beliefs[-1] if beliefs else None))
     segmentation, path = segment(poses, model), setup.scratch / "view.rrd"
 
     def stream() -> None:

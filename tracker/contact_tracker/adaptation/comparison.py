@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Motion
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.tracking.state import TrackerState
+from contact_tracker.tracking.state import FilterState
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class TickEvidence(NamedTuple):
     activity: float
 
 
-def tick_evidence(before: TrackerState, after: TrackerState) -> TickEvidence:
+def tick_evidence(before: FilterState, after: FilterState) -> TickEvidence:
     """The evidence of the tick between two states."""
     weight = np.exp(after.log_state_weight - after.log_state_weight.max())
     window = after.window

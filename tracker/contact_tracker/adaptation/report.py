@@ -3,13 +3,15 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.tick_averaging import white_variances
+
+Array = NDArray[np.float64]
 
 
 class Report(NamedTuple):
@@ -29,7 +31,7 @@ class Report(NamedTuple):
     is_cut_short: bool = False
 
 
-def _map_findings(world: GrowingMap) -> tuple[Finding, ...]:
+def map_findings(world: GrowingMap) -> tuple[Finding, ...]:
     """Whether the map of another recording was of no use."""
     if not world.prior_is_dropped:
         return ()
@@ -37,19 +39,19 @@ def _map_findings(world: GrowingMap) -> tuple[Finding, ...]:
     return (Finding("map", text, False),)
 
 
-def report(state: AdaptiveState, world: GrowingMap | None = None) -> Report | None:
-    """Report of the stream so far; None before its rate is known. ``world`` is the map of another pass."""
-    best = state.best
-    if best is None or best.averaging is None:
-        return None
-    estimate: NoiseEstimate = best.averaging.stream.noise
-    frames = state.trackers.trackers[0].sliding_window.frames  # others may wait
+def report_of(
+    model: Model,
+    chosen: Model,
+    is_decided: bool,
+    estimate: NoiseEstimate,
+    frames: Array,
+    findings: tuple[Finding, ...],
+) -> Report:
+    """The report, given the estimated noise of a pose, and the ``frames`` in each of the latest ticks."""
     typical = float(np.median(frames)) if len(frames) else 1.0
-    variance = white_variances(estimate, np.array(typical), best.model)
+    variance = white_variances(estimate, np.array(typical), chosen)
     tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
-    share = best.model.noise.estimate_share
+    share = chosen.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
-    lasting = best.model.noise.wander_position_m, best.model.noise.wander_rotation_rad
-    findings = state.checks.findings(state.stream, is_end=True)
-    findings = *findings, *_map_findings(best.map if world is None else world)
-    return Report(state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, findings)
+    lasting = chosen.noise.wander_position_m, chosen.noise.wander_rotation_rad
+    return Report(model, chosen, is_decided, noise, tick, lasting, typical, findings)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from contact_tracker.adaptation import OfflineTracker, Report
+from contact_tracker.adaptation.report import Report
 from contact_tracker.api.arrays import moment_ns
 from contact_tracker.api.dataframes import is_table
 from contact_tracker.api.given import (
@@ -50,6 +50,7 @@ from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
 from contact_tracker.recording import WrenchLog, parts_of, read_wrenches
 from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.wrenches import Wrenches

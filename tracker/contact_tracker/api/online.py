@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self, SupportsIndex
 
-from contact_tracker import adaptation
-from contact_tracker.adaptation import AdaptiveState
+from contact_tracker import tracker
 from contact_tracker.api.given import (
     Deviations,
     Known,
@@ -21,7 +20,7 @@ from contact_tracker.api.given import (
 from contact_tracker.api.learned_map import Map
 from contact_tracker.api.notices import log_counts, warn_of, words_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
-from contact_tracker.motion.pose_validation import Arrival, PoseGate, remark_on_loss, remarks_on
+from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.outputs.adaptation import warnings
@@ -63,7 +62,7 @@ class Tracker:
         most_s = given.search.window_s
         lag_s = number_from(lag_s, "lag_s", f"from 0 to {most_s:g}", lambda lag_s: 0.0 <= lag_s <= most_s)
         self._notes = notes
-        self._state = adaptation.start(given, lag_s, map_of(known, notes.append))
+        self._tracker = tracker.Tracker.start(given, lag_s, map_of(known, notes.append))
         self._gate = PoseGate()
         self._given = 0
         self._restored: Path | None = None
@@ -94,7 +93,7 @@ class Tracker:
         pose = _pose(stamp_ns, position_m, quat_xyzw)
         self._given += 1
         with continued(self._restored):
-            beliefs = self._take(self._gate.arrive(pose))
+            beliefs = self._tracker.update(self._gate.arrive(pose))
             if beliefs or self._given % _ENOUGH == 0:
                 self._warn_of_news(self._found_in_poses())
                 if self._given >= _ENOUGH:
@@ -104,8 +103,8 @@ class Tracker:
     def finish(self) -> list[Belief]:
         """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
         with continued(self._restored):
-            beliefs = self._take(self._gate.end())
-            self._state, rest = adaptation.finish(self._state)
+            beliefs = self._tracker.update(self._gate.end())
+            rest = self._tracker.finish()
             self._warn_of_news(self.warnings)
         log_counts("poses", self.counts)
         return [*beliefs, *rest]
@@ -114,7 +113,7 @@ class Tracker:
     def counts(self) -> Mapping[str, int]:
         """Numbers of poses dropped or repaired so far, by kind (docs/conventions.md)."""
         with continued(self._restored):
-            left_out = {"late": self._state.late, "outlier": self._state.outliers}
+            left_out = {"late": self._tracker.late, "outlier": self._tracker.outliers}
             return {**self._gate.counts, **{kind: count for kind, count in left_out.items() if count}}
 
     @property
@@ -128,7 +127,7 @@ class Tracker:
         """What the contacts have touched so far, for ``known`` with another stream; None before anything
         is sure enough."""
         with continued(self._restored):
-            best = self._state.best
+            best = self._tracker.best
             learned = None if best is None else best.map.learned
             return Map(learned) if learned else None
 
@@ -136,7 +135,7 @@ class Tracker:
         """Save the state to a file, atomically; raises UsageError or OutputError."""
         name = path_from(path)
         with errors_as(OutputError, name):
-            save(Path(name), (self._state, self._gate, tuple(self._notes), self._given))
+            save(Path(name), (self._tracker, self._gate, tuple(self._notes), self._given))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -151,16 +150,16 @@ class Tracker:
         with errors_as(StateError, name):
             saved = load(Path(name))
         match saved:
-            case (AdaptiveState() as state, PoseGate() as gate, tuple() as notes, int() as given):
-                tracker = cls.__new__(cls)
-                tracker._state, tracker._gate, tracker._notes = state, gate, [*map(str, notes)]
-                tracker._given, tracker._restored = given, Path(name)
-                tracker._warned = set(map(words_of, tracker.warnings))
-                return tracker
+            case (tracker.Tracker() as state, PoseGate() as gate, tuple() as notes, int() as given):
+                restored = cls.__new__(cls)
+                restored._tracker, restored._gate, restored._notes = state, gate, [*map(str, notes)]
+                restored._given, restored._restored = given, Path(name)
+                restored._warned = set(map(words_of, restored.warnings))
+                return restored
         raise StateError(f"{name}: it is no state of a tracker")
 
     def _found_in_poses(self) -> Sequence[str]:
-        found = adaptation.report(self._state)
+        found = self._tracker.report
         return () if found is None else tuple(warnings(found))
 
     def _found_in_counts(self) -> Sequence[str]:
@@ -172,10 +171,6 @@ class Tracker:
             if (words := words_of(text)) not in self._warned:
                 self._warned.add(words)
                 warn_of([text])
-
-    def _take(self, arrival: Arrival) -> list[Belief]:
-        self._state, beliefs = adaptation.take(self._state, arrival)
-        return beliefs
 
 
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:

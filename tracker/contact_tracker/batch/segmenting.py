@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from contact_tracker import exit_codes
-from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.batch import remote, rows
 from contact_tracker.batch.finding import read_content, signature_of
@@ -28,6 +27,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import warnings
 from contact_tracker.recording import PoseLog, open_log
 from contact_tracker.recording.wrench_evidence import RecordedEvidence, recorded_evidence
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 
 _RECORDING: Final[dict[str, Kind]] = {"recording": "text"}

@@ -7,16 +7,18 @@ the evidence against the map.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 from contact_tracker.checks.check import Check, Stream, has_doubts
+from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.evidence import AS_WELL
 from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_grid import TickGrid
 from contact_tracker.states import Contact
-from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.state import TrackerState
+from contact_tracker.tracking.contact_filter import ContactFilter
 
 WRONG_NATS: Final = 8.0
 """Lead of the tracker without the map above which the map is reported as wrong. Correct
@@ -38,25 +40,30 @@ class AfterTick(NamedTuple):
     belief: Belief
 
 
-class ReferenceFilter(NamedTuple):
-    """A tracker that runs for its evidence only, and the seconds of motion since its start."""
+@dataclass(eq=False)
+class ReferenceFilter:
+    """A filter with ticks of its own that runs for its evidence only, and the seconds of motion since its
+    start."""
 
-    state: TrackerState
+    grid: TickGrid
+    filter: ContactFilter
     moved_s: float = 0.0
 
-    def update(
-        self, poses: Poses, detail: Detail = Detail.WEIGHTS
-    ) -> tuple["ReferenceFilter", list[AfterTick]]:
-        """Updated by poses; with the evidence after each tick that they close, and a belief of this
+    @classmethod
+    def start(cls, model: Model, known_map: Map = EMPTY_MAP) -> Self:
+        """The filter before the first pose."""
+        return cls(TickGrid(model), ContactFilter.start(model, known_map=known_map))
+
+    def update(self, poses: Poses, detail: Detail = Detail.WEIGHTS) -> list[AfterTick]:
+        """Update by poses; returns the evidence after each tick that they close, and a belief of this
         ``detail``."""
-        state, closed = tracker.accumulate_poses(self.state, poses)
-        moved_s, after = self.moved_s, list[AfterTick]()
-        for now, count in tracker.update_through_gaps(state, closed, detail):
-            state = now
-            moved_s += state.model.tick_s * state.window.latest_motion_ratio  # none in a gap
-            assert state.belief is not None
-            after += [AfterTick(state.log_evidence, moved_s, state.belief)] * count
-        return ReferenceFilter(state, moved_s), after
+        after = list[AfterTick]()
+        for tick in self.grid.add(poses):
+            belief = self.filter.update(tick, detail, tests_curvature=False)
+            state = self.filter.state
+            self.moved_s += state.model.tick_s * state.window.latest_motion_ratio
+            after.append(AfterTick(state.log_evidence, self.moved_s, belief))
+        return after
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +72,7 @@ class Contradiction(Check):
 
     Parameters
     ----------
-    with_map, without_map : the trackers; None before the rate is known and once the comparison
+    with_map, without_map : the filters; None before the rate is known and once the comparison
         ``is_settled``.
     lead : the part that counts of the evidence of the second over the first (nats).
     lost : its largest increase until now since any tick.
@@ -96,17 +103,16 @@ class Contradiction(Check):
         if not len(poses):
             return self
         before = self
-        if self.with_map is not None and self.with_map.state.model != stream.best:
+        if self.with_map is not None and self.with_map.grid.model != stream.best:
             before = Contradiction()
         return before._compared(poses, stream)
 
     def _compared(self, poses: Poses, stream: Stream) -> "Contradiction":
         assert stream.best is not None
-        first = self.with_map or ReferenceFilter(tracker.start(stream.best, known_map=stream.map))
-        second = self.without_map or ReferenceFilter(tracker.start(stream.best))
-        difference = second.state.log_evidence - first.state.log_evidence
-        first, with_map = first.update(poses)
-        second, without_map = second.update(poses, Detail.SHARED)
+        first = self.with_map or ReferenceFilter.start(stream.best, stream.map)
+        second = self.without_map or ReferenceFilter.start(stream.best)
+        difference = second.filter.state.log_evidence - first.filter.state.log_evidence
+        with_map, without_map = first.update(poses), second.update(poses, Detail.SHARED)
         lead, lost, is_found = self.lead, self.lost, self.is_found
         for one, other in zip(with_map, without_map, strict=True):
             before, difference = difference, other.log_evidence - one.log_evidence

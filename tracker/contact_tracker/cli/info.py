@@ -12,7 +12,7 @@ from contact_tracker.exit_codes import DAMAGED, DONE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from contact_tracker.adaptation import Report
+    from contact_tracker.adaptation.report import Report
     from contact_tracker.recording import PoseSource, SourceSummary
 
 HELP: Final = "which poses are in a recording, and how good they are"
@@ -104,23 +104,22 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
 
     All sources together take at most ``MOST_UPDATES``, so that many of them do not take many times as long.
     """
-    from contact_tracker import adaptation
-    from contact_tracker.adaptation.online import BATCH_POSES
     from contact_tracker.config.loading import load_model
+    from contact_tracker.tracker import BATCH_POSES, Tracker
     from contact_tracker.tracking.belief import Detail
 
     reports, left = dict["PoseSource", "Report | None"](), MOST_UPDATES
     for number, source in enumerate(sources):
         share = left // (len(sources) - number)
-        state, used = adaptation.start(load_model(), frame_moves=source.source.frame_moves), 0
+        tracker, used = Tracker.start(load_model(), frame_moves=source.source.frame_moves), 0
         first = 0
         for first in range(0, len(source.beginning), BATCH_POSES):
             some = source.beginning[first : first + BATCH_POSES]
-            state, beliefs = adaptation.advance(state, some, Detail.WEIGHTS)
-            used += len(beliefs) * len(state.trackers.trackers)
+            beliefs = tracker.add(some, Detail.WEIGHTS)
+            used += len(beliefs) * len(tracker.filters.filters)
             if used >= share:
                 break
         left -= used
-        found, is_cut_short = adaptation.report(state), first + BATCH_POSES < len(source.beginning)
+        found, is_cut_short = tracker.report, first + BATCH_POSES < len(source.beginning)
         reports[source.source] = None if found is None else found._replace(is_cut_short=is_cut_short)
     return reports

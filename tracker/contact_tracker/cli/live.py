@@ -89,9 +89,9 @@ def _run(args: argparse.Namespace) -> int:
 
 def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     """Follow a stream; ``sink`` is that of a live view other than the viewer's window."""
-    from contact_tracker import adaptation
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow
+    from contact_tracker.tracker import Tracker
 
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     if args.lag > model.search.window_s:
@@ -108,7 +108,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         require_library(args.output)
     follow = Follow() if args.follow else None
     log = arguments.open_poses(args, args.log, follow, True)
-    state = adaptation.start(model, args.lag, known_map, log.source.frame_moves)
+    tracker = Tracker.start(model, args.lag, known_map, log.source.frame_moves)
     source = Source(log, args.log, args)
     with _viewer(args, source, sink) as viewer, StatusLine() as status, _ticks(args.output, check) as write:
         printer = _Printer(args.json, source, status)
@@ -116,8 +116,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         if args.state is not None:
             from contact_tracker.cli.saved_stream import SavedStream
 
-            saved = SavedStream(args.state, state, log, source, printer.changes, follow)
-            state = saved.state
+            saved = SavedStream(args.state, tracker, log, source, printer.changes, follow)
+            tracker = saved.tracker
 
         def report(beliefs: "list[Belief]") -> None:
             for belief in beliefs:
@@ -137,9 +137,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
                     saved.take()
                 for pose in arrival.poses:
                     viewer.pose(pose)
-                state, beliefs = adaptation.take(state, arrival)
-                report(beliefs)
-                if saved is not None and saved.keep(state):
+                report(tracker.update(arrival))
+                if saved is not None and saved.keep():
                     ended = 128 + saved.signal
                     break
         except KeyboardInterrupt:
@@ -147,14 +146,13 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         except SystemExit as leave:  # another signal
             ended = int(leave.code or DONE)
         if saved is None:
-            state, beliefs = adaptation.finish(state)
-            report(beliefs)
+            report(tracker.finish())
         else:
-            saved.save(state)
-    source.outliers, source.late = state.outliers, state.late
-    code = source.finish(adaptation.report(state))
+            saved.save()
+    source.outliers, source.late = tracker.outliers, tracker.late
+    code = source.finish(tracker.report)
     if args.map_out is not None:
-        arguments.write_map(args.map_out, None if state.best is None else state.best.map)
+        arguments.write_map(args.map_out, None if tracker.best is None else tracker.best.map)
     return code if ended == DONE else ended
 
 

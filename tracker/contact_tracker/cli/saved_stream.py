@@ -6,7 +6,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Final
 
-from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.atomic_file import why_not_replaceable
 from contact_tracker.cli.source import Source
 from contact_tracker.cli.terminal import say
@@ -15,12 +14,13 @@ from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.outputs.changes import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.stamping import Stamping
-from contact_tracker.saved_state import is_same, load, save
+from contact_tracker.saved_state import fingerprint, is_same, load, save
+from contact_tracker.tracker import Tracker
 
 EVERY_S: Final = 10.0
 _SAVED: Final = ("initial", "state", "source", "first", "taken", "gate", "stamping", "span", "reported")
-"""What is saved, between the arrivals of two poses: the initial state, which model, lag and map
-determine, and the present one; topic, type and frames of the poses; the first pose of the log with its log
+"""What is saved, between the arrivals of two poses: a hash of the initial state, which model, lag and prior
+map determine, and the tracker; topic, type and frames of the poses; the first pose of the log with its log
 time (ns), and how many were read, with the gate and the stamping (``recording.stamping``); the stamps of the
 first pose, of the first and last that were used, and their number; what was reported (``Changes``)."""
 _WAIT_S: Final = 0.5
@@ -34,7 +34,7 @@ class SavedStream:
     Parameters
     ----------
     path : of the file; without one the stream starts from the beginning.
-    initial : the state before the first pose.
+    initial : the tracker before the first pose.
     log, source, changes : the log, its source and what was reported, to be resumed.
 
     Raises
@@ -49,7 +49,7 @@ class SavedStream:
     def __init__(
         self,
         path: Path,
-        initial: AdaptiveState,
+        initial: Tracker,
         log: PoseLog,
         source: Source,
         changes: Changes,
@@ -57,8 +57,8 @@ class SavedStream:
     ) -> None:
         self.signal = 0
         self._waits = False
-        self.state = initial
-        self._path, self._initial, self._log, self._source = path, initial, log, source
+        self.tracker = initial
+        self._path, self._initial, self._log, self._source = path, fingerprint(initial), log, source
         self._changes, self._follow = changes, follow
         self._saved_s = time.monotonic()
         if path.exists():
@@ -76,21 +76,21 @@ class SavedStream:
         """A pose has come, and is processed until ``keep``."""
         self._waits = False
 
-    def keep(self, state: AdaptiveState) -> bool:
+    def keep(self) -> bool:
         """Save at intervals, after each pose; returns whether to end."""
         now_s = time.monotonic()
         if not self.signal and now_s - self._saved_s >= EVERY_S:
-            self.save(state)
+            self.save()
             self._saved_s = now_s
         self._waits = not self.signal
         return bool(self.signal)
 
-    def save(self, state: AdaptiveState) -> None:
+    def save(self) -> None:
         """Write the file."""
         self._waits = False
         log, source, changes = self._log, self._source, self._changes
         values = (
-            *(self._initial, state, self._names, log.first, log.taken, log.gate, log.stamping.values),
+            *(self._initial, self.tracker, self._names, log.first, log.taken, log.gate, log.stamping.values),
             (source.origin_ns, source.first_ns, source.last_ns, source.used),
             (changes.label, changes.settled, changes.open, changes.further),
         )
@@ -104,8 +104,8 @@ class SavedStream:
     def _carry_on(self, saved: object) -> None:
         if not isinstance(saved, dict) or tuple(saved) != _SAVED:
             raise StateError(f"{self._path}: it is no state of a stream")
-        initial, self.state, names, first, taken, gate, stamping, span, reported = saved.values()
-        if not is_same(initial, self._initial):
+        initial, self.tracker, names, first, taken, gate, stamping, span, reported = saved.values()
+        if initial != self._initial:
             raise UsageError(
                 f"{self._path} was saved with another model, --lag or known geometry: give the same, or "
                 "another file"

@@ -22,12 +22,12 @@ from contact_tracker.exports.replacement import check_output
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
     from contact_tracker.motion.poses import Pose
     from contact_tracker.recording import PoseLog
+    from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.tracking.belief import Segment
     from contact_tracker.tracking.segmentation import Segmentation
 
@@ -186,8 +186,8 @@ def _segment(
     before: Iterable[str],
 ) -> int:
     """Segment one recording; ``before`` are the warnings so far."""
-    from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
+    from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.tracking.belief import Detail
 
     read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]

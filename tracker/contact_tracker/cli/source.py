@@ -15,7 +15,7 @@ from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.recording import PoseLog
 
 if TYPE_CHECKING:
-    from contact_tracker.adaptation import Report
+    from contact_tracker.adaptation.report import Report
     from contact_tracker.exports.outcome import Outcome
     from contact_tracker.tracking.segmentation import Segmentation
 

@@ -85,9 +85,9 @@ def _shower(
 def _view(
     log: str, args: argparse.Namespace, model: "Model", known_map: "Map", show: "Callable[[Shown], None]"
 ) -> int:
-    from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.recording import read_metadata, read_truth
+    from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.viewer.offline import Shown
     from contact_tracker.viewer.scene import vertices_from_metadata
 

@@ -175,12 +175,12 @@ class Model:
         )
         return replace(self, noise=noise)
 
-    @property
+    @cached_property
     def correlation(self) -> float:
         """Of the errors of a tick with those of the next, where errors wander; else zero."""
         return exp(-self.tick_s / self.noise.wander_s) if any(self.noise.wander_variance) else 0.0
 
-    @property
+    @cached_property
     def tick_ns(self) -> int:
         """As long as ``tick_s``."""
         return round(self.tick_s * 1e9)

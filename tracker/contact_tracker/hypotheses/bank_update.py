@@ -1,7 +1,6 @@
 """The update of the hypothesis banks of all contacts by a tick: birth, refit, evidence, search, pruning."""
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,11 @@ from contact_tracker.hypotheses.global_search import (
     search,
     select_for_search,
 )
-from contact_tracker.hypotheses.pruning import Birth, Births, add, joined, prune, residual
+from contact_tracker.hypotheses.pruning import Birth, add, joined, prune, residual
 from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
 from contact_tracker.hypotheses.tick_update import (
-    BankUpdate,
     LiveHypotheses,
-    StopCondition,
     TickInput,
     TickWeights,
 )
@@ -34,24 +31,15 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-MOST: Final = 12
-"""Most ticks in one call. If one of them changes the map, the predictions after it are lost."""
-
-
-def ticks_at_once(banks: Sequence[Bank]) -> int:
-    """Number of ticks per call of ``update``: one without compiled kernels or with a lag."""
-    return MOST if compiled.in_use() and not banks[0].lag_history.shape[1] else 1
-
 
 def update(
     banks: Sequence[Bank],
-    inputs: Sequence[TickInput],
+    tick_input: TickInput,
     extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
-    until: StopCondition | None = None,
-) -> BankUpdate:
-    """Update the banks by one tick or several: add births and data, refit, weigh, search and prune.
+) -> tuple[list[Bank], TickWeights]:
+    """Update the banks by a tick: add births and data, refit, weigh, search and prune.
 
     A hypothesis is pruned if it is more than ``margin`` nats behind the best of all (free motion included)
     right after its contact has searched; before a search it may only have lost its minimum. Hypotheses that
@@ -60,37 +48,24 @@ def update(
     Parameters
     ----------
     banks : of each contact.
-    inputs : the ticks, at most ``ticks_at_once``. The birth weights of the first are those given; of the
-        others they follow from the posterior of the tick before.
+    tick_input : the tick.
     extra_variance : of each contact, noise variance (m^2, rad^2) beyond that of the window.
     scales : parameters of the evidence.
     margin : nats, see above.
-    until : stop after the tick in which this holds.
     """
-    assert len(inputs) == 1 or ticks_at_once(banks) > 1
     if not compiled.in_use():
-        return update_reference(banks, inputs[0], extra_variance, scales, margin)
+        return update_reference(banks, tick_input, extra_variance, scales, margin)
     from contact_tracker.hypotheses.compiled import calls
 
-    first, words = inputs[0].births, [(bank.words, bank.onsets.words) for bank in banks]
-    kernel_inputs = [calls.tick_input(tick_input, *_begun(tick_input.births)) for tick_input in inputs]
-    kept = calls.update(
-        words, kernel_inputs, first.number, first.log_birth_weight, extra_variance, scales, margin, until
-    )
-    last = inputs[len(kept.weighed) - 1].births
-    pasts = [
-        joined(bank.lag_history, past, begins.count, rows)
-        for bank, begins, past, rows in zip(
-            banks, last.proposals, last.lag_history[:-1], kept.rows, strict=True
-        )
-    ]
-    left = [
-        Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past)
-        for bank, past, (words, since) in zip(banks, pasts, kept.words, strict=True)
-    ]
-    return BankUpdate(
-        left, [TickWeights(*weights[:-1], LiveHypotheses(*weights[-1])) for weights in kept.weighed]
-    )
+    births, left = tick_input.births, list[Bank]()
+    drawn = [directions(one, births.onset) if is_due(one, births.onset) else None for one in CONTACT_MODELS]
+    kept = calls.update(banks, tick_input, drawn, extra_variance, scales, margin)
+    for column, (bank, (words, since), rows) in enumerate(zip(banks, kept.words, kept.rows, strict=True)):
+        past = bank.lag_history
+        if past.shape[1] or len(past) != len(rows):
+            past = joined(past, births.lag_history[column], births.proposals[column].count, rows)
+        left.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
+    return left, TickWeights(*kept.weighed[:-1], LiveHypotheses(*kept.weighed[-1]))
 
 
 def update_reference(
@@ -99,8 +74,8 @@ def update_reference(
     extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
-) -> BankUpdate:
-    """``update`` by one tick in numpy: the reference of the compiled kernels."""
+) -> tuple[list[Bank], TickWeights]:
+    """``update`` in numpy: the reference of the compiled kernels."""
     births, _, window, before, _, log_stay = tick_input
     now = births.onset
     updated, oldest = [], before.expired_by(window)
@@ -121,15 +96,7 @@ def update_reference(
         np.array([bank.best_row for bank in kept]),
         LiveHypotheses.of(kept, now),
     )
-    return BankUpdate(kept, [weighed])
-
-
-def _begun(births: Births) -> tuple[list[tuple[Array, Bools]], list[Array | None]]:
-    """Per contact: the births' rows and which of their entries are given, and random directions for a
-    search."""
-    assumed = [(begins.rows.words, begins.is_given) for begins in births.proposals]
-    now = births.onset
-    return assumed, [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
+    return kept, weighed
 
 
 def _update_contact(

@@ -7,7 +7,7 @@ anywhere.
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.hypotheses.birth import BirthProposals
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.motion.window import Window
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
 
 ANY_DIRECTION: Final = 1.0 / 3.0
 """Variance of the cosine of the angle between independent, uniform directions."""
@@ -42,16 +42,21 @@ class ProximityEvidence(NamedTuple):
     """Log-likelihood ratio of touching by any proposal against being anywhere."""
     gain: Array
     """(2,) part of it that one angle, and that the distance, contributes where it vanishes."""
+    proposals: BirthProposals
+    """The proposals with their shares given the pose; negligible ones, and known pairs beyond
+    ``MOST_BIRTHS``, are left out."""
 
-    def of(self, begins: BirthProposals) -> BirthProposals:
-        """The proposals with their shares given the pose; negligible ones, and known pairs beyond
-        ``MOST_BIRTHS``, are left out."""
-        kept = self.log_share > _HOPELESS
+    @classmethod
+    def of(cls, begins: BirthProposals, log_share: Array, gain: Array) -> Self:
+        """The evidence by the log prior share of each proposal times its likelihood ratio (n,)."""
+        log_odds = float(hmm.log_sum_exp(log_share))
+        log_share = log_share - log_odds
+        kept = log_share > _HOPELESS
         known = (kept & begins.are_both_known).nonzero()[0]
         if len(known) > MOST_BIRTHS:
-            kept[known[self.log_share[known].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
-        log_share = self.log_share[kept]
-        return begins.pick(kept).sharing(log_share - hmm.log_sum_exp(log_share))
+            kept[known[log_share[known].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
+        own = log_share[kept]
+        return cls(log_share, log_odds, gain, begins.pick(kept).sharing(own - hmm.log_sum_exp(own)))
 
 
 class _KnownPairs(NamedTuple):
@@ -70,16 +75,22 @@ def proximity_evidence(
     model: ContactModel, begins: BirthProposals, newest: Window, scales: EvidenceParameters
 ) -> ProximityEvidence:
     """Weigh the birth proposals of one contact by the newest tick."""
+    pairs = _known_pairs(model, begins)
+    if not len(pairs.x):
+        return _prior_alone(begins)
+    log_share = begins.log_share.copy()
+    row_gain, log_ratio = _touching_evidence(model, pairs, newest, scales)
+    log_share[pairs.is_known] += log_ratio
+    angle = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0
+    return ProximityEvidence.of(begins, log_share, np.array([angle, row_gain[:, -1].mean()]))
+
+
+@lru_cache(maxsize=2 * len(CONTACT_MODELS))
+def _prior_alone(begins: BirthProposals) -> ProximityEvidence:
+    """The evidence where no pair is known, so that no pose says more than the prior."""
     if not begins.count:
-        return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2))
-    log_share, pairs = begins.log_share.copy(), _known_pairs(model, begins)
-    gain = np.zeros(2)
-    if len(pairs.x):
-        row_gain, log_ratio = _touching_evidence(model, pairs, newest, scales)
-        log_share[pairs.is_known] += log_ratio
-        gain[:] = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[:, -1].mean()
-    log_odds = float(hmm.log_sum_exp(log_share))
-    return ProximityEvidence(log_share - log_odds, log_odds, gain)
+        return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2), begins)
+    return ProximityEvidence.of(begins, begins.log_share.copy(), np.zeros(2))
 
 
 def _touching_evidence(
@@ -139,19 +150,19 @@ def reweight_transitions(
     keeps its sum, so that leaving a state and coming back gains nothing.
     """
     gain = np.zeros_like(change)
-    for j, contact_evidence in enumerate(evidence):
-        for i, state in enumerate(STATES):
-            shared = _shared_rows(state, STATES[j])
-            gain[i, j] = contact_evidence.log_odds - contact_evidence.gain @ [
-                max(shared - 1, 0),
-                min(shared, 1),
-            ]
+    odds, shown = np.array([one.log_odds for one in evidence]), np.array([one.gain for one in evidence])
+    gain[:, : len(evidence)] = odds - (_SHARED_ROWS * shown).sum(axis=-1)
     moved = change + gain
     kept = np.where(np.arange(len(STATES)) == FREE, -np.inf, stay)  # free stays by the matrix
     before, after = (np.logaddexp(hmm.log_sum_exp(rows, axis=1), kept) for rows in (change, moved))
     return moved - (after - before)[:, None], stay - (after - before)
 
 
-def _shared_rows(before: Contact, after: Contact) -> int:
-    """How many constraints both contacts have in common, elements contained in each other."""
-    return max(state.codimension for state in STATES if before.contains(state) and after.contains(state))
+def _shared_rows(before: Contact, after: Contact) -> tuple[int, int]:
+    """How many angles and distances both contacts constrain in common, elements contained in each other."""
+    shared = max(state.codimension for state in STATES if before.contains(state) and after.contains(state))
+    return max(shared - 1, 0), min(shared, 1)
+
+
+_SHARED_ROWS: Final = np.array([[_shared_rows(one, other) for other in CONTACTS] for one in STATES])
+"""(7, 6, 2)"""

@@ -60,7 +60,7 @@ class Births(NamedTuple):
     @property
     def total(self) -> int:
         """Number of births of all contacts."""
-        return sum(begins.count for begins in self.proposals)
+        return sum([len(begins.rows.words) for begins in self.proposals])
 
     def of(self, column: int) -> Birth:
         """The births of one contact."""

@@ -36,10 +36,6 @@ class Field(NamedTuple):
         kept: NDArray[Any] = column[..., rows, columns]
         return kept
 
-    def column(self, kept: NDArray[Any]) -> NDArray[Any]:
-        """The column with this stored form."""
-        return kept[..., entries(self.side)] if self.side else kept
-
 
 @cache
 def _upper(side: int) -> tuple[Index, Index]:
@@ -84,7 +80,10 @@ class Column(Generic[Entry]):
         self._name = name
 
     def __get__(self, table: "Table", owner: type) -> NDArray[Entry]:
-        cells = table.layout.fields[self._name].column(table.raw_column(self._name))
+        first, end, shape, whole, side = table.layout.fields[self._name]
+        words: NDArray[Any] = table.words.view(np.int64) if whole else table.words
+        cells = words[:, first:end].reshape(len(words), *shape) if shape else words[:, first]
+        cells = cells[..., entries(side)] if side else cells
         column: NDArray[Entry] = cells != 0 if self._is_flag else cells
         column.flags.writeable = False
         vars(table)[self._name] = column  # cached: found before this descriptor from now on

@@ -1,6 +1,6 @@
 """Input and output of the update of the hypothesis banks by a tick."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -66,25 +66,3 @@ class TickWeights(NamedTuple):
     best_rows: Index
     """(6,) row of the best hypothesis of each bank; -1 for an empty one."""
     live_hypotheses: LiveHypotheses
-
-
-class StopCondition(NamedTuple):
-    """Condition on which an update of several ticks stops: a contact is this probable, and its onset is due;
-    or the most probable state is not the current one any more."""
-
-    probability: float
-    posterior_power: float
-    """Power of the posterior (T31)."""
-    due_ns: Mapping[int, int]
-    """By onset (ns), the time from which it is due again."""
-    current_ns: int = -1
-    """Onset of the current contact if it is one of these; else -1."""
-
-
-class BankUpdate(NamedTuple):
-    """The banks after one or several ticks."""
-
-    banks: list[Bank]
-    """Of each contact."""
-    tick_weights: list[TickWeights]
-    """Of each tick."""

@@ -5,6 +5,7 @@ A file lists elements with names and accuracies; those that contacts have touche
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -72,21 +73,19 @@ class Map:
 
     def __bool__(self) -> bool:
         """Whether it lists anything; what is learned does not count."""
-        listed = (self.environment, self.object, self.up, self.environment_complete, self.object_complete)
-        return any(map(bool, listed))
+        is_complete = self.environment_complete or self.object_complete
+        return bool(self.environment or self.object) or self.up is not None or is_complete
 
     def allows(self, contact: Contact) -> bool:
         """Whether there may be elements of the kinds that ``contact`` needs."""
-        sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
-        return contact is Contact.FREE or all(
-            not complete or any(known.kind == kind for known in listed)
-            for (listed, complete), kind in zip(sides, contact.value[0::2], strict=True)
-        )
+        return contact is Contact.FREE or contact in self.allowed
 
-    @property
+    @cached_property
     def allowed(self) -> tuple[Contact, ...]:
         """The contacts that there may be."""
-        return tuple(contact for contact in CONTACTS if self.allows(contact))
+        sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
+        kinds = [{known.kind for known in listed} if complete else set(KINDS) for listed, complete in sides]
+        return tuple(one for one in CONTACTS if one.value[0] in kinds[0] and one.value[2] in kinds[1])
 
 
 EMPTY_MAP: Final = Map()

@@ -1,7 +1,6 @@
 """A map as a new contact may use it."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +12,6 @@ from contact_tracker.map.elements import MapElement, kinds_of, loose_variance
 
 Key = tuple[int, int]
 """Side (0: object, 1: environment) and number of an element."""
-Side = tuple[int, str]
-"""Side and kind of an element."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,29 +19,31 @@ class MapView:
     """The map without some of its contacts: ``elements`` that others touched, how often (``counts``), and the
     joint ``covariance`` of their free coordinates, in which each has its ``slots``.
 
-    ``contacts`` as in ``Map``; ``concentration`` is how readily contacts touch new elements;
-    ``latest`` are those that the last contact touched, and ``current`` those that touch already, so that they
-    do not begin to.
+    ``log_p_new`` are the log probabilities that a contact touches a new element of the object, and of the
+    environment; ``latest`` are those that the last contact touched, and ``current`` those that touch already,
+    so that they do not begin to.
     """
 
     elements: dict[Key, MapElement]
     counts: dict[Key, int]
     slots: dict[Key, slice]
     covariance: Array
-    contacts: Mapping[Side, int]
-    concentration: float
+    log_p_new: tuple[float, float]
     latest: tuple[Key, Key] | None
     current: tuple[Key, Key] | None = None
 
     def choices(self, side: int, kind: str) -> list[tuple[Key | None, float]]:
-        """Elements of a kind, None for a new one, with their log probabilities."""
+        """Elements of a kind, None for a new one, with their log probabilities.
+
+        Their sum is less than one if no element of the kind is known: contacts with known elements are more
+        probable than those with new ones.
+        """
         known = [key for key, one in self.elements.items() if key[0] == side and one.kind == kind]
-        touched = max(sum(self.counts[key] for key in known), self.contacts.get((side, kind), 0))
-        total = touched + self.concentration
-        return [
-            (None, math.log(self.concentration / total)),
-            *((key, math.log(self.counts[key] / total)) for key in known),
-        ]
+        log_p_new = self.log_p_new[side]
+        if not known:
+            return [(None, log_p_new)]
+        log_share = math.log(-math.expm1(log_p_new) / sum(self.counts[key] for key in known))
+        return [(None, log_p_new), *((key, log_share + math.log(self.counts[key])) for key in known)]
 
     def incident_pair(self, model: ContactModel, near_m: Array) -> Pair | None:
         """The elements of the last contact, or where the contact of ``model`` needs another kind, elements of

@@ -1,11 +1,9 @@
 """The map of one world: elements, which contact touched which, and their joint Gaussian.
 
 The poses are known, so mapping is a linear problem once it is decided which contact touched which elements.
-A new element has a price: one that n of N contacts of its kind have touched is touched again with
-probability n / (N + a), and a new one with a / (N + a) (a Chinese restaurant process, on each side).
+A new element has a price, see ``prices``.
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,16 +16,10 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.map.association import log_marginal, weigh_pairs
 from contact_tracker.map.elements import MapElement, prior_variance
 from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements, slots_of
+from contact_tracker.map.prices import CONCENTRATION, CONCENTRATIONS, log_probabilities_of_new
 from contact_tracker.map.sighting import Sighting
-from contact_tracker.map.view import Key, MapView, Side
+from contact_tracker.map.view import Key, MapView
 
-CONCENTRATION: Final = 0.02
-"""a: how readily contacts touch elements that no other contact has touched (docs/theory.md, section 22). On
-15 recordings of everyday handling 0.06 gives 0.826 and 0.02 gives 0.850."""
-ONLINE_CONCENTRATION: Final = 0.3
-"""The same while the map grows, when only the sure contacts count: with 0.02 everyday handling is the same
-online (0.658), but short contacts in noise are lost (hard_01 0.71 instead of 0.72, offline 0.91 instead of
-0.96)."""
 MOST_SIGHTINGS: Final = 60
 """Most contacts in a map, those with the most information: if nothing is shared, 60 take some seconds."""
 MOST_LEARNED: Final = 40
@@ -43,8 +35,6 @@ two new elements, 7 nats with ten contacts known and 3 with two, and one that it
 MARGIN_S: Final = 1.0
 """Time before and after a contact in which the next pass may begin or end the same contact."""
 
-Contacts = Mapping[Side, int]
-
 
 @dataclass(frozen=True, eq=False)
 class GrowingMap:
@@ -54,7 +44,7 @@ class GrowingMap:
     Parameters
     ----------
     reach_m : standard deviation of the places of elements that nothing is known of.
-    contacts : how many contacts touched an element of a side and kind, if that is more than the sightings.
+    contacts : how many contacts there were, if that is more than the sightings.
     prior : what was known before.
     origin_m : (3,) of its coordinates in the world; None before it is known, with the prior in the world's.
     prior_log_odds : by first tick of each sighting, how much more probable it is with the prior than without.
@@ -65,9 +55,9 @@ class GrowingMap:
     sightings: tuple[Sighting, ...] = ()
     pairs: Mapping[int, tuple[Key, Key]] = field(default_factory=dict)
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
-    contacts: Contacts = field(default_factory=dict)
+    contacts: int = 0
     prior: LearnedElements = NOTHING_LEARNED
-    concentration: float = ONLINE_CONCENTRATION
+    concentrations: Array = field(default_factory=CONCENTRATIONS.copy)
     origin_m: Array | None = None
     prior_log_odds: Mapping[int, float] = field(default_factory=dict)
     prior_is_dropped: bool = False
@@ -77,12 +67,12 @@ class GrowingMap:
         cls,
         sightings: Sequence[Sighting],
         reach_m: float,
-        contacts: Iterable[str] = (),
+        contacts: int = 0,
         prior: LearnedElements | None = None,
     ) -> "GrowingMap":
         """The map of all sightings of a recording: associate greedily, then reconsider each."""
         by_information = sorted(sightings, key=lambda one: -one.gain(reach_m))[:MOST_SIGHTINGS]
-        start = cls(reach_m, contacts=count_sides(contacts), concentration=CONCENTRATION)
+        start = cls(reach_m, contacts=contacts, concentrations=np.array([CONCENTRATION]))
         mapper = _Mapper(start if prior is None else start.with_prior(prior))
         for sighting in by_information:
             mapper.insert(sighting)
@@ -201,8 +191,7 @@ class GrowingMap:
             dict(counts),
             slots,
             covariance,
-            self.contacts,
-            self.concentration,
+            log_probabilities_of_new(counts, self.contacts, self.concentrations),
             self.pairs[max(used)] if used else None,
         )
 
@@ -245,20 +234,6 @@ class GrowingMap:
         prior = np.concatenate([prior_variance(view.elements[key].kind, self.reach_m) for key in shared])
         volume = np.linalg.slogdet(view.covariance[np.ix_(rows, rows)])[1]
         return float(0.5 * (np.log(prior).sum() - volume))
-
-
-def count_sides(contacts: Iterable[str]) -> Counter[Side]:
-    """How many contacts, such as ``v-f``, touched an element of each side and kind."""
-    return Counter((side, contact[2 * side]) for contact in contacts for side in (0, 1))
-
-
-def log_prior_of_new(contacts: Iterable[str]) -> float:
-    """Log prior probability that contacts, such as ``v-f``, all touched elements of their own."""
-    return sum(
-        math.log(CONCENTRATION / (touched + CONCENTRATION))
-        for count in count_sides(contacts).values()
-        for touched in range(count)
-    )
 
 
 class _Mapper:

@@ -6,6 +6,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from operator import attrgetter
 from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -18,6 +19,8 @@ Array = NDArray[np.float64]
 
 BATCH: Final = 500
 """Number of poses per batch, where latency does not matter."""
+
+_COLUMNS: Final = attrgetter("stamp_ns", "position_m", "quat_xyzw")
 
 
 class Pose(NamedTuple):
@@ -62,11 +65,8 @@ class Poses:
                 single = []
         if single or not columns:
             columns.append(cls.collect(single))
-        return cls(
-            np.concatenate([part.stamp_ns for part in columns]),
-            np.concatenate([part.position_m for part in columns]),
-            np.concatenate([part.quat_xyzw for part in columns]),
-        )
+        stamp_ns, position_m, quat_xyzw = zip(*map(_COLUMNS, columns), strict=True)
+        return cls(np.concatenate(stamp_ns), np.concatenate(position_m), np.concatenate(quat_xyzw))
 
     @property
     def columns(self) -> tuple[NDArray[np.int64], Array, Array]:

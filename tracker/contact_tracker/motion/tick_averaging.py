@@ -44,6 +44,11 @@ class Tick:
     """Innovation excess of free motion."""
     noise: NoiseEstimate
     """Noise of one frame, as estimated after the tick."""
+    origin_m: Array
+    """(3,) origin of the lifted poses in the world."""
+    is_rest: bool = False
+    """Whether it is the rest of a tick that was closed early. It does not count for the strength of motion,
+    since it is not a whole tick away from its neighbours."""
 
 
 class StreamState(NamedTuple):
@@ -81,31 +86,33 @@ def average_run(stream: StreamState, run: TickRun, model: Model) -> tuple[Stream
     for end in run.ends.tolist():
         frames, before = run.frames[first:end], stream.last_frame
         stream, new = stream._replace(last_frame=frames[-1:]), _new_frames(before, frames)
+        is_rest = run.is_rest and not first
         if last is not None and not len(new) and _is_stuck(frames, stream, model):
-            last = empty_tick(last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]))
+            last = empty_tick(last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), is_rest)
         else:
-            is_rest = run.is_rest and not first
             stream, last = _average_tick(stream, frames, new, run.origin_m, model, is_rest)
         closed.append(last)
         first = end
     return stream, closed
 
 
-def empty_tick(last: Tick, start_ns: int, stamp_ns: int) -> Tick:
+def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) -> Tick:
     """A tick without frames, after ``last``."""
     return replace(
-        last, start_ns=start_ns, stamp_ns=stamp_ns, count=0, outliers=0, innovation_excess=NO_EXCESS
+        last,
+        start_ns=start_ns,
+        stamp_ns=stamp_ns,
+        count=0,
+        outliers=0,
+        innovation_excess=NO_EXCESS,
+        is_rest=is_rest,
     )
 
 
 def _average_tick(
     stream: StreamState, frames: Poses, new: Poses, origin_m: Array, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
-    """One tick from its ``new`` frames; without any, from the repeated pose.
-
-    The rest of a tick closed early (``is_rest``) does not count for the strength of motion, since it is not a
-    whole tick away from its neighbours.
-    """
+    """One tick from its ``new`` frames; without any, from the repeated pose."""
     start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), stream.noise
     frames = new if len(new) else frames[:1]
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
@@ -119,8 +126,9 @@ def _average_tick(
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
-    tick = Tick(start_ns, stamp_ns, mean_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
-    motion, tick = with_excess(stream.free_motion, tick, model, is_rest)
+    counts, stamps_ns = (len(some), len(frames) - len(some)), (start_ns, stamp_ns, mean_ns)
+    tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origin_m, is_rest)
+    motion, tick = with_excess(stream.free_motion, tick, model)
     return stream._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick
 
 
@@ -141,15 +149,15 @@ def _is_stuck(held: Poses, stream: StreamState, model: Model) -> bool:
     return free_motion.moves_on(motion, int(held.stamp_ns[0]), variance)
 
 
-def with_excess(
-    motion: FreeMotion | None, tick: Tick, model: Model, is_rest: bool
-) -> tuple[FreeMotion | None, Tick]:
-    """Advance the free-motion filter by a tick with frames; returns it and the tick with its innovation
-    excess."""
+def with_excess(motion: FreeMotion | None, tick: Tick, model: Model) -> tuple[FreeMotion | None, Tick]:
+    """Advance the free-motion filter by a tick; returns it and the tick with its innovation excess."""
+    motion = None if tick.is_rest else motion
+    if not tick.count:
+        return motion, tick
     turn, position_m = tick.zeta[R].reshape(3, 3), tick.zeta[T]
     if motion is None or not free_motion.can_go_on(motion, tick.mean_ns):
         assumed = model.motion.initial_autocorrelation
-        return None if is_rest else free_motion.begin(turn, position_m, tick.mean_ns, assumed), tick
+        return None if tick.is_rest else free_motion.begin(turn, position_m, tick.mean_ns, assumed), tick
     variance = tick_variances(tick.noise, np.array(float(tick.count)), model)
     rest = rest_variances(tick.noise, np.array(float(tick.count)), model)
     motion, excess = free_motion.advance(

@@ -1,14 +1,15 @@
 """The grid of ticks: short spans of time, counted from the first pose."""
 
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion import sensor_noise
-from contact_tracker.motion.poses import NO_POSES, Pose, Poses
+from contact_tracker.motion.free_motion import FreeMotion
+from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.tick_averaging import (
     Array,
     StreamState,
@@ -16,7 +17,6 @@ from contact_tracker.motion.tick_averaging import (
     TickRun,
     average_run,
     empty_tick,
-    with_excess,
 )
 
 LONGEST_GAP_S: Final = 5.0
@@ -27,132 +27,126 @@ EMPTY_PER_TICK: Final = 10
 file can have thousands of gaps."""
 
 
-class TickState(NamedTuple):
-    """State of the averaging: frames of the current tick, its ``number`` on the grid, the ``last`` tick
-    before it, the estimates of the stream, and how many ticks before it were ``empty``."""
+@dataclass(eq=False)
+class TickGrid:
+    """Averages poses into ticks; its time and the world's origin begin at the first pose.
 
-    origin_ns: int
-    origin_m: Array
-    number: int
-    frames: tuple[Poses | Pose, ...]
-    last: Tick | None
-    stream: StreamState
+    Parameters
+    ----------
+    model : has the length of a tick, and the noise of the filter whose free motion gates frames.
+    origin_ns, origin_m : time and place of the first pose; None before it.
+    number : of the current tick on the grid; ``frames`` are its poses so far.
+    last : the tick before it.
+    stream : estimates of the stream.
+    empty : how many ticks before it were empty.
+    """
+
+    model: Model
+    origin_ns: int | None = None
+    origin_m: Array | None = None
+    number: int = 0
+    frames: Poses = field(default_factory=lambda: NO_POSES)
+    last: Tick | None = None
+    stream: StreamState | None = None
     empty: int = 0
 
+    @classmethod
+    def begun(cls, model: Model, origin_ns: int, origin_m: Array) -> "TickGrid":
+        """A grid that begins at this time, and has the world's origin at this place."""
+        estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
+        learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
+        return cls(model, origin_ns, origin_m, stream=learnt)
 
-def begin(model: Model, poses: Poses) -> TickState:
-    """Start the grid of ticks and the world's origin at the first of the poses, which are not used
-    otherwise."""
-    return begin_at(int(poses.stamp_ns[0]), poses.position_m[0].copy(), model)
+    def goes_on(self, stamp_ns: int) -> bool:
+        """Whether a pose belongs to the current tick."""
+        return self.origin_ns is not None and (
+            stamp_ns < self.origin_ns + (self.number + 1) * self.model.tick_ns
+        )
 
+    @property
+    def open_since_ns(self) -> int | None:
+        """Where the current tick begins; its end if it was closed early; None before the first pose."""
+        if self.origin_ns is None:
+            return None
+        return self.origin_ns + (self.number + self._has_closed_early) * self.model.tick_ns
 
-def begin_at(origin_ns: int, origin_m: Array, model: Model) -> TickState:
-    """Start the grid at this time, and the world's origin at this place."""
-    estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
-    return TickState(origin_ns, origin_m, 0, (), None, learnt)
+    def add(self, poses: Poses) -> list[Tick]:
+        """Add one pose or more; returns the ticks that they close, several after a gap."""
+        if self.origin_ns is None:
+            begun = TickGrid.begun(self.model, int(poses.stamp_ns[0]), poses.position_m[0].copy())
+            vars(self).update(vars(begun))
+        assert self.origin_ns is not None
+        left, closed = Poses.join((self.frames, poses)) if len(self.frames) else poses, list[Tick]()
+        while True:
+            first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns.max())
+            if not self.goes_on(first_ns):
+                closed += self._pass_to(first_ns, bool(closed) or self._has_closed_early)
+            if self.goes_on(last_ns):  # the usual case online
+                self.frames = left
+                return closed
+            number = (left.stamp_ns - self.origin_ns) // self.model.tick_ns
+            number = np.maximum.accumulate(np.maximum(number, self.number))  # closed ticks stay closed
+            ends = np.flatnonzero(number[1:] > number[:-1]) + 1
+            follows = number[ends - 1] == self.number + np.arange(len(ends))
+            many = len(ends) if follows.all() else int(follows.argmin())
+            closed += self._close(left, ends[:many])
+            left = left[int(ends[many - 1]) :]
 
+    def pass_time(self, until_ns: int) -> list[Tick]:
+        """Close the current tick if it ends by this time, or, where no poses come, all ticks that do.
 
-def goes_on(state: TickState, stamp_ns: int, model: Model) -> bool:
-    """Whether a pose belongs to the current tick."""
-    return stamp_ns < state.origin_ns + (state.number + 1) * model.tick_ns
+        Later poses in the time of closed ticks will be in the next one.
+        """
+        if self.goes_on(until_ns) or (self.last is None and not len(self.frames)):
+            return []
+        if len(self.frames):
+            closed = self.close()
+            self.number += 1
+            return closed
+        return self._pass_to(until_ns, self._has_closed_early)
 
+    def close(self) -> list[Tick]:
+        """Close the current tick early, if it has poses; later poses in its time will form another tick."""
+        frames, self.frames = self.frames, NO_POSES
+        return self._close(frames, np.array([len(frames)])) if len(frames) else []
 
-def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick]]:
-    """Advance by one pose or more; returns the ticks that they close."""
-    left, closed = Poses.join((*state.frames, poses)), list[Tick]()
-    while True:
-        first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns.max())
-        if not goes_on(state, first_ns, model):
-            state, empty = _missed(state, first_ns, model, bool(closed) or _has_closed_early(state, model))
-            closed += empty
-        if goes_on(state, last_ns, model):  # the usual case online
-            return state._replace(frames=(left,)), closed
-        number = (left.stamp_ns - state.origin_ns) // model.tick_ns
-        number = np.maximum.accumulate(np.maximum(number, state.number))  # closed ticks stay closed
-        ends = np.flatnonzero(number[1:] > number[:-1]) + 1
-        follows = number[ends - 1] == state.number + np.arange(len(ends))
-        many = len(ends) if follows.all() else int(follows.argmin())
-        state, some = _run(state, left, ends[:many], model)
-        closed += some
-        left = left[int(ends[many - 1]) :]
+    def follow(self, model: Model, motion: FreeMotion | None) -> None:
+        """Gate frames by the free motion of another filter from now on."""
+        assert self.stream is not None
+        self.model, self.stream = model, self.stream._replace(free_motion=motion)
 
+    def _close(self, frames: Poses, ends: NDArray[np.int64]) -> list[Tick]:
+        """Close the current tick and those that follow without a gap, see ``TickRun``."""
+        assert self.origin_m is not None
+        assert self.stream is not None
+        run = TickRun(frames, ends, self.origin_m, self._has_closed_early, self.last)
+        self.stream, closed = average_run(self.stream, run, self.model)
+        self.number, self.last = self.number + len(ends) - 1, closed[-1]
+        return closed
 
-def pass_time(state: TickState, until_ns: int, model: Model) -> tuple[TickState, list[Tick]]:
-    """Close the current tick if it ends by this time, or, where no poses come, all ticks that do.
+    @property
+    def _has_closed_early(self) -> bool:
+        """Whether the current tick is the rest of one that was closed early."""
+        if self.last is None or self.origin_ns is None:
+            return False
+        return self.last.stamp_ns >= self.origin_ns + self.number * self.model.tick_ns
 
-    Later poses in the time of closed ticks will be in the next one.
-    """
-    if goes_on(state, until_ns, model) or (state.last is None and not state.frames):
-        return state, []
-    if state.frames:
-        state, tick = close(state, model)
-        return state._replace(number=state.number + 1), [tick]
-    return _missed(state, until_ns, model, _has_closed_early(state, model))
-
-
-def open_since_ns(state: TickState, model: Model) -> int:
-    """Where the current tick begins; its end if it was closed early."""
-    return state.origin_ns + (state.number + _has_closed_early(state, model)) * model.tick_ns
-
-
-def follow(
-    state: TickState, leader: TickState, advanced: TickState, closed: Sequence[Tick], model: Model
-) -> tuple[TickState, list[Tick]]:
-    """``advance`` with the averages of a ``leader`` whose model differs in the noise of a tick only.
-
-    ``advanced`` is the leader after the poses, and ``closed`` are the ticks that they closed. Means, outliers
-    and the noise of a frame are the leader's; the innovation excess is not.
-    """
-    motion, ticks = state.stream.free_motion, list[Tick]()
-    is_rest = bool(closed) and _has_closed_early(leader, model) and goes_on(leader, closed[0].start_ns, model)
-    for tick in closed:
-        own = tick
-        if tick.count:
-            motion, own = with_excess(None if is_rest else motion, tick, model, is_rest)
-            is_rest = False
-        ticks.append(own)
-    last = ticks[-1] if ticks else state.last
-    return advanced._replace(last=last, stream=advanced.stream._replace(free_motion=motion)), ticks
-
-
-def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
-    """Close the current tick early; later poses in its time will form another tick."""
-    frames = Poses.join(state.frames)
-    state, (tick,) = _run(state, frames, np.array([len(frames)]), model)
-    return state._replace(frames=()), tick
-
-
-def _run(
-    state: TickState, frames: Poses, ends: NDArray[np.int64], model: Model
-) -> tuple[TickState, list[Tick]]:
-    """Close the current tick and those that follow without a gap, see ``TickRun``."""
-    run = TickRun(frames, ends, state.origin_m, _has_closed_early(state, model), state.last)
-    learnt, closed = average_run(state.stream, run, model)
-    return state._replace(number=state.number + len(ends) - 1, last=closed[-1], stream=learnt), closed
-
-
-def _has_closed_early(state: TickState, model: Model) -> bool:
-    """Whether the current tick is the rest of one that was closed early."""
-    return state.last is not None and state.last.stamp_ns >= state.origin_ns + state.number * model.tick_ns
-
-
-def _missed(state: TickState, stamp_ns: int, model: Model, is_closed: bool) -> tuple[TickState, list[Tick]]:
-    """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether the
-    current one is."""
-    if not is_closed:
-        state = state._replace(number=state.number - 1)
-    step_ns = model.tick_ns
-    number = (stamp_ns - state.origin_ns) // step_ns
-    missed = max(min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1, 0)
-    missed = min(missed, max(EMPTY_TICKS + EMPTY_PER_TICK * (state.number - state.empty) - state.empty, 0))
-    empty = list[Tick]()
-    if missed:
-        assert state.last is not None
-        stamps = [state.last.stamp_ns + (i + 1) * step_ns for i in range(missed)]
-        empty = [empty_tick(state.last, stamp, stamp) for stamp in stamps]
-    if number - state.number - 1 > missed:  # skip the rest of a long gap
-        number = state.number + 1 + missed
-        state = state._replace(origin_ns=stamp_ns - number * step_ns)
-    last = empty[-1] if empty else state.last
-    return state._replace(number=number, empty=state.empty + missed, last=last), empty
+    def _pass_to(self, stamp_ns: int, is_closed: bool) -> list[Tick]:
+        """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether
+        the current one is."""
+        assert self.origin_ns is not None
+        before, step_ns = self.number - (not is_closed), self.model.tick_ns
+        number = (stamp_ns - self.origin_ns) // step_ns
+        missed = max(min(number - before, int(LONGEST_GAP_S / self.model.tick_s)) - 1, 0)
+        missed = min(missed, max(EMPTY_TICKS + EMPTY_PER_TICK * (before - self.empty) - self.empty, 0))
+        empty = list[Tick]()
+        if missed:
+            assert self.last is not None
+            stamps = [self.last.stamp_ns + (i + 1) * step_ns for i in range(missed)]
+            empty = [empty_tick(self.last, stamp, stamp) for stamp in stamps]
+            self.last = empty[-1]
+        if number - before - 1 > missed:  # skip the rest of a long gap
+            number = before + 1 + missed
+            self.origin_ns = stamp_ns - number * step_ns
+        self.number, self.empty = number, self.empty + missed
+        return empty

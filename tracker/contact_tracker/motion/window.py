@@ -1,6 +1,6 @@
 """The window of the latest ticks, on which evidence is evaluated."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -94,8 +94,8 @@ class Window:
     @cached_property
     def latest_motion_ratio(self) -> float:
         """``motion_ratio`` of the newest tick, without computing the others."""
-        excess, variance = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
-        return float(max(e / (e + v) for e, v in zip(excess, variance, strict=True)))
+        (a, b), (p, q) = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
+        return float(max(a / (a + p), b / (b + q)))
 
     def then(self, index: int, zeta: Array, excess: Array, variance: Array, uneven: Array) -> "Window":
         """The window after one more tick, with as many ticks as ``variance`` (W, 2) has rows.
@@ -122,21 +122,9 @@ class Window:
         vars(self).update(inverse=inverse, displacement_variance=displacement_variance)
         return self
 
-    def held(self, count: int, most: int) -> list["Window"]:
-        """Windows of at most ``most`` ticks after each of ``count`` further ticks without frames, which
-        repeat the newest. They share memory."""
-        rows = np.minimum(np.arange(len(self) + count), len(self) - 1)
-        long = replace(self.pick(rows), index=np.append(self.index, self.index[-1] + 1 + np.arange(count)))
-        inverse, displacement_variance = self.inverse[rows], self.displacement_variance[rows]
-        windows = list[Window]()
-        for end in range(len(self) + 1, len(rows) + 1):
-            first = max(end - most, 0)
-            one = long.pick(slice(first, end), long.zeta[first - 1] if first else self.before)
-            windows.append(one.with_cached(inverse[first:end], displacement_variance[first:end]))
-        return windows
-
     def hold(self, count: int, most: int) -> "Window":
-        """The last of ``held``, in one step."""
+        """The window of at most ``most`` ticks after ``count`` further ones without frames, which repeat the
+        newest."""
         first = max(len(self) + count - most, 0)
         rows = np.minimum(np.arange(first, len(self) + count), len(self) - 1)
         end = int(self.index[-1]) + count + 1
@@ -214,41 +202,11 @@ def advance_window(sliding: SlidingWindow, number: int, tick: Tick, model: Model
     )
 
 
-def advance_windows(
-    sliding: SlidingWindow, number: int, ticks: Sequence[Tick], model: Model
-) -> Iterator[SlidingWindow]:
-    """``advance_window`` after each of ``ticks``, in less time in a gap."""
-    first, most = 0, _most_ticks(model)
-    while first < len(ticks):
-        sliding = advance_window(sliding, number + first, ticks[first], model)
-        yield sliding
-        first += 1
-        alike = _count_alike(ticks, first)
-        if alike:
-            frames = np.concatenate([sliding.frames, np.zeros(alike)])
-            for i, window in enumerate(sliding.window.held(alike, most), len(sliding.frames) + 1):
-                sliding = SlidingWindow(window, frames[max(i - most, 0) : i])
-                yield sliding
-        first += alike
-
-
 def hold_window(sliding: SlidingWindow, count: int, model: Model) -> SlidingWindow:
     """The window after ``count`` further ticks without frames, in one step."""
     most = _most_ticks(model)
     frames = np.concatenate([sliding.frames, np.zeros(min(count, most))])[-most:]
     return SlidingWindow(sliding.window.hold(count, most), frames)
-
-
-def _count_alike(ticks: Sequence[Tick], first: int) -> int:
-    """How many ticks from ``first`` on repeat the one before, which is empty."""
-    last, end = ticks[first - 1], first
-    while end < len(ticks) and not (last.count or ticks[end].count) and _has_same_pose(last, ticks[end]):
-        end += 1
-    return end - first
-
-
-def _has_same_pose(tick: Tick, other: Tick) -> bool:
-    return tick.zeta is other.zeta and tick.noise is other.noise
 
 
 def _most_ticks(model: Model) -> int:

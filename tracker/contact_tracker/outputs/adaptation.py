@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from contact_tracker.adaptation import Report
+from contact_tracker.adaptation.report import Report
 from contact_tracker.inspection.stream_checks import STILL
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from itertools import islice
 from typing import Any, Final
 
-from contact_tracker.adaptation import Report
+from contact_tracker.adaptation.report import Report
 from contact_tracker.errors import printable
 from contact_tracker.motion.pose_validation import remarks_on
 from contact_tracker.outputs.adaptation import noise_text, report_json, warnings

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from contact_tracker.adaptation.with_wrenches import NoLoad, mass_doubt, wrench_evidence
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording.log import PoseLog
 from contact_tracker.recording.wrenches import WrenchLog, read_wrenches
+from contact_tracker.with_wrenches import NoLoad, mass_doubt, wrench_evidence
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 

@@ -14,7 +14,6 @@ from typing import Any, Final, get_args, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import StateError
 from contact_tracker.hypotheses.bank import Bank, Onsets
@@ -24,6 +23,7 @@ from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Step
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.stamp_order import Ordered, Periods, StampOrder
+from contact_tracker.tracker import Tracker
 
 KINDS: Final = "biuf"
 """Allowed kinds of arrays: flags and numbers."""
@@ -57,7 +57,7 @@ def _classes_in(*roots: type) -> dict[str, type]:
 
 
 _CLASSES: Final[Mapping[str, type]] = _classes_in(
-    AdaptiveState, Ordered, Step, *(type(empty()) for empty in _EMPTY.values())
+    Tracker, Ordered, Step, *(type(empty()) for empty in _EMPTY.values())
 )
 
 

@@ -11,16 +11,16 @@ from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
-from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.poses import Pose, batches
+from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.motion.tick_grid import TickGrid
 from contact_tracker.motion.window import Window
-from contact_tracker.tracking import tracker
-from contact_tracker.tracking.batch_update import TickResult, update_in_batches
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.measurement_update import FREE
-from contact_tracker.tracking.state import TrackerState
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.state import FilterState
+from contact_tracker.tracking.transition_model import FREE
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -29,14 +29,9 @@ Index = NDArray[np.int64]
 class FilteredTick(NamedTuple):
     """One tick of the pass: the ``state`` after it, the ``tick``, and the ``belief``."""
 
-    state: TrackerState
+    state: FilterState
     tick: Tick
     belief: Belief
-
-    @property
-    def tick_result(self) -> TickResult:
-        """The weights of the hypotheses."""
-        return TickResult.of(self.state, self.tick)
 
     @property
     def numbers(self) -> Index:
@@ -44,58 +39,32 @@ class FilteredTick(NamedTuple):
         return np.append(Bank.of_all(self.state.banks, "number"), self.state.next_hypothesis_id - 1)
 
 
-def forward(
-    poses: Iterable[Pose],
-    model: Model,
-    progress: Callable[[int], None] | None = None,
-    known_map: Map = EMPTY_MAP,
-    detail: Detail = Detail.GEOMETRY,
-) -> Iterator[FilteredTick]:
+def ticks_of(
+    poses: Iterable[Pose], model: Model, progress: Callable[[int], None] | None = None
+) -> Iterator[Tick]:
     """The ticks of a recording, each as soon as it is over.
 
     Parameters
     ----------
     poses : validated poses in order of time.
     progress : called after each batch of poses with the number of those read so far.
-    known_map : elements of the object and its surroundings that are known before.
-    detail : of the beliefs.
     """
-    state, count = tracker.start(model, known_map=known_map), 0
+    grid, count = TickGrid(model), 0
     for batch in batches(poses):
-        state, closed = tracker.accumulate_poses(state, batch)
-        for tick, (after, belief) in zip(closed, tracker.update_each(state, closed, detail), strict=True):
-            yield FilteredTick(after, tick, belief)
-            state = after
+        yield from grid.add(batch) if len(batch) else ()
         count += len(batch)
         if progress is not None:
             progress(count)
-    state, closed = tracker.close_tick(state)
-    for tick, (after, belief) in zip(closed, tracker.update_each(state, closed, detail), strict=True):
-        yield FilteredTick(after, tick, belief)
-        state = after
+    yield from grid.close()
 
 
-def filter_batches(
-    poses: Iterable[Pose],
-    model: Model,
-    progress: Callable[[int], None] | None = None,
-    known_map: Map = EMPTY_MAP,
-) -> Iterator[tuple[TrackerState, list[TickResult]]]:
-    """``forward`` without beliefs: several ticks at a time, with the state after them.
-
-    Parameters as there.
-    """
-    state, count = tracker.start(model, known_map=known_map), 0
-    for batch in batches(poses):
-        state, closed = tracker.accumulate_poses(state, batch)
-        for then, result in update_in_batches(state, closed):
-            yield then, result
-            state = then
-        count += len(batch)
-        if progress is not None:
-            progress(count)
-    state, rest = tracker.close_tick(state)
-    yield from update_in_batches(state, rest)
+def forward(
+    ticks: Iterable[Tick], one: ContactFilter, detail: Detail = Detail.GEOMETRY
+) -> Iterator[FilteredTick]:
+    """Update a filter by ticks; the beliefs have this ``detail``."""
+    for tick in ticks:
+        belief = one.update(tick, detail)
+        yield FilteredTick(one.state, tick, belief)
 
 
 @dataclass
@@ -111,6 +80,7 @@ class RecordedPass:
     entry: list[Array] = field(default_factory=list)
     alive: list[LiveHypotheses] = field(default_factory=list)
     numbers: list[Index] = field(default_factory=list)
+    noise: NoiseEstimate | None = None
 
     @classmethod
     def over(cls, results: Iterable[FilteredTick]) -> "RecordedPass":
@@ -131,6 +101,7 @@ class RecordedPass:
         self.entry.append(result.state.log_birth_weight)
         self.alive.append(result.state.live_hypotheses)
         self.numbers.append(result.numbers)
+        self.noise = result.tick.noise
 
     @property
     def exposure(self) -> Array:
@@ -141,12 +112,12 @@ class RecordedPass:
         """
         return np.array(self.exposures)
 
-    def window(self, state: TrackerState) -> Window:
+    def window(self, model: Model) -> Window:
         """All ticks, with variances from the final noise estimate."""
-        assert state.averaging is not None
-        counts, noise = np.array(self.frames, float), state.averaging.stream.noise
-        variance = tick_averaging.tick_variances(noise, counts, state.model)
-        uneven = tick_averaging.tick_anisotropy(noise, counts, state.model)
+        assert self.noise is not None
+        counts = np.array(self.frames, float)
+        variance = tick_averaging.tick_variances(self.noise, counts, model)
+        uneven = tick_averaging.tick_anisotropy(self.noise, counts, model)
         return replace(Window.join(self.newest), variance=variance, position_anisotropy=uneven)
 
     @property

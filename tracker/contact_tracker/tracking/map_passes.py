@@ -10,12 +10,13 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.map.world_map import GrowingMap, log_prior_of_new
+from contact_tracker.map.prices import log_prior_of_new
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking import ambiguity, tracker
-from contact_tracker.tracking.batch_update import update_in_batches
+from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.tracking.offline_smoother import Segmenter
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.offline_smoother import Segmenter, pieces
 from contact_tracker.tracking.pass_record import PassRecord
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 
@@ -59,14 +60,13 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     contacts pays that of new elements, and a map the complexity of what its contacts share.
     """
     best: Segmentation | None = None
-    best_evidence = first.log_evidence + log_prior_of_new(one.value for one in first.contacts) + DECISIVE_NATS
+    best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + DECISIVE_NATS
     before = first
     for _ in range(MOST_PASSES):
         if first.state is None:
             break
-        contacts = [one.value for one in first.contacts]
         start = first.state.map
-        world = GrowingMap.learn(before.sightings, start.reach_m, contacts, start.prior)
+        world = GrowingMap.learn(before.sightings, start.reach_m, len(first.contacts), start.prior)
         after = PassRecord()
         found = _pass(first, world, after, executor)
         if not world.complexity:
@@ -87,17 +87,10 @@ def _pass(
 ) -> Segmentation:
     """A pass over the ticks of the first one with a map."""
     assert first.state is not None
-    start = tracker.start(first.state.model)._replace(
-        averaging=first.state.averaging, map=world, uses_later_contacts=True
-    )
-    segmenter, pieces = Segmenter(executor, record=record), list[Segmentation]()
-    for state, some in update_in_batches(start, first.ticks):
-        for result in some:
-            segmenter.note(state, result)
-            if segmenter.due:
-                pieces.append(segmenter.conclude())
-    pieces.append(segmenter.finish())
-    return Segmentation.join(pieces)
+    start = ContactFilter.start(first.state.model)
+    world = replace(world, origin_m=first.state.origin_m)
+    start.state = start.state._replace(map=world, uses_later_contacts=True)
+    return Segmentation.join(list(pieces(first.ticks, start, Segmenter(executor, record=record))))
 
 
 def _with_open_free(found: Segmentation) -> Segmentation:

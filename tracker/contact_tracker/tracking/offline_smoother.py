@@ -19,13 +19,13 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS
 from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking import ambiguity
-from contact_tracker.tracking.batch_update import TickResult
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.forward_pass import FilteredTick, filter_batches, forward
-from contact_tracker.tracking.measurement_update import FREE
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.forward_pass import FilteredTick, forward, ticks_of
 from contact_tracker.tracking.pass_record import PassRecord
 from contact_tracker.tracking.row_buffer import Columns
 from contact_tracker.tracking.segment_fit import (
@@ -36,7 +36,8 @@ from contact_tracker.tracking.segment_fit import (
     joined_by_wrenches,
 )
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
-from contact_tracker.tracking.state import TrackerState
+from contact_tracker.tracking.state import FilterState
+from contact_tracker.tracking.transition_model import FREE
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 Array = NDArray[np.float64]
@@ -89,43 +90,29 @@ def segment(
     -------
     Segmentation with the Viterbi path, the smoothed posterior and the online beliefs.
     """
-    return Segmentation.join(
-        list(pieces(poses, model, progress, known_map, executor, watch, Detail.GEOMETRY))
-    )
+    start, ticks = ContactFilter.start(model, known_map=known_map), ticks_of(poses, model, progress)
+    return Segmentation.join(list(pieces(ticks, start, Segmenter(executor), Detail.GEOMETRY, watch)))
 
 
 def pieces(
-    poses: Iterable[Pose],
-    model: Model,
-    progress: Callable[[int], None] | None = None,
-    known_map: Map = EMPTY_MAP,
-    executor: Executor | None = None,
+    ticks: Iterable[Tick],
+    one: ContactFilter,
+    segmenter: "Segmenter",
+    online: Detail = Detail.WEIGHTS,
     watch: Callable[[FilteredTick], None] | None = None,
-    online: Detail = Detail.SHARED,
-    segmenter: "Segmenter | None" = None,
 ) -> Iterator[Segmentation]:
-    """``segment`` piece by piece and in bounded memory.
+    """The segmentation of a recording piece by piece and in bounded memory.
 
     Each piece holds the segments concluded since the piece before with their smoothed beliefs, and the online
     beliefs since then, which are ahead of the smoothed ones. The latter have the detail ``online``, and are
     left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or keep what a map is made of.
     """
-    segmenter = Segmenter(executor) if segmenter is None else segmenter
-    if watch is None and online < Detail.SHARED:
-        for state, some in filter_batches(poses, model, progress, known_map):
-            for tick_result in some:
-                segmenter.note(state, tick_result)
-                if segmenter.due:
-                    yield segmenter.conclude()
-    else:
-        for result in forward(poses, model, progress, known_map, online):
-            segmenter.note(
-                result.state, result.tick_result, result.belief if online >= Detail.SHARED else None
-            )
-            if watch is not None:
-                watch(result)
-            if segmenter.due:
-                yield segmenter.conclude()
+    for filtered in forward(ticks, one, online):
+        segmenter.note(filtered, online >= Detail.SHARED)
+        if watch is not None:
+            watch(filtered)
+        if segmenter.due:
+            yield segmenter.conclude()
     yield segmenter.finish()
 
 
@@ -172,8 +159,8 @@ class Segmenter:
         self._noted = 0  # ticks so far
         self._gap_ticks = self._since_gap = 0  # skipped ticks: those of the last gap, and those after it
         self._gaps: dict[int, _Gap] = {}  # by the number of the tick at which the motion is known again
-        self._state: TrackerState
-        self._newest: TickResult
+        self._state: FilterState
+        self._newest: Tick
         self._outliers = 0  # reported so far
         self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet reported
         self._first, self._before = 0, np.zeros(0)  # number of the oldest of these, zeta of the one before
@@ -183,36 +170,37 @@ class Segmenter:
         self._online: list[Belief] = []
         self._filtered: list[Beliefs] = []
 
-    def note(self, state: TrackerState, result: TickResult, belief: Belief | None = None) -> None:
-        """Append the next tick of those that lead to ``state``, with its online belief."""
-        tick = result.tick
+    def note(self, filtered: FilteredTick, is_reported: bool = True) -> None:
+        """Append the next tick, with its online belief if that ``is_reported``."""
+        state, tick, belief = filtered
         if self._record is not None:
             self._record.note(state, tick)
         if self._forward is None:
-            self._forward = hmm.ForwardFilter(result.log_birth_weight)
-        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, result.residual)
-        self._count_resumed(state, result)
-        evidence = None if result.is_skipped else (result.live_hypotheses, result.log_transition)
+            self._forward = hmm.ForwardFilter(state.log_birth_weight)
+        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, state.residual)
+        is_skipped = not state.hazard_exposure  # nothing could change in it, so that nothing was weighed
+        self._count_resumed(state, tick, is_skipped)
+        evidence = None if is_skipped else (state.live_hypotheses, state.log_transition)
         self._pending.append((evidence, row))
         if len(self._pending) == _BATCH_TICKS:
             self._extended_trellis()
-        if belief is not None:
+        if is_reported:
             self._online.append(belief)
         if len(self._online) == _FEW:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()
-        self._state, self._newest = state, result
+        self._state, self._newest = state, tick
 
-    def _count_resumed(self, state: TrackerState, result: TickResult) -> None:
+    def _count_resumed(self, state: FilterState, tick: Tick, is_skipped: bool) -> None:
         """Count the ticks of a long gap, and those skipped after it because the motion was not known yet.
 
         If the contact has changed when it is known, it most probably did so in the gap, which is longer.
         """
-        if not result.is_skipped:
+        if not is_skipped:
             if self._since_gap and self._gap_ticks * state.model.tick_s > LONGEST_COAST_S:
                 self._gaps[self._noted] = _Gap(self._gap_ticks, self._since_gap)
             self._gap_ticks = self._since_gap = 0
-        elif not result.tick.count:
+        elif not tick.count:
             self._gap_ticks = self._gap_ticks + 1 if not self._since_gap else 1
             self._since_gap = 0
         elif self._gap_ticks:
@@ -324,8 +312,7 @@ class Segmenter:
 
     def _segment_ticks(self, column: int, rows: NDArray[np.void]) -> SegmentTicks:
         """The ticks that contacts are fitted to, with the present noise estimate."""
-        state, noise = self._state, self._newest.tick.noise
-        assert state.averaging is not None
+        state, noise = self._state, self._newest.noise
         window = Window(
             self._first + np.arange(len(rows)),
             rows["zeta"],
@@ -337,9 +324,7 @@ class Segmenter:
         wrenches = None
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
-        return SegmentTicks(
-            window, STATES[column], state.model, state.known_map, state.averaging.origin_m, wrenches
-        )
+        return SegmentTicks(window, STATES[column], state.model, state.known_map, state.origin_m, wrenches)
 
     def _next_piece(self, count: int) -> Segmentation:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""
@@ -355,7 +340,7 @@ class Segmenter:
                 self._record.note_segment(one, fit, parts)
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
-        outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers
+        outliers, self._outliers = self._state.outliers - self._outliers, self._state.outliers
         beliefs = Beliefs.join([of_one for _, of_one in found])
         rows = tuple(row for rows, _ in found for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)

@@ -10,7 +10,7 @@ from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.segment_fit import FinishedSegment, SegmentFit
-from contact_tracker.tracking.state import TrackerState
+from contact_tracker.tracking.state import FilterState
 
 MOST_TICKS: Final = 36_000
 """Number of ticks up to which a recording is kept for a second pass, an hour of most: 1 kB each."""
@@ -23,7 +23,7 @@ class PassRecord:
         self.ticks: list[Tick] = []
         self.contacts: list[Contact] = []
         self.sightings: list[Sighting] = []
-        self.state: TrackerState | None = None
+        self.state: FilterState | None = None
         self.is_full = False
         self.best = self
 
@@ -43,7 +43,7 @@ class PassRecord:
         """Log probability of all ticks, relative to that of free motion (nats)."""
         return 0.0 if self.state is None else self.state.log_evidence
 
-    def note(self, state: TrackerState, tick: Tick) -> None:
+    def note(self, state: FilterState, tick: Tick) -> None:
         """Append a tick, one of those that lead to ``state``."""
         self.state = state
         self.is_full = self.is_full or len(self.ticks) == MOST_TICKS

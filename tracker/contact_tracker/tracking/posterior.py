@@ -1,46 +1,91 @@
-"""The belief after a tick: of that tick, or with a lag of an earlier one."""
+"""The belief after a tick: the label, what the motion leaves open, its geometry, and further contacts."""
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.formations import online
+from contact_tracker.formations.further import FormationTicks, KnownContact
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.birth_proposals import named
 from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
 from contact_tracker.map.pairs import named_pairs
-from contact_tracker.map.sighting import Sighting
+from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.motion.rests import rests_now
+from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
-from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
-from contact_tracker.tracking.state import TrackerState, scales_of
+from contact_tracker.tracking.belief import Belief, Detail, FurtherContact
+from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, CurvedMotion, update_curved_motion
+from contact_tracker.tracking.state import FilterState, scales_of
 
 Array = NDArray[np.float64]
 
+ESTABLISHED: Final = 0.8
+"""Further contacts are searched beside a label of at least this probability..."""
+ESTABLISHED_TICKS: Final = 20
+"""... that has lasted this many ticks..."""
+STILL_ESTABLISHED: Final = 0.5
+"""... and are reported while the label has at least this probability."""
 
-def answer(state: TrackerState, online: Belief) -> Belief | None:
-    """The belief to report after a tick: the latest, or with a lag the earlier one, once there is one."""
-    length = state.lag_history.shape[1]
-    if not length:
-        return online
-    return lagged_belief(state, 0) if len(state.recent) == length else None
+
+def read_posterior(
+    state: FilterState, tick: Tick, detail: Detail, tests_curvature: bool
+) -> tuple[FilterState, Belief]:
+    """The belief after a tick, whose evidence is in ``state``; certain elements are added to the map.
+
+    Of filters side by side, one ``tests_curvature``: whether free motion is on a curved surface.
+    """
+    belief = state_posterior(state, tick.stamp_ns)
+    shared, learns = belief, _should_update_map(state, belief)
+    if learns or detail >= Detail.SHARED:  # sharing never raises the label's probability
+        if tests_curvature or belief.contact is not Contact.FREE:
+            state = state._replace(curved=_curved_motion(state, belief.contact))
+        shared = share_among_indistinguishable(state, belief)
+        learns = learns and _should_update_map(state, shared)
+    if detail >= Detail.SHARED:
+        belief = shared
+    where = label_geometry(state, belief.contact) if detail >= Detail.GEOMETRY else None
+    if learns and not shared.inseparable:
+        state = state._replace(map=state.map.insert(label_sighting(state, belief.contact, tick.stamp_ns)))
+    if where is not None and detail >= Detail.GEOMETRY:
+        belief = replace(belief, geometry=where)
+    if detail >= Detail.FORMATION:
+        state, belief = follow_formation(state, belief, tick)
+    elif state.formation is not online.EMPTY_FORMATION:
+        state = state._replace(formation=online.suspend(state.formation))
+    return state, belief
 
 
-def flush_lag(state: TrackerState) -> list[Belief]:
-    """The beliefs that the lag has withheld at the end of the stream."""
-    first = 1 if len(state.recent) == state.lag_history.shape[1] else 0
-    return [lagged_belief(state, row) for row in range(first, len(state.recent))]
+def _should_update_map(state: FilterState, belief: Belief) -> bool:
+    """Whether the labelled contact is certain enough for the map, and due."""
+    if (
+        state.uses_later_contacts
+        or belief.contact is Contact.FREE
+        or belief.probability.max() < MAP_INSERTION_PROBABILITY
+    ):
+        return False
+    return belief.stamp_ns >= state.map.due_ns.get(belief.onset_ns, belief.stamp_ns)
+
+
+def _curved_motion(state: FilterState, label: Contact) -> CurvedMotion:
+    """The test of free motion for a curved surface, which is made at intervals."""
+    if label is not Contact.FREE:
+        return NO_CURVED_MOTION
+    known = state.curved, state.window, state.free_since
+    return update_curved_motion(*known, scales_of(state.model), state.known_map)
 
 
 def _had_begun(belief: Belief, stamp_ns: int) -> bool:
     return all(one.start_ns <= stamp_ns for one in belief.further)
 
 
-def lagged_belief(state: TrackerState, row: int) -> Belief:
+def lagged_belief(state: FilterState, row: int) -> Belief:
     """The belief about the tick of ``recent[row]``, given all data until now."""
     then = state.recent[row]
     weight = np.exp(state.log_state_weight - state.log_state_weight.max())
@@ -78,7 +123,7 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     )
 
 
-def state_posterior(state: TrackerState, stamp_ns: int) -> Belief:
+def state_posterior(state: FilterState, stamp_ns: int) -> Belief:
     """The posterior of the states by the weights, and the best hypothesis of the most probable one.
 
     ``label_geometry`` adds the geometry, ``share_among_indistinguishable`` the ambiguity.
@@ -93,10 +138,10 @@ def state_posterior(state: TrackerState, stamp_ns: int) -> Belief:
     return Belief(stamp_ns, label, probability, onset_ns, None, state.residual)
 
 
-def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief:
+def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     """The belief in which states that the motion does not distinguish from the label share its
     probability."""
-    label, possible = belief.contact, state.known_map.allowed
+    label = belief.contact
     rivals, since, older = _compared_since_onset(state, label)
     freedom = ambiguity.freedom_of(label, since, older)
     others = ambiguity.indistinguishable(label, rivals, freedom)
@@ -104,11 +149,10 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
     inseparable = tuple(other for other in others if state.known_map.allows(other))
-    probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
-    return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
+    return _shared(state, belief, inseparable, p_restricted, belief)
 
 
-def open_beside(state: TrackerState, belief: Belief) -> Belief:
+def open_beside(state: FilterState, belief: Belief) -> Belief:
     """The belief in which other contacts that fit as well share the label's probability, if there are further
     contacts beside it."""
     label, known_map = belief.contact, state.known_map
@@ -120,13 +164,11 @@ def open_beside(state: TrackerState, belief: Belief) -> Belief:
         return belief
     others = tuple(one for one in STATES if one in alike | {*belief.inseparable})
     p_restricted = ambiguity.p_restricted(True, since, state.model.tick_s)
-    given = state_posterior(state, belief.stamp_ns).probability
-    probability = ambiguity.redistribute(given, label, others, p_restricted, known_map.allowed)
-    return replace(belief, probability=probability, inseparable=others, p_restricted=p_restricted)
+    return _shared(state, belief, others, p_restricted, state_posterior(state, belief.stamp_ns))
 
 
 def _compared_since_onset(
-    state: TrackerState, label: Contact
+    state: FilterState, label: Contact
 ) -> tuple[ambiguity.CompetingEvidence, Window, bool]:
     """How well each state explains the ticks since the onset of the label; those of the window, and whether
     there were others."""
@@ -138,43 +180,46 @@ def _compared_since_onset(
     return rivals, since, onset < state.window.index[0]
 
 
-def open_at_rest(state: TrackerState, belief: Belief) -> Belief:
-    """The belief after a tick with frames: if the object rests, it does not tell the label from others."""
-    others = ambiguity.others_at_rest(belief.contact, state.known_map)
-    if not others or belief.inseparable == others or not rests_now(state.sliding_window, state.model.tick_s):
-        return belief
-    given, p_restricted = state_posterior(state, belief.stamp_ns).probability, ambiguity.CHANGED_AT_REST
-    probability = ambiguity.redistribute(given, belief.contact, others, p_restricted, state.known_map.allowed)
-    if belief.is_open:
-        probability = ambiguity.at_most(probability, belief.contact)
+def with_rest(state: FilterState, tick: Tick, belief: Belief) -> tuple[FilterState, Belief]:
+    """The state and the belief to report after a tick: an object at rest does not tell the label from other
+    states, and beside those that the motion leaves open it is not certain."""
+    others = ambiguity.others_at_rest(belief.contact, state.known_map) if tick.count else ()
+    if others and belief.inseparable != others and rests_now(state.sliding_window, state.model.tick_s):
+        p_restricted = ambiguity.CHANGED_AT_REST
+        belief = _shared(state, belief, others, p_restricted, state_posterior(state, belief.stamp_ns))
+        if belief.is_open:
+            belief = replace(belief, probability=ambiguity.at_most(belief.probability, belief.contact))
+    if belief.inseparable:
+        probability = ambiguity.with_rivals(belief.probability, belief.contact, belief.inseparable)
+        belief = replace(belief, probability=probability)
+    length = state.lag_history.shape[1]
+    recent = (*state.recent, belief)[-length:] if length else ()
+    return state._replace(recent=recent, belief=belief), belief
+
+
+def _shared(
+    state: FilterState, belief: Belief, others: tuple[Contact, ...], p_restricted: float, given: Belief
+) -> Belief:
+    """The belief in which ``others`` share the probability that the label is ``given``."""
+    possible = state.known_map.allowed
+    probability = ambiguity.redistribute(given.probability, belief.contact, others, p_restricted, possible)
     return replace(belief, probability=probability, inseparable=others, p_restricted=p_restricted)
 
 
-def with_curved_motion(state: TrackerState, label: Contact, tests_curvature: bool) -> TrackerState:
-    """Test free motion for a curved surface at intervals, unless another tracker does that."""
-    if label is not Contact.FREE:
-        return state._replace(curved=NO_CURVED_MOTION)
-    if not tests_curvature:
-        return state
-    known = state.curved, state.window, state.free_since
-    return state._replace(curved=update_curved_motion(*known, scales_of(state.model), state.known_map))
-
-
-def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | None:
+def label_geometry(state: FilterState, label: Contact) -> ContactGeometry | None:
     """The geometry of the best hypothesis of ``label``."""
     if label is Contact.FREE:
         return None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row = int(state.best_rows[label.column])
-    assert state.averaging is not None
-    scales, origin_m = scales_of(state.model), state.averaging.origin_m
+    scales, origin_m = scales_of(state.model), state.origin_m
     pair = named_pairs(state.known_map, contact)[bank.known_pair_index[row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
     where = contact_geometry(bank, row, contact, scales, window, origin_m, state.model.systematic)
     return named(where, pair)
 
 
-def label_sighting(state: TrackerState, label: Contact, stamp_ns: int) -> Sighting:
+def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sighting:
     """What the best hypothesis of ``label``, a contact, says about its elements."""
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     one = bank.single(int(state.best_rows[label.column]))
@@ -183,3 +228,49 @@ def label_sighting(state: TrackerState, label: Contact, stamp_ns: int) -> Sighti
     since = since.with_error(state.model.noise.extra_contact_variance[label.column])
     estimate = element_estimate(one, contact, scales_of(state.model), since)
     return Sighting(first, state.ticks, estimate, int(one.onsets.onset_ns[0]), stamp_ns)
+
+
+def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[FilterState, Belief]:
+    """Update the further contacts after an informative tick; returns the state and the belief with them."""
+    label = belief.contact
+    least = STILL_ESTABLISHED if any(one.is_present for one in state.formation.tracked) else ESTABLISHED
+    if label is Contact.FREE or belief.probability[label.column] < least:
+        return state._replace(formation=online.suspend(state.formation)), belief
+    bank, row = state.banks[label.column], int(state.best_rows[label.column])
+    onset, window = int(bank.onset[row]), state.window
+    first_row = int(window.index.searchsorted(onset))
+    if len(window) - first_row < ESTABLISHED_TICKS:
+        return state._replace(formation=online.suspend(state.formation)), belief
+    some = window.cut(max(first_row, len(window) - online.WINDOW_TICKS), None)
+    some = some.with_error(state.model.noise.extra_contact_variance[label.column])
+    leave_per_s, origin_m = state.model.transitions.leave_per_s, state.origin_m
+    ticks = FormationTicks(
+        some, scales_of(state.model), leave_per_s, origin_m, state.known_map, state.model.systematic
+    )
+    first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
+    formation = online.advance(state.formation, ticks, first)
+    state = state._replace(formation=formation)
+    belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
+    if formation.is_open:
+        capped = ambiguity.at_most(belief.probability, label)
+        belief = replace(belief, probability=capped, is_open=True)
+    return state, belief
+
+
+def _reported(state: FilterState, belief: Belief, tick: Tick) -> tuple[FurtherContact, ...]:
+    """The further contacts present now; ticks are ``tick_ns`` of the model apart."""
+    power, now = state.model.certainty.posterior_power, state.ticks - 1
+    return tuple(
+        FurtherContact(
+            one.elements.contact,
+            float(expit(power * one.log_odds)) * ambiguity.most_beside(len(others)),
+            max(tick.start_ns - (now - one.since) * state.model.tick_ns, belief.onset_ns),
+            None,
+            one.geometry,
+            others,
+            state.formation.constraints,
+        )
+        for one in state.formation.tracked
+        for others in [tuple(filter(state.known_map.allows, one.inseparable))]
+        if one.is_present
+    )

@@ -7,7 +7,7 @@ import numpy as np
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Array
 from contact_tracker.hypotheses.birth import BirthProposals
 from contact_tracker.hypotheses.birth_proposals import (
@@ -19,7 +19,8 @@ from contact_tracker.hypotheses.proximity_prior import proximity_evidence, rewei
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.rests import completes_rest
 from contact_tracker.motion.window import SlidingWindow
-from contact_tracker.tracking.state import TrackerState, scales_of
+from contact_tracker.states import STATES
+from contact_tracker.tracking.state import FilterState, scales_of
 from contact_tracker.tracking.transition_model import (
     REST_LOG_LIKELIHOOD,
     hazard_exposure,
@@ -44,49 +45,31 @@ class TransitionPrediction(NamedTuple):
     """(7,) log birth weights."""
 
 
-def predict_transitions(state: TrackerState, sliding: SlidingWindow) -> TransitionPrediction:
+def predict_transitions(state: FilterState, sliding: SlidingWindow) -> TransitionPrediction:
     """The prediction for the newest tick of ``window``, by which ``state`` has not been updated."""
-    window = sliding.window
-    assert state.averaging is not None
-    model = state.model
-    first, frame = state.ticks == 0, Frame.around(state.averaging.origin_m, window.zeta[-1, T])
-    cached = tuple(
-        _proposals_of(contact, earlier, state, frame)
-        for contact, earlier in zip(CONTACT_MODELS, state.cached_proposals, strict=True)
-    )
-    proposals = tuple(now.proposals for now in cached)
+    window, model = sliding.window, state.model
+    cached = _proposals(state, Frame.around(state.origin_m, window.zeta[-1, T]))
+    proposals, log_odds = [one.proposals for one in cached], np.zeros(len(STATES))
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
-    if not state.knows_elements:
-        transition, survival = _with_rest(tick_transitions(model, exposed), sliding, model)
-        birth_weight = (
-            state.log_state_weight if first else hmm.birth_log_weights(state.log_state_weight, transition)
-        )
-        return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
     if state.known_map:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
-    scales, newest = scales_of(model), window.cut(-1, None)
-    proximity = [
-        proximity_evidence(
-            contact, some, newest.with_error(model.noise.extra_contact_variance[column]), scales
-        )
-        for column, (contact, some) in enumerate(zip(CONTACT_MODELS, proposals, strict=True))
-    ]
-    proposals = tuple(m.of(b) for m, b in zip(proximity, proposals, strict=True))
-    usual = tick_transitions(model, exposed)
-    transition, survival = _with_rest(reweight_transitions(*usual, proximity), sliding, model)
-    if not first:
-        return TransitionPrediction(
-            proposals,
-            cached,
-            exposed,
-            transition,
-            survival,
-            hmm.birth_log_weights(state.log_state_weight, transition),
-        )
-    birth_weight = state.log_state_weight + np.array([*(m.log_odds for m in proximity), 0.0])
-    return TransitionPrediction(
-        proposals, cached, exposed, transition, survival, birth_weight - hmm.log_sum_exp(birth_weight)
-    )
+    transition, survival = tick_transitions(model, exposed)
+    if state.knows_elements:
+        scales, newest, beyond = scales_of(model), window.cut(-1, None), model.noise.extra_contact_variance
+        proximity = [
+            proximity_evidence(contact, begins, newest.with_error(more) if any(more) else newest, scales)
+            for contact, begins, more in zip(CONTACT_MODELS, proposals, beyond, strict=True)
+        ]
+        proposals = [near.proposals for near in proximity]
+        log_odds[:-1] = [near.log_odds for near in proximity]
+        transition, survival = reweight_transitions(transition, survival, proximity)
+    transition, survival = _with_rest((transition, survival), sliding, model)
+    if state.ticks:
+        birth_weight = hmm.birth_log_weights(state.log_state_weight, transition)
+    else:
+        birth_weight = state.log_state_weight + log_odds
+        birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
+    return TransitionPrediction(tuple(proposals), cached, exposed, transition, survival, birth_weight)
 
 
 def _with_rest(transitions: tuple[Array, Array], sliding: SlidingWindow, model: Model) -> tuple[Array, Array]:
@@ -98,16 +81,15 @@ def _with_rest(transitions: tuple[Array, Array], sliding: SlidingWindow, model: 
     return change + REST_LOG_LIKELIHOOD[:, None], stay + REST_LOG_LIKELIHOOD
 
 
-def _proposals_of(
-    contact: ContactModel, earlier: CachedProposals, state: TrackerState, frame: Frame
-) -> CachedProposals:
-    """Birth proposals of a contact by the map as it is."""
+def _proposals(state: FilterState, frame: Frame) -> tuple[CachedProposals, ...]:
+    """Birth proposals of each contact by the map as it is."""
     left_out = state.map.near(state.ticks, state.model.tick_s) if state.uses_later_contacts else ()
     current = None if state.uses_later_contacts else state.current_pair
-    key = state.map, left_out, current, frame
-    if earlier.map is state.map and earlier[1:-1] == key[1:]:
-        return earlier
+    before = state.cached_proposals
+    if before[0].map is state.map and before[0][1:-1] == (left_out, current, frame):
+        return before
     view = state.map.without(left_out) if left_out else state.map.whole
     view = replace(view, current=current)
     share = 0.0 if state.uses_later_contacts else state.model.geometry.revisit_prior
-    return CachedProposals(*key, propose_births(contact, state.known_map, view, share, frame))
+    proposals = [propose_births(contact, state.known_map, view, share, frame) for contact in CONTACT_MODELS]
+    return tuple(CachedProposals(state.map, left_out, current, frame, begins) for begins in proposals)

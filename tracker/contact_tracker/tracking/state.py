@@ -1,4 +1,4 @@
-"""The state of the tracker between two poses."""
+"""The state of a contact filter between two ticks."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.view import Key
 from contact_tracker.map.world_map import GrowingMap
-from contact_tracker.motion.tick_grid import TickState
+from contact_tracker.motion.free_motion import FreeMotion
 from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief
@@ -27,8 +27,8 @@ from contact_tracker.tracking.transition_model import log_initial
 Array = NDArray[np.float64]
 
 
-class TrackerState(NamedTuple):
-    """The state of the tracker; its size is bounded, however long the stream.
+class FilterState(NamedTuple):
+    """The state of a filter; its size is bounded, however long the stream.
 
     7 states: the six contacts and free motion; L lagged ticks.
     """
@@ -36,8 +36,10 @@ class TrackerState(NamedTuple):
     model: Model
     known_map: Map
     """Known elements."""
-    averaging: TickState | None
-    """State of the averaging of poses into ticks; it may be ahead of the hypotheses."""
+    origin_m: Array
+    """(3,) origin of the ticks in the world, once there is one."""
+    free_motion: FreeMotion | None
+    """Free motion as this filter sees it, if its ticks have been averaged for another one."""
     sliding_window: SlidingWindow
     """The latest ticks by which the hypotheses have been updated."""
     banks: tuple[Bank, ...]
@@ -112,8 +114,8 @@ class TrackerState(NamedTuple):
         return self.sliding_window.window
 
 
-def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> TrackerState:
-    """The state before the first pose.
+def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> FilterState:
+    """The state before the first tick.
 
     With ``lag_s``, beliefs are of that long ago, and use the data since then.
     """
@@ -126,10 +128,11 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Track
         len(STATES),
         GrowingMap(model.geometry.reach_m).with_prior(known_map.learned),
     )
-    return TrackerState(
+    return FilterState(
         model=model,
         known_map=known_map,
-        averaging=None,
+        origin_m=np.zeros(3),
+        free_motion=None,
         sliding_window=EMPTY_WINDOW,
         banks=banks,
         map=empty,

@@ -18,12 +18,11 @@ from contact_tracker.config.parameters import ZERO, Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.evidence import residual_noise
 from contact_tracker.hypotheses.window_fit import fit_window
-from contact_tracker.motion import tick_grid
-from contact_tracker.motion.poses import Pose, batches
-from contact_tracker.motion.tick_averaging import Tick, tick_variances
-from contact_tracker.motion.tick_grid import TickState
+from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.tick_averaging import tick_variances
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS
+from contact_tracker.tracking.forward_pass import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.calibration.parameters import rounded, value_of, with_value
 from contact_tracker_lab.calibration.transitions import runs
@@ -73,17 +72,9 @@ class Observed:
 
 def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
     """Average poses into ticks as the tracker does; None without poses."""
-    state: TickState | None = None
-    closed: list[Tick] = []
-    for some in batches(poses):
-        state = tick_grid.begin(model, some) if state is None else state
-        state, done = tick_grid.advance(state, some, model)
-        closed += done
-    if state is None:
+    closed = list(ticks_of(poses, model))
+    if not closed:
         return None
-    if state.frames:
-        state, last = tick_grid.close(state, model)
-        closed.append(last)
     count = np.array([float(tick.count) for tick in closed])
     sigma = np.array([closed[-1].noise.sigma_position_m, closed[-1].noise.sigma_rotation_rad])
     window = Window(

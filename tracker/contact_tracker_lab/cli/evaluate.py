@@ -91,8 +91,8 @@ def _truth(name: str, args: argparse.Namespace) -> "Truth":
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", known_map: "Map"
 ) -> "tuple[Evaluation, bool]":
-    from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.outputs.adaptation import warnings
+    from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import with_pose_callback
     from contact_tracker_lab.evaluation.answers import Answering

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import adaptation
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.pose_validation import Arrival, PoseGate
 from contact_tracker.motion.poses import Pose
+from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.segmentation import Beliefs
 
@@ -34,21 +34,19 @@ class Answering:
     """
 
     def __init__(self, model: Model, known_map: Map = EMPTY_MAP, frame_moves: bool = False) -> None:
-        self._state = adaptation.start(model, known_map=known_map, frame_moves=frame_moves)
+        self._tracker = Tracker.start(model, known_map=known_map, frame_moves=frame_moves)
         self._parts: list[Beliefs] = []
         self._arrival_ns = array("q")
 
     def through(self, arrivals: Iterable[Arrival]) -> Iterator[Pose]:
         """The poses of the stream, after they were tracked."""
         for arrival in arrivals:
-            self._state, beliefs = adaptation.take(self._state, arrival, Detail.SHARED)
-            self._note(beliefs, arrival.time_ns)
+            self._note(self._tracker.update(arrival, Detail.SHARED), arrival.time_ns)
             yield from arrival.poses
 
     def finish(self) -> Answers:
         """All answers, at the end of the stream."""
-        self._state, beliefs = adaptation.finish(self._state)
-        self._note(beliefs, self._state.last_ns)
+        self._note(self._tracker.finish(), self._tracker.last_ns)
         return Answers(Beliefs.join(self._parts), np.array(self._arrival_ns, np.int64))
 
     def _note(self, beliefs: list[Belief], time_ns: int | None) -> None:

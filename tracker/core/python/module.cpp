@@ -2,7 +2,7 @@
 #include "python/numpy_views.hpp"
 #include "python/read_settings.hpp"
 #include "python/test_bindings.hpp"
-#include "update/batch_update.hpp"
+#include "update/bank_update.hpp"
 
 #define QUOTED(text) #text
 #define AS_TEXT(text) QUOTED(text)
@@ -94,11 +94,6 @@ PYBIND11_MODULE(kernels, module) {
                              std::move(window),  std::move(before),
                              std::move(change),  std::move(log_stay)};
         }));
-    py::class_<StopCondition>(module, "StopCondition")
-        .def(py::init([](double probability, double posterior_power,
-                         std::vector<std::pair<std::int64_t, std::int64_t>> due, std::int64_t current) {
-            return StopCondition{probability, posterior_power, std::move(due), current};
-        }));
-    module.def("update", &update_in_batch);
+    module.def("update", &update_tables);
     parts::add(module.def_submodule("parts"));
 }

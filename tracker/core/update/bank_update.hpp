@@ -203,4 +203,34 @@ inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vec
     return updated;
 }
 
+// Tables of the hypotheses of each contact and of their onsets.
+using Tables = std::vector<std::pair<Floats, Floats>>;
+
+// Update the tables by a tick. `entry` are the log birth weights of the states. Reference:
+// `bank_update.update_reference`.
+inline py::tuple update_tables(const std::vector<const Model*>& models, const Tables& words,
+                               const TickInput& input, std::int64_t number, const Floats& entry,
+                               const std::vector<Two>& beyond, const EvidenceParameters& weights,
+                               double margin) {
+    for (std::size_t size : {words.size(), beyond.size(), input.assumed.size(), input.directions.size()})
+        require(size == models.size(), "an entry per contact is missing");
+    require(std::count(models.begin(), models.end(), nullptr) == 0, "a contact is None");
+    require_shape(entry, {static_cast<py::ssize_t>(models.size()) + 1}, "states do not have one entry each");
+    std::vector<GrowingBank> growing;  // copies of the tables, with room for all births
+    for (std::size_t i = 0; i < models.size(); ++i) {
+        const py::ssize_t many = input.assumed[i].first.shape(0);
+        growing.emplace_back(*models[i], words[i].first, words[i].second, many, many > 0);
+    }
+    const BankUpdate updated = update_banks(models, growing, input, number, entry, beyond, weights, margin);
+    py::list kept, rows;
+    for (std::size_t i = 0; i < models.size(); ++i) {
+        const std::vector<std::int64_t>& left = updated.left[i].rows;
+        kept.append(growing[i].left());
+        rows.append(Ints(left.size(), left.data()));
+    }
+    const auto weighed = py::make_tuple(updated.entry, updated.log_left, updated.residual, updated.leaders,
+                                        live_hypotheses(models, growing, input.onset));
+    return py::make_tuple(kept, rows, weighed);
+}
+
 }  // namespace kernels

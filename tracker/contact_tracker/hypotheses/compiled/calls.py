@@ -15,7 +15,7 @@ from contact_tracker.hypotheses.compiled import kernels
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.row_layout import layout
 from contact_tracker.hypotheses.schedule import burn_in_ticks
-from contact_tracker.hypotheses.tick_update import StopCondition, TickInput
+from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.motion.window import Window
 
 Index = NDArray[np.int64]
@@ -27,49 +27,48 @@ class UpdatedRows(NamedTuple):
     words: list[tuple[Array, Array]]
     """Per contact: the rows kept, and the rows of their onsets."""
     rows: list[Index]
-    """Per contact: index of the rows kept, among the old ones followed by those that began in the last
-    tick."""
-    weighed: list[tuple[Array, Array, Array, Index, tuple[Index, Index, Array]]]
-    """Per tick: the fields of ``TickWeights``."""
-
-
-def tick_input(
-    one: TickInput, assumed: Sequence[tuple[Array, NDArray[np.bool_]]], directions: Sequence[Array | None]
-) -> kernels.TickInput:
-    """The kernels' form of a tick.
-
-    ``assumed`` has the rows of each contact's births and which entries are given (see ``BirthProposals``). A
-    contact with random ``directions`` (body frame) searches in this tick.
-    """
-    births = one.births
-    window, before = ticks_of(one.window), ticks_of(one.before) if len(one.before.index) else None
-    when = births.onset, births.onset_ns, one.stamp_ns
-    return kernels.TickInput(
-        assumed, directions, births.turn, *when, window, before, one.log_transition, one.log_survival
-    )
+    """Per contact: index of the rows kept, among the old ones followed by those that began in the tick."""
+    weighed: tuple[Array, Array, Array, Index, tuple[Index, Index, Array]]
+    """The fields of ``TickWeights``."""
 
 
 def update(
-    words: Sequence[tuple[Array, Array]],
-    inputs: Sequence[kernels.TickInput],
-    number: int,
-    entry: Array,
-    beyond: Sequence[tuple[float, float]],
+    banks: Sequence[Bank],
+    one: TickInput,
+    directions: Sequence[Array | None],
+    extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
-    until: StopCondition | None,
 ) -> UpdatedRows:
-    """Update the rows of all banks and of their onsets by some ticks.
+    """Update the rows of all banks and of their onsets by a tick.
 
-    Births are numbered from ``number`` on; ``entry`` (7,) are the log birth weights of the first tick. The
-    other arguments are those of ``bank_update.update``.
+    A contact with random ``directions`` (body frame) searches in this tick. The other arguments are those of
+    ``bank_update.update``.
     """
-    limit = None
-    if until is not None:
-        due, current_ns = list(until.due_ns.items()), until.current_ns
-        limit = kernels.StopCondition(until.probability, until.posterior_power, due, current_ns)
-    arguments = words, inputs, number, entry, beyond, weights_of(scales), margin, limit
-    return UpdatedRows(*kernels.update(_models(scales.reach_m), *arguments))
+    births, before = one.births, ticks_of(one.before) if len(one.before.index) else None
+    given = kernels.TickInput(
+        [(begins.rows.words, begins.is_given) for begins in births.proposals],
+        directions,
+        births.turn,
+        births.onset,
+        births.onset_ns,
+        one.stamp_ns,
+        ticks_of(one.window),
+        before,
+        one.log_transition,
+        one.log_survival,
+    )
+    kept = kernels.update(
+        _models(scales.reach_m),
+        [(bank.words, bank.onsets.words) for bank in banks],
+        given,
+        births.number,
+        births.log_birth_weight,
+        extra_variance,
+        weights_of(scales),
+        margin,
+    )
+    return UpdatedRows(*kept)
 
 
 @lru_cache(maxsize=64)

@@ -70,7 +70,7 @@ class EvidenceParameters:
     ) -> None: ...
 
 class TickInput:
-    """A ``tick_update.TickInput``, see ``calls.tick_input``."""
+    """A ``tick_update.TickInput``, see ``calls.update``."""
 
     def __init__(
         self,
@@ -86,25 +86,17 @@ class TickInput:
         log_stay: Numbers,
     ) -> None: ...
 
-class StopCondition:
-    """A ``tick_update.StopCondition``."""
-
-    def __init__(
-        self, probability: float, posterior_power: float, due: Sequence[tuple[int, int]], current: int
-    ) -> None: ...
-
 def update(
     models: Sequence[Model],
     words: Sequence[tuple[Numbers, Numbers]],
-    inputs: Sequence[TickInput],
+    tick: TickInput,
     number: int,
     entry: Numbers,
     beyond: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
-    until: StopCondition | None,
 ) -> tuple[
     list[tuple[Numbers, Numbers]],
     list[Index],
-    list[tuple[Numbers, Numbers, Numbers, Index, tuple[Index, Index, Numbers]]],
+    tuple[Numbers, Numbers, Numbers, Index, tuple[Index, Index, Numbers]],
 ]: ...

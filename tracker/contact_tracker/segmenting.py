@@ -1,4 +1,4 @@
-"""Offline: choice of ticks and noise on the first part of a recording, then segmentation of the whole."""
+"""Segments a recording: ticks and noise are chosen on its first part, then it is gone over as a whole."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
@@ -8,20 +8,21 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation import online
 from contact_tracker.adaptation.candidates import period_for_all_s
 from contact_tracker.adaptation.mixture import mixed_with_uniform
-from contact_tracker.adaptation.report import Report, report
+from contact_tracker.adaptation.report import Report, map_findings
 from contact_tracker.checks.face_names import FaceNameDelay
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches
-from contact_tracker.tracking import offline_smoother
+from contact_tracker.tracker import BATCH_POSES, Tracker
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.forward_pass import ticks_of
 from contact_tracker.tracking.map_passes import with_map
-from contact_tracker.tracking.offline_smoother import Segmenter
+from contact_tracker.tracking.offline_smoother import Segmenter, pieces
 from contact_tracker.tracking.pass_record import PassRecord
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
@@ -52,24 +53,11 @@ class OfflineTracker:
         frame_moves: bool = False,
         uses_map: bool = True,
     ) -> None:
-        self._uses_map = uses_map and not known_map and wrenches is None
         self._known_map = known_map
         self._wrenches = wrenches
         self._executor = executor
-        self._state = online.start(model, known_map=known_map, frame_moves=frame_moves)
-        self._record: PassRecord | None = None
-
-    @property
-    def map(self) -> GrowingMap | None:
-        """The elements that the contacts have touched; None if the recording has no poses, or where
-        elements or wrenches are given."""
-        return None if self._record is None else self._record.map
-
-    @property
-    def report(self) -> Report | None:
-        """None if the recording has no poses."""
-        state = None if self._record is None else self._record.state
-        return report(self._state, None if state is None else state.map)
+        self._tracker = Tracker.start(model, known_map=known_map, frame_moves=frame_moves)
+        self._record = PassRecord() if uses_map and not known_map and wrenches is None else None
 
     def pieces(
         self,
@@ -85,80 +73,107 @@ class OfflineTracker:
         InvalidPose
             While iterating, where poses did not pass the gate.
         """
-        ahead, later = _read_ahead(_validated(batches(poses)))
-        if ahead:
-            trackers = self._state.trackers
-            period_s = period_for_all_s(np.concatenate([some.stamp_ns for some in ahead]), trackers.model)
-            self._state = self._state._replace(trackers=trackers._replace(period_s=period_s))
-        inspected, rest, early = self._choose(chain(_released(ahead), later), detail)
-        best = self._state.best
-        if best is None:
+        stream = self._with_usual_period(_validated(batches(poses)))  # ticks that suit the whole recording
+        stream, early = self._choose_noise(stream, detail)  # by the tracker, on the first part
+        if self._tracker.best is None:
             yield Segmentation()
             return
-        stream = _Stream(chain(inspected, self._inspected(rest)))
-        record = PassRecord() if self._uses_map else None
-        self._record = record
-        segmenter = Segmenter(self._executor, self._wrenches, record)
-        others = self._known_map, self._executor, None, detail, segmenter
+        one = ContactFilter.start(self._model, known_map=self._known_map)
+        ticks = ticks_of(_Stream(stream), self._model, progress)
+        segmenter = Segmenter(self._executor, self._wrenches, self._record)
+        found = pieces(ticks, one, segmenter, detail)  # filter, smooth, decode, fit each segment
+        if self._record is not None:
+            found = with_map(found, self._record, self._executor)  # again with its map until that stands
+        yield from self._checked(found, early)
+
+    @property
+    def map(self) -> GrowingMap | None:
+        """The elements that the contacts have touched; None if the recording has no poses, or where elements
+        or wrenches are given."""
+        return None if self._record is None else self._record.map
+
+    @property
+    def report(self) -> Report | None:
+        """None if the recording has no poses."""
+        found = self._tracker.report
+        if found is None or self._record is None or self._record.state is None:
+            return found
+        others = (one for one in found.findings if one.kind != "map")
+        return found._replace(findings=(*others, *map_findings(self._record.state.map)))
+
+    @property
+    def _model(self) -> Model:
+        """The chosen model."""
+        assert self._tracker.best is not None
+        model = self._tracker.best.model
         may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()
-        model = _with_initial_autocorrelation(best.model) if may_begin_free else best.model
-        found = offline_smoother.pieces(stream, model, progress, *others)
-        if record is not None:
-            found = with_map(found, record, self._executor)
+        return _with_initial_autocorrelation(model) if may_begin_free else model
+
+    def _with_usual_period(self, stream: Iterator[Poses]) -> Iterator[Poses]:
+        """The same stream, after the ticks have been chosen by its first ``AHEAD_POSES``."""
+        ahead = _read_ahead(stream)
+        if ahead:
+            filters = self._tracker.filters
+            stamp_ns = np.concatenate([some.stamp_ns for some in ahead])
+            filters.period_s = period_for_all_s(stamp_ns, filters.model)
+        return chain(_released(ahead), stream)
+
+    def _choose_noise(self, stream: Iterator[Poses], detail: Detail) -> tuple[Iterator[Poses], Beliefs]:
+        """The stream from its beginning, which is read until the model is chosen, and the online beliefs
+        until then, if ``detail`` is enough. The conventions of the poses are tested on as many as that
+        takes."""
+        tracker = self._tracker
+        inspected, ahead, beliefs, count = list[Poses](), list[Poses](), list[Beliefs](), 0
+        for some in stream:
+            used = 0
+            while used < len(some) and not tracker.is_decided:
+                part = some[used : used + BATCH_POSES]
+                beliefs.append(_in_columns(tracker.add(part, detail), detail))
+                used += len(part)
+            inspected.append(some[:used])
+            count += len(some)
+            if used < len(some):
+                tracker.check_conventions(some[used:])
+                ahead.append(some[used:])
+            is_known = tracker.is_decided and tracker.checks.conventions.is_settled
+            if is_known or count >= MOST_POSES:
+                break
+        if not tracker.is_decided and count < MOST_POSES:
+            beliefs.append(_in_columns(tracker.finish(), detail))
+        rest = self._inspected(chain(_released(ahead), stream))
+        return chain(_released(inspected), rest), Beliefs.join(beliefs)
+
+    def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
+        """Pass poses on, after inspection and the test of the map."""
+        for poses in stream:
+            self._tracker.inspect_poses(poses)
+            self._tracker.check_map(poses)
+            yield poses
+
+    def _checked(self, found: Iterator[Segmentation], early: Beliefs) -> Iterator[Segmentation]:
+        """The pieces after the checks of segments, with the ``early`` online beliefs instead of their own."""
         waiting = FaceNameDelay(self._known_map)
         for piece in found:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
             piece = replace(piece, filtered=piece.filtered[count:])
-            self._state = online.check_segments(self._state, piece.segments)
-            if self._state.is_in_doubt:
+            self._tracker.check_segments(piece.segments)
+            if self._tracker.is_in_doubt:
                 piece = _in_doubt(piece)
             piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
-            yield from waiting.release(piece, self._state.checks.map_use)
-        yield from waiting.finish(self._state.checks.map_use)
-
-    def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """Pass poses on, after inspection and the test of the map."""
-        for poses in stream:
-            self._state = online.check_map(online.inspect_poses(self._state, poses), poses)
-            yield poses
-
-    def _choose(
-        self, stream: Iterator[Poses], detail: Detail
-    ) -> tuple[Iterator[Poses], Iterator[Poses], Beliefs]:
-        """Poses until the model is chosen, the rest, and the online beliefs until then, if ``detail`` is
-        enough. The conventions of the poses are tested on as many as that takes."""
-        inspected, ahead, beliefs, count = list[Poses](), list[Poses](), list[Beliefs](), 0
-        for some in stream:
-            used = 0
-            while used < len(some) and not self._state.is_decided:
-                part = some[used : used + online.BATCH_POSES]
-                self._state, new = online.advance(self._state, part, detail)
-                beliefs.append(_in_columns(new, detail))
-                used += len(part)
-            inspected.append(some[:used])
-            count += len(some)
-            if used < len(some):
-                self._state = online.check_conventions(self._state, some[used:])
-                ahead.append(some[used:])
-            is_known = self._state.is_decided and self._state.checks.conventions.is_settled
-            if is_known or count >= MOST_POSES:
-                break
-        if not self._state.is_decided and count < MOST_POSES:
-            self._state, new = online.finish(self._state)
-            beliefs.append(_in_columns(new, detail))
-        return _released(inspected), chain(_released(ahead), stream), Beliefs.join(beliefs)
+            yield from waiting.release(piece, self._tracker.checks.map_use)
+        yield from waiting.finish(self._tracker.checks.map_use)
 
 
-def _read_ahead(stream: Iterator[Poses]) -> tuple[list[Poses], Iterator[Poses]]:
-    """The first ``AHEAD_POSES`` poses, and the rest."""
+def _read_ahead(stream: Iterator[Poses]) -> list[Poses]:
+    """The first ``AHEAD_POSES`` poses."""
     ahead, count = list[Poses](), 0
     for some in stream:
         ahead.append(some)
         count += len(some)
         if count >= AHEAD_POSES:
             break
-    return ahead, stream
+    return ahead
 
 
 def _in_columns(beliefs: list[Belief], detail: Detail) -> Beliefs:

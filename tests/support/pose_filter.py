@@ -1,0 +1,55 @@
+"""One contact filter with ticks of its own, fed pose by pose, without any choice of the noise."""
+
+from collections.abc import Iterator
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.tracking import forward_pass
+from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.forward_pass import FilteredTick, ticks_of
+from contact_tracker.tracking.state import FilterState
+
+
+def forward(
+    poses: Poses, model: Model, known_map: Map = EMPTY_MAP, detail: Detail = Detail.GEOMETRY
+) -> Iterator[FilteredTick]:
+    """The ticks of a recording by one filter."""
+    one = ContactFilter.start(model, known_map=known_map)
+    return forward_pass.forward(ticks_of(poses, model), one, detail)
+
+
+def after(state: FilterState, tick: Tick) -> tuple[FilterState, Belief]:
+    """The state after one more tick, and its belief."""
+    one = ContactFilter(state)
+    belief = one.update(tick)
+    return one.state, belief
+
+
+class PoseFilter:
+    """A filter and its ticks."""
+
+    def __init__(self, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> None:
+        self.grid, self.filter = TickGrid(model), ContactFilter.start(model, lag_s, known_map)
+
+    @property
+    def state(self) -> FilterState:
+        return self.filter.state
+
+    def update(self, pose: Pose) -> list[Belief]:
+        """The beliefs to report of the ticks that a pose closes, none of most poses."""
+        return self._followed(self.grid.add(Poses.collect([pose])))
+
+    def finish(self) -> list[Belief]:
+        """The beliefs at the end of the stream, which may go on."""
+        return [*self._followed(self.grid.close()), *self.filter.finish()]
+
+    def _followed(self, ticks: list[Tick]) -> list[Belief]:
+        beliefs = list[Belief]()
+        for tick in ticks:
+            self.filter.update(tick)
+            beliefs += filter(None, [self.filter.reported])
+        return beliefs

@@ -1,0 +1,236 @@
+"""The online tracker of one stream, which adapts to it and checks it for mistakes."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Final, Self
+
+from contact_tracker.adaptation.filter_bank import FilterBank
+from contact_tracker.adaptation.mixture import mixed_with_uniform
+from contact_tracker.adaptation.report import Report, map_findings, report_of
+from contact_tracker.checks.check import Stream
+from contact_tracker.checks.checks import OF_POSES, Checks
+from contact_tracker.checks.contradiction import Contradiction
+from contact_tracker.checks.conventions import Conventions
+from contact_tracker.config.parameters import Model
+from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.tracking.belief import Belief, Detail, Segment
+from contact_tracker.tracking.state import FilterState
+
+BATCH_POSES: Final = 50
+"""Number of poses that are inspected together."""
+
+
+@dataclass(eq=False)
+class Tracker:
+    """One object's stream: chooses the noise by evidence, checks the stream for mistakes.
+
+    Bounded in size, however long the stream.
+
+    Parameters
+    ----------
+    filters : of different noise, side by side.
+    inspection : of the poses.
+    checks : of the stream and of the map.
+    uninspected : the latest ``many`` poses; the filters have the first ``taken_in`` parts of these and get
+        the others at the end of the tick.
+    last_ns : stamp of the last pose.
+    late : number of poses that were left out, see ``update``.
+    """
+
+    filters: FilterBank
+    inspection: Inspection
+    checks: Checks = field(default_factory=Checks)
+    uninspected: list[Pose | Poses] = field(default_factory=list)
+    many: int = 0
+    taken_in: int = 0
+    last_ns: int | None = None
+    late: int = 0
+
+    @classmethod
+    def start(
+        cls, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP, frame_moves: bool = False
+    ) -> Self:
+        """The tracker before the first pose.
+
+        Parameters
+        ----------
+        lag_s : with a fixed lag beliefs are later and more accurate.
+        frame_moves : whether poses are in the frame of a body that moves, as the user asked.
+        """
+        return cls(FilterBank(model, lag_s, known_map), NOTHING_INSPECTED._replace(frame_moves=frame_moves))
+
+    def update(self, arrival: Arrival, detail: Detail = Detail.FORMATION) -> list[Belief]:
+        """Update by what a pose brings (``PoseGate.arrive``); returns the beliefs of the ticks it closes.
+
+        A tick does not wait for poses that are held or late: it is complete once none is waited for. Poses
+        that come more than a tick after theirs was closed are left out and counted.
+        """
+        beliefs = list[Belief]()
+        for pose in arrival.poses:
+            if self.filters.is_late(pose.stamp_ns):
+                self.late += 1
+            else:
+                beliefs += self.add(pose, detail)
+        if arrival.next_ns is not None and not self.filters.goes_on(arrival.next_ns):  # the tick is complete
+            beliefs += self._update_filters(detail)
+            beliefs += self._pass_time(arrival.next_ns, detail)
+        return beliefs
+
+    def finish(self) -> list[Belief]:
+        """End of the stream: the beliefs of the last, partial tick and of the ticks within the lag.
+
+        The stream may go on, as after a gap.
+        """
+        beliefs = self._update_filters(Detail.FORMATION)
+        self._inspect()
+        last = self.filters.finish()
+        self.checks = self.checks.finish()
+        return [*beliefs, *self._in_doubt(last)]
+
+    def add(self, poses: Pose | Poses, detail: Detail = Detail.FORMATION) -> list[Belief]:
+        """Update by one pose or several, in order; returns the beliefs of the ticks that they close.
+
+        While the poses may be in doubt, probabilities are mixed with uniform ones.
+
+        Raises
+        ------
+        InvalidPose
+            They did not pass the gate, or are not after those before.
+        """
+        if isinstance(poses, Pose):
+            if not is_valid(poses, self.last_ns):
+                require_valid(Poses.collect([poses]), self.last_ns)
+            self.last_ns = poses.stamp_ns
+            self.uninspected.append(poses)
+            self.many += 1
+            if self.many < BATCH_POSES and self.filters.goes_on(poses.stamp_ns):
+                return []  # most poses: the filters need them at the end of the tick only
+            return self._update_all(detail)
+        beliefs = list[Belief]()
+        if len(poses):
+            require_valid(poses, self.last_ns)
+            self.last_ns = int(poses.stamp_ns[-1])
+        while len(poses):
+            room = max(BATCH_POSES - self.many, 1)
+            some, poses = poses[:room], poses[room:]
+            self.uninspected.append(some)
+            self.many += len(some)
+            beliefs += self._update_all(detail)
+        return beliefs
+
+    def _update_all(self, detail: Detail) -> list[Belief]:
+        """Update the filters, and if there are enough poses the inspection."""
+        beliefs = self._update_filters(detail)
+        if self.many >= BATCH_POSES:
+            self._inspect()
+        return beliefs
+
+    def _update_filters(self, detail: Detail) -> list[Belief]:
+        """Update the filters and the checks by the poses that they do not have yet."""
+        if self.taken_in == len(self.uninspected):
+            return []
+        poses, filters = Poses.join(self.uninspected[self.taken_in :]), self.filters.copied()
+        beliefs = filters.add(poses, detail)
+        self.filters, self.taken_in = filters, len(self.uninspected)  # an interrupted call changes nothing
+        self.checks = self.checks.update(poses, self.stream, Conventions, Contradiction)
+        return self._in_doubt(beliefs)
+
+    def _pass_time(self, until_ns: int, detail: Detail) -> list[Belief]:
+        """Close the ticks that are over by this time."""
+        filters = self.filters.copied()
+        beliefs = filters.pass_time(until_ns, detail)
+        self.filters = filters
+        return self._in_doubt(beliefs)
+
+    def _in_doubt(self, beliefs: list[Belief]) -> list[Belief]:
+        """The beliefs, mixed with uniform ones while the stream may be in doubt."""
+        if not beliefs or not self.may_be_in_doubt:
+            return beliefs
+        return [replace(belief, probability=mixed_with_uniform(belief.probability)) for belief in beliefs]
+
+    def _inspect(self) -> None:
+        if self.uninspected:
+            self.inspect_poses(Poses.join(self.uninspected))
+        self.uninspected, self.many, self.taken_in = [], 0, 0
+
+    def inspect_poses(self, poses: Poses) -> None:
+        """Update the inspection and the checks of the poses themselves by poses, which are tracked
+        elsewhere."""
+        stream = self.stream
+        for first in range(0, len(poses) if stream.map else 0, BATCH_POSES):
+            self.checks = self.checks.update(poses[first : first + BATCH_POSES], stream, *OF_POSES)
+        self.inspection = inspect(self.inspection, poses)
+
+    def check_conventions(self, poses: Poses) -> None:
+        """Update the check of conventions by poses, which may be tracked elsewhere."""
+        self.checks = self.checks.update(poses, self.stream, Conventions)
+
+    def check_map(self, poses: Poses) -> None:
+        """Update the check of a contradiction to the map by poses, which are tracked elsewhere."""
+        self.checks = self.checks.update(poses, self.stream, Contradiction)
+
+    def check_segments(self, segments: Iterable[Segment]) -> None:
+        """Update the checks by the next segments."""
+        self.checks = self.checks.update_segments(segments, self.stream)
+
+    @property
+    def stream(self) -> Stream:
+        """What the checks need to know of the stream."""
+        filters, best, grid = self.filters, self.best, self.filters.grid
+        sigma = None
+        if grid is not None and grid.stream is not None:
+            sigma = grid.stream.noise.sigma_position_m, grid.stream.noise.sigma_rotation_rad
+        return Stream(
+            filters.known_map,
+            filters.model,
+            None if grid is None else grid.model,
+            None if best is None else best.model,
+            sigma,
+            filters.is_decided,
+            filters.rest.ticks_at_rest > 0,
+            self.inspection,
+        )
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether the choice of ticks and noise is final."""
+        return self.filters.is_decided
+
+    @property
+    def best(self) -> FilterState | None:
+        """The most probable filter; None before the rate of the stream is known."""
+        return self.filters.best
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings about the stream so far."""
+        return self.checks.findings(self.stream)
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """Whether a finding makes labels unreliable."""
+        return any(finding.doubts_labels for finding in self.findings)
+
+    @property
+    def may_be_in_doubt(self) -> bool:
+        """The same, or it is not known yet: impacts may be shorter than a tick, and the map or the
+        conventions of the poses may be wrong."""
+        return self.checks.is_likely(self.stream) or self.is_in_doubt
+
+    @property
+    def outliers(self) -> int:
+        """Poses left out of their ticks so far."""
+        return self.filters.outliers
+
+    @property
+    def report(self) -> Report | None:
+        """Report of the stream so far; None before its rate is known."""
+        filters, best = self.filters, self.best
+        if best is None or filters.grid is None or filters.grid.stream is None:
+            return None
+        found = *self.checks.findings(self.stream, is_end=True), *map_findings(best.map)
+        frames = filters.filters[0].state.sliding_window.frames  # others may wait
+        return report_of(filters.model, best.model, self.is_decided, filters.grid.stream.noise, frames, found)

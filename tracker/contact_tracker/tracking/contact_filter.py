@@ -1,0 +1,235 @@
+"""The online filter of contacts for one model of the noise, as in the figure of docs/theory.md.
+
+tick -> window -> births and transitions -> hypotheses (fit, evidence) -> weights of the states -> belief
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hmm
+from contact_tracker.config.parameters import Model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hmm import fixed_lag
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.pruning import Births
+from contact_tracker.hypotheses.tick_update import TickInput, TickWeights
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.motion.free_motion import NO_EXCESS
+from contact_tracker.motion.lifted_pose import R
+from contact_tracker.motion.rests import completes_rest, rest_ticks, rests_now
+from contact_tracker.motion.tick_averaging import Tick, with_excess
+from contact_tracker.motion.window import SlidingWindow, advance_window, hold_window
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
+from contact_tracker.tracking.prediction import TransitionPrediction, predict_transitions
+from contact_tracker.tracking.state import FilterState, scales_of, start
+from contact_tracker.tracking.transition_model import FREE, hazard_exposure, tick_transitions
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(eq=False)
+class ContactFilter:
+    """Semi-Markov filter over the six contacts and free motion, for one model of the noise."""
+
+    state: FilterState
+
+    @classmethod
+    def start(cls, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Self:
+        """The filter before the first tick.
+
+        With ``lag_s``, beliefs to report are of that long ago, and use the data since then.
+        """
+        return cls(start(model, lag_s, known_map))
+
+    def update(self, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True) -> Belief:
+        """Update by a tick; the belief about it has this ``detail``."""
+        state = self.state if self.state.ticks else begun(self.state, tick)
+        window = advance_window(state.sliding_window, state.ticks, tick, state.model)
+        if state.belief is not None and is_uninformative(state, tick, window):  # at rest and in gaps
+            belief = replace(state.belief, stamp_ns=tick.stamp_ns)
+            state = pass_over(state, window, tick.outliers)
+        else:
+            transitions = predict_transitions(state, window)  # by containment; births by the map
+            ticks = tick_input(state, tick, window, transitions)
+            banks, weights = updated_banks(state, ticks)  # fit of the geometry, evidence, search, pruning
+            state = weighed(state, tick, window, transitions, ticks.births, banks, weights)  # HMM
+            state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
+        self.state, belief = with_rest(state, tick, belief)
+        return belief
+
+    @property
+    def reported(self) -> Belief | None:
+        """The belief to report: the latest, or with a lag the earlier one, once there is one."""
+        length = self.state.lag_history.shape[1]
+        if not length:
+            return self.state.belief
+        return lagged_belief(self.state, 0) if len(self.state.recent) == length else None
+
+    def finish(self) -> list[Belief]:
+        """At the end of the stream: the beliefs that the lag has withheld. No tick is reported twice."""
+        recent, length = self.state.recent, self.state.lag_history.shape[1]
+        first = 1 if len(recent) == length else 0
+        beliefs = [lagged_belief(self.state, row) for row in range(first, len(recent))]
+        self.state = self.state._replace(recent=())
+        return beliefs
+
+    def as_seen(self, tick: Tick) -> Tick:
+        """A tick that was averaged for another filter, with the innovations of free motion by this noise."""
+        motion, own = with_excess(self.state.free_motion, tick, self.state.model)
+        self.state = self.state._replace(free_motion=motion)
+        return own
+
+    @property
+    def can_hold(self) -> bool:
+        """Whether ticks without motion can be passed in one step, see ``hold``.
+
+        Not with a lag or known elements, nor directly after motion.
+        """
+        state = self.state
+        newest = state.window.innovation_excess[-1:]
+        return (
+            state.belief is not None
+            and not state.known_map
+            and not state.lag_history.size
+            and not newest.any()
+        )
+
+    def hold(self, count: int, outliers: int = 0) -> None:
+        """Pass ``count`` ticks without motion in one step, as if they had no frames. ``can_hold`` has to be
+        true. The belief stays as it was."""
+        if not count:
+            return
+        assert self.can_hold
+        window = hold_window(self.state.sliding_window, count, self.state.model)
+        self.state = pass_over(self.state, window, outliers, count)
+
+
+def begun(state: FilterState, tick: Tick) -> FilterState:
+    """The state before the first tick, in the coordinates of the ticks."""
+    return state._replace(origin_m=tick.origin_m, map=state.map.at_origin(tick.origin_m))
+
+
+def is_uninformative(state: FilterState, tick: Tick, sliding: SlidingWindow) -> bool:
+    """Whether neither this tick nor the one before carries information: at rest, in a gap, or before the
+    strength of motion is known. Births at such a tick can wait for the next informative one without changing
+    the posterior. With known elements every tick is informative, since it shows whether they touch, and with
+    those of the map each up to the one that completes a rest, except after a gap."""
+    before, tick_s = state.window.innovation_excess[-1:], state.model.tick_s
+    if state.known_map or not len(before) or before.any() or tick.innovation_excess != NO_EXCESS:
+        return False
+    if state.knows_elements and sliding.frames[-rest_ticks(tick_s) :].all():
+        return rests_now(sliding, tick_s) and not completes_rest(sliding, tick_s)
+    return not completes_rest(sliding, tick_s)
+
+
+def pass_over(state: FilterState, sliding: SlidingWindow, outliers: int, count: int = 1) -> FilterState:
+    """Append an uninformative tick to the window only, or without a lag ``count`` of them; their exposure to
+    change is deferred to the next informative tick."""
+    assert count == 1 or not state.lag_history.size
+    oldest, banks = state.window.expired_by(sliding.window, count), state.banks
+    if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
+        scales, errors = scales_of(state.model), state.model.noise.extra_contact_variance
+        banks = tuple(
+            bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), scales)
+            for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
+        )
+    change, birth_weight = state.log_transition, state.log_birth_weight
+    if state.hazard_exposure:  # the tick before was informative
+        change = tick_transitions(state.model, 0.0).log_transition
+        birth_weight = hmm.birth_log_weights(state.log_state_weight, change)
+    histories = state.lag_history
+    if histories.size:
+        banks = _with_longer_histories(banks)
+        histories = np.array([fixed_lag.grown(past, column) for column, past in enumerate(histories)])
+    return state._replace(
+        sliding_window=sliding,
+        banks=banks,
+        live_hypotheses=state.live_hypotheses.held(state.ticks + count - 1),
+        ticks=state.ticks + count,
+        next_hypothesis_id=state.next_hypothesis_id + count,
+        outliers=state.outliers + outliers,
+        hazard_exposure=0.0,
+        log_transition=change,
+        log_birth_weight=birth_weight,
+        deferred_exposure=state.deferred_exposure + count * hazard_exposure(0.0),
+        lag_history=histories,
+    )
+
+
+def tick_input(
+    state: FilterState, tick: Tick, sliding: SlidingWindow, transitions: TransitionPrediction
+) -> TickInput:
+    """The newest tick of the window ``sliding``, with the hypotheses that begin in it."""
+    births = Births(
+        transitions.proposals,
+        state.ticks,
+        tick.start_ns,
+        state.next_hypothesis_id,
+        transitions.log_birth_weight,
+        fixed_lag.inherited(state.lag_history, state.log_state_weight, transitions.log_transition),
+        tick.zeta[R].reshape(3, 3),
+    )
+    rates = transitions.log_transition, transitions.log_survival
+    return TickInput(births, tick.stamp_ns, sliding.window, state.window, *rates)
+
+
+def updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], TickWeights]:
+    """The banks after a tick, and the weights of their hypotheses."""
+    model = state.model
+    beyond, margin = model.noise.extra_contact_variance, model.search.margin_nats
+    return bank_update.update(state.banks, ticks, beyond, scales_of(model), margin)
+
+
+def weighed(
+    state: FilterState,
+    tick: Tick,
+    sliding: SlidingWindow,
+    transitions: TransitionPrediction,
+    births: Births,
+    banks: Sequence[Bank],
+    weights: TickWeights,
+) -> FilterState:
+    """The state after an informative tick, with the updated banks and weights."""
+    past = births.lag_history
+    if past.size:
+        banks, free = _with_longer_histories(banks), fixed_lag.grown(past[FREE], FREE)
+        past = np.array([*(fixed_lag.mixed(b.lag_history, b.log_weight) for b in banks), free])
+    was_free = state.label is Contact.FREE
+    return state._replace(
+        sliding_window=sliding,
+        cached_proposals=transitions.cached_proposals,
+        ticks=state.ticks + 1,
+        next_hypothesis_id=state.next_hypothesis_id + births.total + 1,
+        deferred_exposure=0.0,
+        banks=tuple(banks),
+        log_state_weight=weights.log_state_weight,
+        residual=weights.residual,
+        best_rows=weights.best_rows,
+        live_hypotheses=weights.live_hypotheses,
+        outliers=state.outliers + tick.outliers,
+        label=STATES[int(np.argmax(weights.log_state_weight))],
+        free_since=state.free_since if was_free else state.ticks,
+        free_since_ns=state.free_since_ns if was_free else tick.start_ns,
+        hazard_exposure=transitions.hazard_exposure,
+        log_transition=transitions.log_transition,
+        log_birth_weight=weights.log_birth_weight,
+        log_normaliser=state.log_normaliser
+        + float(weights.log_birth_weight[FREE] - weights.log_state_weight[FREE]),
+        lag_history=past,
+    )
+
+
+def _with_longer_histories(banks: Sequence[Bank]) -> tuple[Bank, ...]:
+    """The banks with their lag histories extended by a tick in the state of each."""
+    return tuple(
+        replace(bank, lag_history=fixed_lag.grown(bank.lag_history, column))
+        for column, bank in enumerate(banks)
+    )
