@@ -52,6 +52,7 @@ from contact_tracker.recording import WrenchLog, parts_of, read_wrenches
 from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
 from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.viewer.parts import Part, known_parts
 from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ class Result:
     with_wrenches : whether measured wrenches decided as well as the motion.
     map : what the contacts have touched, for ``known`` with the next recording; None where knowledge or
         wrenches are given, or if no contact is sure enough.
+    parts : all that is known of the object and its surroundings, as figures, reports and the viewer draw it.
     """
 
     trajectory: Trajectory
@@ -85,6 +87,7 @@ class Result:
     notes: tuple[str, ...] = ()
     with_wrenches: bool = False
     map: Map | None = None
+    parts: tuple[Part, ...] = ()
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -165,10 +168,10 @@ class Result:
         self._write(path, overwrite, *SUFFIXES)
 
     def plot(self, ax: "Axes | None" = None, curves: bool = False) -> "Figure":
-        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given.
+        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given, else with what is
+        known of the object and its surroundings below them.
 
-        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5),
-        below them.
+        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
         """
         from contact_tracker.exports.figure import Figure, draw_figure, draw_on
 
@@ -182,7 +185,7 @@ class Result:
             from contact_tracker.paper import window_curves
 
             found = window_curves.curves(self.trajectory.poses)
-        return draw_figure(self.segmentation, self._origin_ns, found)
+        return draw_figure(self.segmentation, self._origin_ns, found, self.parts)
 
     def show(self, width: int = 1280, height: int = 720) -> "Viewer":
         """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.
@@ -203,7 +206,9 @@ class Result:
             yield self.segmentation
 
         trajectory = self.trajectory
-        shown = Shown(trajectory.poses, found, None, trajectory.vertices_m, True, trajectory.name)
+        shown = Shown(
+            trajectory.poses, found, None, trajectory.vertices_m, True, trajectory.name, parts=self.parts
+        )
         return show_in_notebook(shown, width, height)
 
     def __str__(self) -> str:
@@ -254,6 +259,7 @@ class Result:
             "" if source is None else source.frame_id,
             "" if source is None else source.child_frame_id,
             trajectory.vertices_m,
+            self.parts,
         )
         write_outcome(outcome, path, log, trajectory.log_offset_ns, check)
 
@@ -315,7 +321,8 @@ def segment(
     world = tracker.map
     learned = None if world is None else world.learned
     touched = Map(learned) if learned else None
-    result = Result(poses, found, tracker.report, tuple(notes), evidence is not None, touched)
+    parts = known_parts(world, poses.poses, found.segments, knowledge, poses.vertices_m)
+    result = Result(poses, found, tracker.report, tuple(notes), evidence is not None, touched, parts)
     warn_of(result._own_warnings)
     log_counts(poses.name, {kind: count for kind, count in result.counts.items() if kind == "outlier"})
     return result

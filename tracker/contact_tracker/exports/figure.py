@@ -1,5 +1,6 @@
 """A figure for papers and notebooks, drawn by matplotlib."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -7,28 +8,44 @@ import numpy as np
 from matplotlib import get_backend, pyplot
 from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure as Figure
+from matplotlib.figure import FigureBase
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.paper.window_curves import WindowCurves
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.viewer.parts import SIDES, Part
 from contact_tracker.viewer.scene import COLOUR, Colour
 
 _NAMED: Final = 0.03
 """Smallest share of the recording for which a segment is named."""
+_ROW: Final = 3.2
+_MAP: Final = 4.2
+"""Heights (inches) of a plot over time, and of what is known."""
 _DOTS_PER_INCH: Final = 200
 _RIBBON: Final = (1.04, 1.18)
 """Where the labels are above the probabilities."""
 
 
-def draw_figure(found: Segmentation, origin_ns: int, curves: WindowCurves | None = None) -> Figure:
-    """The segments and their probabilities on one axes, and the paper's curves below them if given.
+def draw_figure(
+    found: Segmentation, origin_ns: int, curves: WindowCurves | None = None, parts: Sequence[Part] = ()
+) -> Figure:
+    """The segments and their probabilities on one axes, below them the paper's curves if given, and what is
+    known of the object and its surroundings.
 
     Time counts from ``origin_ns``.
     """
     rows = 1 if curves is None or not len(curves.stamp_ns) else 2
-    figure = pyplot.figure(figsize=(10.0, 1.0 + 3.2 * rows), layout="constrained")
-    first, *below = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    height = 1.0 + _ROW * rows
+    figure = pyplot.figure(figsize=(10.0, height + _MAP * bool(parts)), layout="constrained")
+    over_time: FigureBase = figure
+    if parts:
+        over_time, below_it = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, _MAP))[:, 0]
+        _draw_parts(below_it, parts)
+    first, *below = over_time.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     draw_on(first, found, origin_ns)
     for axes in below:
         assert curves is not None
@@ -69,9 +86,34 @@ def draw_on(axes: Axes, found: Segmentation, origin_ns: int) -> None:
         axes.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
 
 
+def _draw_parts(figure: FigureBase, parts: Sequence[Part]) -> None:
+    """The object in the body frame, beside its surroundings in the world frame."""
+    for side, (name, frame) in enumerate(zip(SIDES, ("body", "world"), strict=True)):
+        own = [one for one in parts if one.side == side]
+        if not own:
+            continue
+        axes = figure.add_subplot(1, 2, side + 1, projection="3d")
+        assert isinstance(axes, Axes3D)
+        for number, part in enumerate(own):
+            colour = f"C{number % 10}"
+            faces = part.mesh.vertices[part.mesh.triangles]
+            axes.add_collection3d(Poly3DCollection(faces, alpha=0.3, facecolor=colour, linewidth=0.0))
+            for strip in part.outline:
+                axes.plot(*strip.T, color=colour, linewidth=1.0)
+            axes.text(*part.label_m, part.name, color=colour, fontsize=8, ha="center", va="bottom")
+        points = np.concatenate([strip for part in own for strip in (*part.outline, part.label_m[None])])
+        low, high = points.min(axis=0), points.max(axis=0)
+        half = max(0.5 * float((high - low).max()), 1e-3)
+        for axis, middle in zip("xyz", 0.5 * (low + high), strict=True):
+            axes.set(**{f"{axis}lim": (middle - half, middle + half), f"{axis}label": f"{axis} (m)"})
+            getattr(axes, f"{axis}axis").set_major_locator(MaxNLocator(4))
+        axes.set_box_aspect((1.0, 1.0, 1.0))
+        axes.set_title(f"{name} ({frame} frame)", fontsize=10)
+
+
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     """Write the figure in the format of a suffix."""
-    figure = draw_figure(outcome.found, outcome.origin_ns)
+    figure = draw_figure(outcome.found, outcome.origin_ns, parts=outcome.parts)
     figure.savefig(path, format=suffix.removeprefix("."), dpi=_DOTS_PER_INCH)
     pyplot.close(figure)
 

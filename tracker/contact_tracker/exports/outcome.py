@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.viewer.parts import Part
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +22,7 @@ class Outcome:
     noise : the noise that the tracker has adapted to, in words; empty if unknown.
     world, body : frame names of the poses; empty if they have none.
     vertices_m : (V, 3) of the object in the body frame, if known.
+    parts : all that is known of the object and its surroundings, to draw.
     """
 
     name: str
@@ -33,3 +35,4 @@ class Outcome:
     world: str = ""
     body: str = ""
     vertices_m: Array | None = None
+    parts: tuple[Part, ...] = ()

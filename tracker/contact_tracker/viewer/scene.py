@@ -117,6 +117,25 @@ def needle(direction: Array, centre: Array, half_m: float) -> Mesh:
     return _mesh(_capped(direction, centre, half_m, 0.5 * _RIM * half_m, _ROUND))
 
 
+def rod(direction: Array, centre: Array, half_m: float, radius_m: float) -> Mesh:
+    """A closed rod about the middle ``centre``."""
+    return _mesh(_capped(direction, centre, half_m, radius_m, _ROUND[::4]))
+
+
+def point(is_round: bool, centre: Array, radius_m: float) -> Mesh:
+    """A small ball, or a cube."""
+    if is_round:
+        return _mesh(_ball(centre, np.eye(3) * radius_m))
+    return _faceted(_mesh(_capped(UP, centre, radius_m, _CORNER * radius_m, SQUARE)))
+
+
+def patch(rim: Array, normal: Array) -> Mesh:
+    """A convex polygon (N, 3) with its ``normal``."""
+    fan = [(0, i, i + 1) for i in range(1, len(rim) - 1)]
+    normals = np.broadcast_to(normal, rim.shape)
+    return Mesh(rim.astype(np.float32), np.array(fan, np.uint32), normals.astype(np.float32))
+
+
 def across(axis: Array) -> Array:
     """Two unit vectors (3, 2) towards the corners of a square across the unit vector ``axis``."""
     return np.asarray(_across(axis) @ (np.array([[1.0, 1.0], [1.0, -1.0]]) / _CORNER))
