@@ -44,11 +44,12 @@ from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.extras import extra
+from contact_tracker.ground_truth import Truth
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
-from contact_tracker.recording import WrenchLog, parts_of, read_wrenches
+from contact_tracker.recording import WrenchLog, parts_of, read_truth, read_wrenches
 from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
 from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
@@ -176,7 +177,7 @@ class Result:
         from contact_tracker.exports.figure import Figure, draw_figure, draw_on
 
         if ax is not None:
-            draw_on(ax, self.segmentation, self._origin_ns)
+            draw_on(ax, self.segmentation, self._origin_ns, self._truth)
             figure = ax.get_figure(root=True)
             assert isinstance(figure, Figure)
             return figure
@@ -185,7 +186,7 @@ class Result:
             from contact_tracker.paper import window_curves
 
             found = window_curves.curves(self.trajectory.poses)
-        return draw_figure(self.segmentation, self._origin_ns, found, self.parts)
+        return draw_figure(self.segmentation, self._origin_ns, found, self.parts, self._truth)
 
     def show(self, width: int = 1280, height: int = 720) -> "Viewer":
         """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.
@@ -221,6 +222,12 @@ class Result:
     def _repr_html_(self) -> str:
         shown = ribbon_html(self.segments) + table_html(self.segments, self._origin_ns)
         return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
+
+    @property
+    def _truth(self) -> Truth | None:
+        """That of the recording, if it can be read again."""
+        path = self.trajectory.path
+        return None if path is None or not os.path.exists(path) else read_truth(path)
 
     @property
     def _origin_ns(self) -> int:
@@ -260,6 +267,7 @@ class Result:
             "" if source is None else source.child_frame_id,
             trajectory.vertices_m,
             self.parts,
+            lambda: self._truth,
         )
         write_outcome(outcome, path, log, trajectory.log_offset_ns, check)
 

@@ -3,6 +3,7 @@
 import argparse
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -164,7 +165,7 @@ class Source:
     ) -> "Outcome":
         """The outcome for outputs of a whole recording; ``notes`` are warnings from before the first pose."""
         from contact_tracker.exports.outcome import Outcome
-        from contact_tracker.recording import read_metadata
+        from contact_tracker.recording import read_metadata, read_truth
         from contact_tracker.viewer.parts import known_parts
         from contact_tracker.viewer.scene import vertices_from_metadata
 
@@ -181,6 +182,7 @@ class Source:
             self._log.source.child_frame_id,
             vertices_m,
             known_parts(tracker.map, poses, found.segments, knowledge, vertices_m),
+            partial(read_truth, self._name),
         )
 
     def finish(self, adapted: "Report | None") -> int:

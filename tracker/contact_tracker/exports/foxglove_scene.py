@@ -14,6 +14,7 @@ from foxglove import messages as fox
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.geometry.elements import Array
+from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.recording import (
     BELIEF_TOPIC,
     FRAMES_TOPIC,
@@ -27,11 +28,9 @@ from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
 from contact_tracker.viewer.parts import SIDES
 from contact_tracker.viewer.scene import (
-    COLOUR,
     GREY,
     OBJECT,
     UNKNOWN_EXTENT,
-    Colour,
     Extent,
     Mesh,
     draw_all,

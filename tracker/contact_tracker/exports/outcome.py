@@ -1,9 +1,10 @@
 """A whole recording with its segmentation, as input of reports and scenes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from contact_tracker.geometry.elements import Array
+from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.parts import Part
@@ -23,6 +24,7 @@ class Outcome:
     world, body : frame names of the poses; empty if they have none.
     vertices_m : (V, 3) of the object in the body frame, if known.
     parts : all that is known of the object and its surroundings, to draw.
+    truth : returns that of the recording, if it has one.
     """
 
     name: str
@@ -36,3 +38,4 @@ class Outcome:
     body: str = ""
     vertices_m: Array | None = None
     parts: tuple[Part, ...] = ()
+    truth: Callable[[], Truth | None] = lambda: None

@@ -17,16 +17,15 @@ from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.outputs.text import describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.camera import EYE, Camera
 from contact_tracker.viewer.parts import SIDES, Part
 from contact_tracker.viewer.scene import (
-    COLOUR,
     GREY,
     UNKNOWN_EXTENT,
-    Colour,
     Drawing,
     draw_all,
     hull,
