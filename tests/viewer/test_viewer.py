@@ -398,7 +398,7 @@ def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, po
     path = tmp_path / "two.rrd"
     recording = canvas.new_recording()
     to_file(path)(recording, None)
-    sheet = canvas.Canvas(recording, ORIGIN_NS, None, 0.1)
+    sheet = canvas.Canvas(recording, ORIGIN_NS, 0.1)
     stamp = poses.stamp_ns[:1]
     for number, contact in enumerate((Contact.EF, Contact.VF)):
         geometry = GEOMETRY[contact]

@@ -287,4 +287,5 @@ def _with_doubt(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
     """The beliefs, mixed with uniform ones while the stream may be in doubt."""
     if not beliefs or not state.may_be_in_doubt:
         return beliefs
-    return [replace(belief, probability=mixed_with_uniform(belief.probability)) for belief in beliefs]
+    possible = state.trackers.knowledge.allowed
+    return [replace(one, probability=mixed_with_uniform(one.probability, possible)) for one in beliefs]

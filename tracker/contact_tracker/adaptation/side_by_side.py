@@ -218,7 +218,7 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
     state = _caught_up(state, state.trackers[0], Detail.FORMATION) if state.trackers else state
     ended = [tracker.finish(one) for one in state.trackers]
     last = zip(*(reported for _, reported in ended), strict=True)
-    beliefs += [mixture(some, state.log_weight) for some in last]
+    beliefs += [mixture(some, state.log_weight, state.knowledge.allowed) for some in last]
     return state._replace(trackers=tuple(one for one, _ in ended)), beliefs
 
 
@@ -226,7 +226,7 @@ def _restart(state: SideBySide, model: Model, detail: Detail) -> tuple[SideBySid
     """Start again with other ticks, at the first pose of the current tick; the map is kept, and the
     beliefs within the lag are reported first."""
     lagging = zip(*(tracker.flush_lag(one) for one in state.trackers), strict=True)
-    before = [mixture(some, state.log_weight) for some in lagging]
+    before = [mixture(some, state.log_weight, state.knowledge.allowed) for some in lagging]
     leader, best = state.trackers[0], state.best
     assert leader.averaging is not None
     assert best is not None
@@ -357,7 +357,11 @@ def _pass_gap(state: SideBySide, ticks: Sequence[Tick], now: Rest) -> tuple[Side
     first, *others = (tracker.hold(one, len(ticks)) for one in state.trackers)
     if now.is_waiting:
         others = [_averaged_like(one, first) for one in others]
-    same = mixture([one.belief for one in (first, *others) if one.belief is not None], state.log_weight)
+    same = mixture(
+        [one.belief for one in (first, *others) if one.belief is not None],
+        state.log_weight,
+        state.knowledge.allowed,
+    )
     beliefs = [replace(same, stamp_ns=tick.stamp_ns) for tick in ticks]
     return state._replace(trackers=(first, *others), rest=now.caught_up()), beliefs
 
@@ -380,7 +384,7 @@ def _update_all(
         return state, []
     activity = np.array([one.evidence.activity for one in tracked])
     held_for_motion = 0.0 if now.moves else REST_NATS * activity
-    return state, [mixture(beliefs, state.log_weight - held_for_motion)]
+    return state, [mixture(beliefs, state.log_weight - held_for_motion, state.knowledge.allowed)]
 
 
 def _update_first(
@@ -398,7 +402,9 @@ def _update_first(
         held_for_motion = np.append(REST_NATS * evidence.activity, np.zeros(len(others)))
         same = [replace(one.belief, stamp_ns=tick.stamp_ns) for one in others if one.belief is not None]
         if belief is not None:
-            beliefs.append(mixture([belief, *same], state.log_weight - held_for_motion))
+            beliefs.append(
+                mixture([belief, *same], state.log_weight - held_for_motion, state.knowledge.allowed)
+            )
     return state._replace(trackers=(first, *others), rest=now), beliefs
 
 

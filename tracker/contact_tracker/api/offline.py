@@ -280,6 +280,7 @@ def segment(
     wrench: str | Wrenches | None = None,
     mass_kg: float | None = None,
     accuracy: Deviations = None,
+    states: Iterable[str] | None = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -295,6 +296,7 @@ def segment(
     mass_kg : of the object, if known; else estimated from free motion.
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
         ``noise``. They do not show in the poses, and increase the deviations of elements.
+    states : the contacts that can occur, such as ``["f-f", "e-f"]`` (default: all); free motion always can.
 
     Raises
     ------
@@ -314,7 +316,7 @@ def segment(
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
     given = model_from(model, noise, accuracy)
     notes = list[str]()
-    knowledge = knowledge_of(known, notes.append)
+    knowledge = knowledge_of(known, notes.append, states)
     poses = _trajectory_of(trajectory)
     evidence = None
     if wrench is not None:

@@ -46,7 +46,7 @@ def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[T
     state = state._replace(formation=formation)
     belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
     if formation.is_open:
-        capped = ambiguity.at_most(belief.probability, label)
+        capped = ambiguity.at_most(belief.probability, label, possible=state.knowledge.allowed)
         belief = replace(belief, probability=capped, is_open=True)
     return state, belief
 

@@ -62,7 +62,7 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     probability = ambiguity.redistribute(probability, contact, inseparable, p_restricted, possible)
     probability = ambiguity.with_rivals(probability, contact, inseparable)
     if is_open:
-        probability = ambiguity.at_most(probability, contact)
+        probability = ambiguity.at_most(probability, contact, possible=possible)
     onset_ns = min(onset_ns, then.stamp_ns)
     return Belief(
         then.stamp_ns,
@@ -144,9 +144,10 @@ def open_at_rest(state: TrackerState, belief: Belief) -> Belief:
     if not others or belief.inseparable == others or not rests_now(state.sliding_window, state.model.tick_s):
         return belief
     given, p_restricted = state_posterior(state, belief.stamp_ns).probability, ambiguity.CHANGED_AT_REST
-    probability = ambiguity.redistribute(given, belief.contact, others, p_restricted, state.knowledge.allowed)
+    possible = state.knowledge.allowed
+    probability = ambiguity.redistribute(given, belief.contact, others, p_restricted, possible)
     if belief.is_open:
-        probability = ambiguity.at_most(probability, belief.contact)
+        probability = ambiguity.at_most(probability, belief.contact, possible=possible)
     return replace(belief, probability=probability, inseparable=others, p_restricted=p_restricted)
 
 
