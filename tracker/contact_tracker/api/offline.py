@@ -3,6 +3,7 @@
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,7 +25,7 @@ from contact_tracker.api.learned_map import Map
 from contact_tracker.api.notices import log_counts, log_text, warn_of
 from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.config.parameters import Model
-from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, printable
+from contact_tracker.errors import NoTruth, OutputError, UnreadableRecording, UsageError, printable
 from contact_tracker.exports.columns import (
     BELIEF_COLUMNS,
     SEGMENT_COLUMNS,
@@ -227,7 +228,10 @@ class Result:
     def _truth(self) -> Truth | None:
         """That of the recording, if it can be read again."""
         path = self.trajectory.path
-        return None if path is None or not os.path.exists(path) else read_truth(path)
+        if path is not None and os.path.exists(path):
+            with suppress(NoTruth):  # nothing that is drawn needs it
+                return read_truth(path)
+        return None
 
     @property
     def _origin_ns(self) -> int:

@@ -1,6 +1,7 @@
 """A figure for papers and notebooks, drawn by matplotlib."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from contact_tracker.errors import NoTruth
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.ground_truth import Truth
 from contact_tracker.outputs.colours import COLOUR, Colour
@@ -153,7 +155,10 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part]) -> None:
 
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     """Write the figure in the format of a suffix."""
-    figure = draw_figure(outcome.found, outcome.origin_ns, None, outcome.parts, outcome.truth())
+    truth = None
+    with suppress(NoTruth):  # a figure does not need it
+        truth = outcome.truth()
+    figure = draw_figure(outcome.found, outcome.origin_ns, None, outcome.parts, truth)
     figure.savefig(path, format=suffix.removeprefix("."), dpi=_DOTS_PER_INCH)
     pyplot.close(figure)
 
