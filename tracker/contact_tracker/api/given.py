@@ -2,8 +2,9 @@
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from reprlib import repr
 from typing import Any, Protocol
@@ -12,7 +13,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, UsageError
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap, states_from
 from contact_tracker.map.prior import MapPrior
 from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.prior_map_files.loading import knowledge_from, load_knowledge
@@ -96,11 +97,22 @@ def _deviations_from(
         raise UsageError(f"{name} is '0.3mm,0.15deg' or (metres, radians): {error}") from error
 
 
-def knowledge_of(known: Known, note: Callable[[str], None]) -> PriorMap:
+def knowledge_of(known: Known, note: Callable[[str], None], states: Iterable[str] | None = None) -> PriorMap:
     """The prior map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
 
-    ``note`` is called with one line for each warning.
+    ``note`` is called with one line for each warning. ``states`` are the contacts that can occur; raises
+    UsageError.
     """
+    found = _map_of(known, note)
+    if states is None:
+        return found
+    try:
+        return replace(found, states=states_from([states] if isinstance(states, str) else states))
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"states: {error}") from error
+
+
+def _map_of(known: Known, note: Callable[[str], None]) -> PriorMap:
     if known is None:
         return EMPTY_MAP
     if isinstance(known, PriorMap):

@@ -107,8 +107,8 @@ class SavedStream:
         initial, self.tracker, names, first, taken, gate, stamping, span, reported = saved.values()
         if initial != self._initial:
             raise UsageError(
-                f"{self._path} was saved with another model, --lag or known geometry: give the same, or "
-                "another file"
+                f"{self._path} was saved with another model, --lag, --states or known geometry: give the "
+                "same, or another file"
             )
         log, name, is_stdin = self._log, self._source.name, self._source.is_stdin
         if names != self._names:

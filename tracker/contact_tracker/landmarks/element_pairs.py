@@ -63,6 +63,8 @@ def _relative_to_origin(element: Element, origin_m: tuple[float, ...]) -> Elemen
 @lru_cache(maxsize=64)
 def element_pairs(knowledge: PriorMap, model: ContactModel) -> tuple[ElementPair, ...]:
     """All pairs that a contact may assume; empty if the prior map rules the contact out."""
+    if not knowledge.allows(model.contact):
+        return ()
     object_kind, environment_kind = model.contact.value[0], model.contact.value[2]
     up = knowledge.up if environment_kind == "f" else None
     return tuple(

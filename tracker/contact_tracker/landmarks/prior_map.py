@@ -3,7 +3,7 @@
 In the hypotheses a known element replaces an unknown one by a Gaussian prior with its covariance.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -13,7 +13,7 @@ import numpy as np
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
 from contact_tracker.map.prior import NO_PRIOR, MapPrior
-from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
 
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
 _KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
@@ -60,7 +60,8 @@ class Up:
 class PriorMap:
     """Known elements: ``object`` in the body frame, ``environment`` in the world frame.
 
-    Where a side is complete, hypotheses assume no element of it that is not listed.
+    Where a side is complete, hypotheses assume no element of it that is not listed. ``states`` are the
+    contacts that can occur, None for all; free motion always can.
     """
 
     environment: tuple[NamedElement, ...] = ()
@@ -70,14 +71,15 @@ class PriorMap:
     object_complete: bool = False
     learned: MapPrior = NO_PRIOR
     """The map of another recording, which the tracker's own map begins with."""
+    states: tuple[Contact, ...] | None = None
 
     def __bool__(self) -> bool:
-        """Whether it has any knowledge that the user has given."""
+        """Whether it has any knowledge of elements that the user has given."""
         is_complete = self.environment_complete or self.object_complete
         return bool(self.environment or self.object) or self.up is not None or is_complete
 
     def allows(self, contact: Contact) -> bool:
-        """Whether there may be elements of the kinds that ``contact`` needs."""
+        """Whether ``contact`` can occur, and there may be elements of the kinds that it needs."""
         return contact is Contact.FREE or contact in self.allowed
 
     @cached_property
@@ -85,10 +87,26 @@ class PriorMap:
         """The contacts that there may be."""
         sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
         kinds = [{known.kind for known in listed} if complete else set(KINDS) for listed, complete in sides]
-        return tuple(one for one in CONTACTS if one.value[0] in kinds[0] and one.value[2] in kinds[1])
+        possible = CONTACTS if self.states is None else self.states
+        return tuple(
+            one
+            for one in CONTACTS
+            if one in possible and one.value[0] in kinds[0] and one.value[2] in kinds[1]
+        )
 
 
 EMPTY_MAP: Final = PriorMap()
+
+
+def states_from(names: Iterable[str]) -> tuple[Contact, ...]:
+    """The states of these names, in the order of ``STATES``; raises ValueError for others, or without any."""
+    given = [*names]
+    for name in given:
+        if name not in STATES:
+            raise ValueError(f"{name!r} is no contact: choose from {', '.join(CONTACTS)}")
+    if not given:
+        raise ValueError(f"no contact is named: choose from {', '.join(CONTACTS)}")
+    return tuple(state for state in STATES if state in given)
 
 
 def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -> Element:

@@ -256,4 +256,5 @@ def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMe
 BELIEF_TOPIC: Final = "/contact/belief"
 FRAMES_TOPIC: Final = "/contact/frames"
 SCENE_TOPIC: Final = "/contact/scene"
-RESULT_TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC})
+MAP_TOPIC: Final = "/contact/map"
+RESULT_TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC, MAP_TOPIC})
