@@ -14,7 +14,7 @@ from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.outputs.changes import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
-from contact_tracker.recording.stamping import Stamping
+from contact_tracker.recording.sources import Stamping
 from contact_tracker.saved_state import is_same, load, save
 
 EVERY_S: Final = 10.0
