@@ -13,7 +13,7 @@ from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.outputs.changes import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
-from contact_tracker.recording.stamping import Stamping
+from contact_tracker.recording.sources import Stamping
 from contact_tracker.saved_state import fingerprint, is_same, load, save
 from contact_tracker.tracker import Tracker
 
