@@ -53,7 +53,7 @@ SINGLE_IMPORTER = {
     "mcap": "recording",
     "mcap_ros2": "recording/decoding.py",
     "mcap_protobuf": "recording/decoding.py",
-    "sqlite3": "recording/sqlite_bag.py",
+    "sqlite3": "recording/bags.py",
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",
     "foxglove": "exports/foxglove_scene.py",

@@ -61,6 +61,7 @@ def test_progress_has_a_total_where_it_is_known() -> None:
     assert re.search(r"\d+%.*\d+/10500 ", shown_on_a_terminal("segment", recording))
     assert "poses" in (shown := shown_on_a_terminal("segment", recording, "--duration", "4"))
     assert "/10500" not in shown
+    assert re.search(r"4\.\d\d  \x1b\[38;5;\d+m[efv]-[efv]\x1b\[0m  ", shown)  # the label of a segment
     assert "poses" not in shown_on_a_terminal("segment", recording, "-q")
 
 

@@ -193,7 +193,7 @@ def test_mcap_has_the_recording_and_what_foxglove_draws(
     before = [(c.topic, m.log_time, m.data) for _, c, m in reader.make_reader(log.open("rb")).iter_messages()]
     out = reader.make_reader((folder / "out.mcap").open("rb"), decoder_factories=[protobuf.DecoderFactory()])
     found = list(out.iter_messages())
-    ours = ("/contact/belief", "/contact/frames", "/contact/scene")
+    ours = ("/contact/belief", "/contact/frames", "/contact/map", "/contact/scene")
     assert [(c.topic, m.log_time, m.data) for _, c, m in found if c.topic not in ours] == before
     times = [m.log_time for _, _, m in found]
     assert times == sorted(times)
@@ -209,6 +209,11 @@ def test_mcap_has_the_recording_and_what_foxglove_draws(
     assert [t - LOG_OFFSET_NS for t, _ in scenes] == [s.start_ns for s in result.segments]
     for (_, scene), segment in zip(scenes, result.segments, strict=True):
         assert_scene(scene, segment)
+    ((_, _, message, known),) = out.iter_decoded_messages(topics=["/contact/map"])
+    assert message.log_time == result.trajectory.stamp_ns[0] + LOG_OFFSET_NS
+    shown = [(one.frame_id, one.texts[0].text) for one in known.entities]
+    assert shown == [(("object", "world")[part.side], part.name) for part in result.parts]
+    assert {"object", "world"} == {frame for frame, _ in shown}
 
 
 def assert_frames(frames: list[Any], result: contact_tracker.Result) -> None:
@@ -280,7 +285,9 @@ def test_the_report_is_self_contained(folder: Path, result: contact_tracker.Resu
     drawn = (folder / "out.html").read_text(encoding="utf-8").rpartition("<h2>Probabilities</h2>")[2]
     names = Counter(re.findall(r'"name":"([^"]+)"', drawn))
     assert all(names[state.value] == 1 for state in STATES)
-    for segment in result.segments:  # both elements of each
+    for part in result.parts:  # the object's in its own picture, the others in that of the geometry
+        assert names[part.name if part.side == 0 else f"surroundings: {part.name}"] >= 1
+    for segment in result.segments:  # both elements of each, and what is known of the object
         start_s = (segment.start_ns - int(result.trajectory.stamp_ns[0])) * 1e-9
         assert names[f"{segment.contact.value} from {start_s:.1f} s"] == (2 if segment.geometry else 0)
 
@@ -324,7 +331,10 @@ def test_csv_has_a_row_per_segment(folder: Path, result: contact_tracker.Result)
 def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result) -> None:
     pytest.importorskip("matplotlib").use("Agg")
     pyplot = pytest.importorskip("matplotlib.pyplot")
-    posterior, paper = result.plot(curves=True).axes
+    posterior, paper, *known = result.plot(curves=True).axes
+    assert [len(one.texts) for one in known] == [
+        sum(part.side == side for part in result.parts) for side in (0, 1)
+    ]
     assert len(posterior.collections) == len(result.segments)
     hatched = [bool(bars.get_hatch()) for bars in posterior.collections]
     assert hatched == [bool(segment.inseparable) for segment in result.segments]
@@ -337,7 +347,7 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     _, (own, other) = pyplot.subplots(2)
     assert result.plot(ax=other).axes == [own, other]
     assert (len(own.lines), len(other.lines)) == (0, len(STATES))
-    assert len(result.plot().axes) == 1
+    assert len(result.plot().axes) == 3
     pyplot.close("all")
 
 

@@ -18,9 +18,9 @@ from test_message_formats import NAME, POSES, assert_read, cdr_pose, humble
 from contact_tracker.errors import ChoiceError, NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
-from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.bags import read_rosbag1
+from contact_tracker.recording.bytestream import WorkBudget
 from contact_tracker.recording.reading import read_bag
-from contact_tracker.recording.rosbag1 import read_rosbag1
 from mcap_logs import START_NS, poses_topic, smooth_poses, write_log
 
 rosbags = pytest.importorskip("rosbags")

@@ -33,8 +33,8 @@ from contact_tracker.recording import (
     summarise,
     write_recording,
 )
-from contact_tracker.recording.items import MAGIC
-from contact_tracker.recording.limits import TooMuchWork, WorkBudget
+from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
+from contact_tracker.recording.mcap_file import MAGIC
 from contact_tracker.states import Contact
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
 

@@ -16,10 +16,11 @@ from test_message_formats import NAME, POSES, RULE, assert_read, cdr_pose, write
 from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
+from contact_tracker.recording.bytestream import WorkBudget
 from contact_tracker.recording.decoding import MessageDecoder
 from contact_tracker.recording.definitions import DecodingWork, known_definition, parse_definition, work_of
-from contact_tracker.recording.items import Channel, RawMessage, inflate_zstd
-from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.items import Channel, RawMessage
+from contact_tracker.recording.mcap_file import inflate_zstd
 from mcap_logs import SCHEMAS
 
 rosbags = pytest.importorskip("rosbags.typesys")
@@ -420,4 +421,4 @@ def test_definitions_are_used_although_all_other_work_is_done() -> None:
     budget.count_records(40_000)
     decoder = MessageDecoder(budget)
     channel = Channel("/p", "cdr", NAME, "ros2msg", SOUND["ros2msg"].encode())
-    assert decoder.observe(RawMessage(channel, 0, cdr_pose(next(iter(POSES)))))
+    assert None not in list(decoder.poses([RawMessage(channel, 0, cdr_pose(next(iter(POSES))))]))

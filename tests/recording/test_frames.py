@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.errors import AmbiguousSource, ChoiceError
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import PoseSource, open_log
-from contact_tracker.recording.transform_tree import TransformTree
+from contact_tracker.recording.transforms import TransformTree
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, transform, write_log
 
 TF = "tf2_msgs/msg/TFMessage"

@@ -12,9 +12,7 @@ from mcap.opcode import Opcode
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import list_sources, open_log, read_metadata, summarise
 from contact_tracker.recording.bytestream import ByteStream
-from contact_tracker.recording.container import RecordLoop
-from contact_tracker.recording.file_index import Place, summary_of
-from contact_tracker.recording.items import MAGIC, inflate
+from contact_tracker.recording.mcap_file import MAGIC, Place, RecordLoop, inflate, summary_of
 from mcap_logs import SCHEMAS, poses_topic, smooth_poses, write_log
 
 TYPE = "geometry_msgs/msg/PoseStamped"
@@ -125,7 +123,7 @@ def counted_chunks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         sizes.append(len(data))
         return data
 
-    monkeypatch.setattr("contact_tracker.recording.container.inflate", counting)
+    monkeypatch.setattr("contact_tracker.recording.mcap_file.inflate", counting)
     return sizes
 
 

@@ -31,8 +31,8 @@ from contact_tracker.recording import (
     write_recording,
 )
 from contact_tracker.recording.bytestream import ByteStream
-from contact_tracker.recording.container import RecordLoop
-from contact_tracker.recording.items import MAGIC, Metadata, RawMessage
+from contact_tracker.recording.items import Metadata, RawMessage
+from contact_tracker.recording.mcap_file import MAGIC, RecordLoop
 from contact_tracker.recording.reading import Reading
 from contact_tracker.states import Contact
 from mcap_logs import (

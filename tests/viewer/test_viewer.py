@@ -21,6 +21,7 @@ from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.outputs.colours import COLOUR
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.pose_buffer import Pieces
@@ -28,7 +29,7 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import LiveView, canvas, scene
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.offline import Shown, show, write_rrd
-from contact_tracker.viewer.scene import COLOUR, OBJECT, UNKNOWN_EXTENT, draw, hull, vertices_from_metadata
+from contact_tracker.viewer.scene import OBJECT, UNKNOWN_EXTENT, draw, hull, vertices_from_metadata
 from contact_tracker.viewer.sinks import to_file
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -277,7 +278,7 @@ def test_without_truth_curves_and_hull_the_rest_is_there(
     write_rrd(path, Shown(poses, as_pieces(segmentation)))
     assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
     assert total(path, canvas.BODY) == POSES
-    assert not chunks(path, f"{canvas.BODY}/hull", static=True)
+    assert not any(chunks(path, entity, static=True) for entity in canvas.KNOWN)
 
 
 def test_a_single_pose_and_tick_is_a_recording(
@@ -397,7 +398,7 @@ def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, po
     path = tmp_path / "two.rrd"
     recording = canvas.new_recording()
     to_file(path)(recording, None)
-    sheet = canvas.Canvas(recording, ORIGIN_NS, None, 0.1)
+    sheet = canvas.Canvas(recording, ORIGIN_NS, 0.1)
     stamp = poses.stamp_ns[:1]
     for number, contact in enumerate((Contact.EF, Contact.VF)):
         geometry = GEOMETRY[contact]

@@ -13,12 +13,14 @@ from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, map_findings
 from contact_tracker.checks.face_names import FaceNameDelay
 from contact_tracker.config.parameters import Model
+from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import BATCH_POSES, Tracker
-from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import ticks_of
 from contact_tracker.tracking.map_passes import with_map
@@ -159,7 +161,7 @@ class OfflineTracker:
             piece = replace(piece, filtered=piece.filtered[count:])
             self._tracker.check_segments(piece.segments)
             if self._tracker.is_in_doubt:
-                piece = _in_doubt(piece)
+                piece = _in_doubt(piece, self._known_map.allowed)
             piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
             yield from waiting.release(piece, self._tracker.checks.map_use)
         yield from waiting.finish(self._tracker.checks.map_use)
@@ -196,16 +198,21 @@ def _validated(stream: Iterator[Poses]) -> Iterator[Poses]:
         yield poses
 
 
-def _in_doubt(piece: Segmentation) -> Segmentation:
+def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentation:
     """The piece with its probabilities mixed with uniform ones."""
+
+    def mixed(probability: Array) -> Array:
+        return mixed_with_uniform(probability, possible)
+
+    def doubted(one: Segment) -> Segment:
+        at_label = np.full(len(STATES), one.probability)
+        return replace(one, probability=float(mixed(at_label)[one.contact.column]))
+
     return replace(
         piece,
-        segments=tuple(
-            replace(one, probability=float(mixed_with_uniform(np.array(one.probability))))
-            for one in piece.segments
-        ),
-        beliefs=piece.beliefs.with_probability(mixed_with_uniform(piece.beliefs.probability)),
-        filtered=piece.filtered.with_probability(mixed_with_uniform(piece.filtered.probability)),
+        segments=tuple(map(doubted, piece.segments)),
+        beliefs=piece.beliefs.with_probability(mixed(piece.beliefs.probability)),
+        filtered=piece.filtered.with_probability(mixed(piece.filtered.probability)),
     )
 
 

@@ -149,7 +149,8 @@ class Tracker:
         """The beliefs, mixed with uniform ones while the stream may be in doubt."""
         if not beliefs or not self.may_be_in_doubt:
             return beliefs
-        return [replace(belief, probability=mixed_with_uniform(belief.probability)) for belief in beliefs]
+        possible = self.filters.known_map.allowed
+        return [replace(one, probability=mixed_with_uniform(one.probability, possible)) for one in beliefs]
 
     def _inspect(self) -> None:
         if self.uninspected:

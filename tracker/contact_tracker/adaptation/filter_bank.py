@@ -178,7 +178,7 @@ class FilterBank:
         for number, one in enumerate(self.filters):
             found = [_observe(one, one.as_seen(tick) if number else tick) for tick in last]
             ended.append([*(seen.belief for seen in found if seen.belief is not None), *one.finish()])
-        return [*beliefs, *(mixture(some, self.log_weight) for some in zip(*ended, strict=True))]
+        return [*beliefs, *(self._mixture(some, self.log_weight) for some in zip(*ended, strict=True))]
 
     def _add(self, poses: Poses, detail: Detail) -> list[Belief]:
         beliefs = list[Belief]()
@@ -201,7 +201,7 @@ class FilterBank:
         """Start again with other ticks, at the first pose of the current tick; the map is kept, and the
         beliefs within the lag are reported first."""
         lagging = zip(*(one.finish() for one in self.filters), strict=True)
-        before = [mixture(some, self.log_weight) for some in lagging]
+        before = [self._mixture(some, self.log_weight) for some in lagging]
         assert self.best is not None
         assert self.grid is not None
         assert self.grid.origin_m is not None
@@ -310,7 +310,7 @@ class FilterBank:
             if number and now.is_waiting:
                 _stop_following(one)
         known = [one.state.belief for one in self.filters if one.state.belief is not None]
-        self.rest, same = now.caught_up(), mixture(known, self.log_weight)
+        self.rest, same = now.caught_up(), self._mixture(known, self.log_weight)
         return [replace(same, stamp_ns=tick.stamp_ns) for tick in ticks]
 
     def _update_all(self, tick: Tick, now: Rest, detail: Detail) -> list[Belief]:
@@ -330,7 +330,7 @@ class FilterBank:
             return []
         activity = np.array([one.evidence.activity for one in tracked])
         held_for_motion = 0.0 if now.moves else REST_NATS * activity
-        return [mixture(beliefs, self.log_weight - held_for_motion)]
+        return [self._mixture(beliefs, self.log_weight - held_for_motion)]
 
     def _update_first(self, ticks: Sequence[Tick], now: Rest, detail: Detail) -> list[Belief]:
         """Update the first filter by ticks in which the others wait."""
@@ -348,9 +348,12 @@ class FilterBank:
             held_for_motion = np.append(REST_NATS * evidence.activity, np.zeros(len(others)))
             now_same = [replace(one, stamp_ns=tick.stamp_ns) for one in same if one is not None]
             if belief is not None:
-                beliefs.append(mixture([belief, *now_same], self.log_weight - held_for_motion))
+                beliefs.append(self._mixture([belief, *now_same], self.log_weight - held_for_motion))
         self.rest = now
         return beliefs
+
+    def _mixture(self, beliefs: Sequence[Belief], log_weight: Array) -> Belief:
+        return mixture(beliefs, log_weight, self.known_map.allowed)
 
     def _details(self, detail: Detail) -> list[tuple[Detail, bool]]:
         """Of each filter, the detail of its beliefs, and whether it tests free motion for curved surfaces:

@@ -11,7 +11,7 @@ from contact_tracker.config.table_reading import TIME_UNITS_NS, TableReading, re
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.real_numbers import real_number, real_numbers
-from contact_tracker.recording.rotation_kinds import quaternions
+from contact_tracker.recording.table_layouts import quaternions
 
 _NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
 _ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}

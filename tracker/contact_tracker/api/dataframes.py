@@ -11,7 +11,7 @@ from contact_tracker.api.arrays import have_own_unit, rows, times
 from contact_tracker.config.table_reading import POSITION, QUATERNION, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.recording.named_columns import layout_of_names
+from contact_tracker.recording.table_layouts import layout_of_names
 from contact_tracker.suggestions import closest
 
 

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.map.file import map_from, read_map
 from contact_tracker.map.learned import LearnedElements
-from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.map import EMPTY_MAP, Map, states_from
 from contact_tracker.motion.real_numbers import real_number
 
 
@@ -101,11 +101,22 @@ def _deviations_from(
         raise UsageError(f"{name} is '0.3mm,0.15deg' or (metres, radians): {error}") from error
 
 
-def map_of(known: Known, note: Callable[[str], None]) -> Map:
+def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | None = None) -> Map:
     """The map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
 
-    ``note`` is called with one line for each warning.
+    ``note`` is called with one line for each warning. ``states`` are the contacts that can occur; raises
+    UsageError.
     """
+    found = _map_of(known, note)
+    if states is None:
+        return found
+    try:
+        return replace(found, states=states_from([states] if isinstance(states, str) else states))
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"states: {error}") from error
+
+
+def _map_of(known: Known, note: Callable[[str], None]) -> Map:
     if known is None:
         return EMPTY_MAP
     if isinstance(known, Map):

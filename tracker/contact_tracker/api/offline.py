@@ -3,6 +3,7 @@
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,7 +25,7 @@ from contact_tracker.api.learned_map import Map
 from contact_tracker.api.notices import log_counts, log_text, warn_of
 from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.config.parameters import Model
-from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, printable
+from contact_tracker.errors import NoTruth, OutputError, UnreadableRecording, UsageError, printable
 from contact_tracker.exports.columns import (
     BELIEF_COLUMNS,
     SEGMENT_COLUMNS,
@@ -44,15 +45,17 @@ from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.extras import extra
+from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
-from contact_tracker.recording import WrenchLog, parts_of, read_wrenches
+from contact_tracker.recording import WrenchLog, parts_of, read_truth, read_wrenches
 from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.viewer.parts import Part, known_parts
 from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:
@@ -78,6 +81,7 @@ class Result:
     with_wrenches : whether measured wrenches decided as well as the motion.
     map : what the contacts have touched, for ``known`` with the next recording; None where a map or
         wrenches are given, or if no contact is sure enough.
+    parts : all that is known of the object and its surroundings, as figures, reports and the viewer draw it.
     """
 
     trajectory: Trajectory
@@ -86,6 +90,7 @@ class Result:
     notes: tuple[str, ...] = ()
     with_wrenches: bool = False
     map: Map | None = None
+    parts: tuple[Part, ...] = ()
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -166,15 +171,15 @@ class Result:
         self._write(path, overwrite, *SUFFIXES)
 
     def plot(self, ax: "Axes | None" = None, curves: bool = False) -> "Figure":
-        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given.
+        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given, else with what is
+        known of the object and its surroundings below them.
 
-        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5),
-        below them.
+        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
         """
         from contact_tracker.exports.figure import Figure, draw_figure, draw_on
 
         if ax is not None:
-            draw_on(ax, self.segmentation, self._origin_ns)
+            draw_on(ax, self.segmentation, self._origin_ns, self._truth)
             figure = ax.get_figure(root=True)
             assert isinstance(figure, Figure)
             return figure
@@ -183,7 +188,7 @@ class Result:
             from contact_tracker.paper import window_curves
 
             found = window_curves.curves(self.trajectory.poses)
-        return draw_figure(self.segmentation, self._origin_ns, found)
+        return draw_figure(self.segmentation, self._origin_ns, found, self.parts, self._truth)
 
     def show(self, width: int = 1280, height: int = 720) -> "Viewer":
         """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.
@@ -204,7 +209,9 @@ class Result:
             yield self.segmentation
 
         trajectory = self.trajectory
-        shown = Shown(trajectory.poses, found, None, trajectory.vertices_m, True, trajectory.name)
+        shown = Shown(
+            trajectory.poses, found, None, trajectory.vertices_m, True, trajectory.name, parts=self.parts
+        )
         return show_in_notebook(shown, width, height)
 
     def __str__(self) -> str:
@@ -217,6 +224,15 @@ class Result:
     def _repr_html_(self) -> str:
         shown = ribbon_html(self.segments) + table_html(self.segments, self._origin_ns)
         return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
+
+    @property
+    def _truth(self) -> Truth | None:
+        """That of the recording, if it can be read again."""
+        path = self.trajectory.path
+        if path is not None and os.path.exists(path):
+            with suppress(NoTruth):  # nothing that is drawn needs it
+                return read_truth(path)
+        return None
 
     @property
     def _origin_ns(self) -> int:
@@ -255,6 +271,8 @@ class Result:
             "" if source is None else source.frame_id,
             "" if source is None else source.child_frame_id,
             trajectory.vertices_m,
+            self.parts,
+            lambda: self._truth,
         )
         write_outcome(outcome, path, log, trajectory.log_offset_ns, check)
 
@@ -267,6 +285,7 @@ def segment(
     wrench: str | Wrenches | None = None,
     mass_kg: float | None = None,
     accuracy: Deviations = None,
+    states: Iterable[str] | None = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -282,6 +301,7 @@ def segment(
     mass_kg : of the object, if known; else estimated from free motion.
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
         ``noise``. They do not show in the poses, and increase the deviations of elements.
+    states : the contacts that can occur, such as ``["f-f", "e-f"]`` (default: all); free motion always can.
 
     Raises
     ------
@@ -301,7 +321,7 @@ def segment(
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
     given = model_from(model, noise, accuracy)
     notes = list[str]()
-    known_map = map_of(known, notes.append)
+    known_map = map_of(known, notes.append, states)
     poses = _trajectory_of(trajectory)
     evidence = None
     if wrench is not None:
@@ -316,7 +336,8 @@ def segment(
     world = tracker.map
     learned = None if world is None else world.learned
     touched = Map(learned) if learned else None
-    result = Result(poses, found, tracker.report, tuple(notes), evidence is not None, touched)
+    parts = known_parts(world, poses.poses, found.segments, known_map, poses.vertices_m)
+    result = Result(poses, found, tracker.report, tuple(notes), evidence is not None, touched, parts)
     warn_of(result._own_warnings)
     log_counts(poses.name, {kind: count for kind, count in result.counts.items() if kind == "outlier"})
     return result

@@ -2,7 +2,7 @@
 
 import operator
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self, SupportsIndex
 
@@ -36,7 +36,7 @@ class Tracker:
 
     Parameters
     ----------
-    model, known, noise, accuracy : as of ``segment``.
+    model, known, noise, accuracy, states : as of ``segment``.
     lag_s : delay of the beliefs (s), for which they are smoothed.
 
     Raises
@@ -57,12 +57,13 @@ class Tracker:
         known: Known = None,
         noise: Deviations = None,
         accuracy: Deviations = None,
+        states: Iterable[str] | None = None,
     ) -> None:
         given, notes = model_from(model, noise, accuracy), list[str]()
         most_s = given.search.window_s
         lag_s = number_from(lag_s, "lag_s", f"from 0 to {most_s:g}", lambda lag_s: 0.0 <= lag_s <= most_s)
         self._notes = notes
-        self._tracker = tracker.Tracker.start(given, lag_s, map_of(known, notes.append))
+        self._tracker = tracker.Tracker.start(given, lag_s, map_of(known, notes.append, states))
         self._gate = PoseGate()
         self._given = 0
         self._restored: Path | None = None

@@ -7,6 +7,7 @@ import argparse
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from contact_tracker.map.map import Map
     from contact_tracker.map.world_map import GrowingMap
     from contact_tracker.recording import PoseLog
+    from contact_tracker.states import Contact
     from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
@@ -172,6 +174,21 @@ def add_known(parser: argparse.ArgumentParser) -> None:
         metavar="A,B,C",
         help="the object is a box with edges of A, B and C metres about the body frame's origin",
     )
+    group.add_argument(
+        "--states",
+        type=_states,
+        metavar="f-f,e-f,...",
+        help="the contacts that can occur (default: all); free motion always can",
+    )
+
+
+def _states(text: str) -> "tuple[Contact, ...]":
+    from contact_tracker.map.map import states_from
+
+    try:
+        return states_from(filter(None, (name.strip() for name in text.split(","))))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "Map":
@@ -187,7 +204,7 @@ def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "M
         tables.append({"environment": {"plane": planes}})
     if args.box is not None:
         tables.append({"object": {"box": {"size_m": args.box}}})
-    return map_from(merged(tables), Path(args.known or "").parent, note)
+    return replace(map_from(merged(tables), Path(args.known or "").parent, note), states=args.states)
 
 
 def add_map_out(parser: argparse.ArgumentParser) -> None:

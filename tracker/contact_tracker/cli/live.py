@@ -16,6 +16,7 @@ from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
+    from contact_tracker.map.map import Map
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.viewer import LiveView
     from contact_tracker.viewer.sinks import Sink
@@ -110,7 +111,11 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     log = arguments.open_poses(args, args.log, follow, True)
     tracker = Tracker.start(model, args.lag, known_map, log.source.frame_moves)
     source = Source(log, args.log, args)
-    with _viewer(args, source, sink) as viewer, StatusLine() as status, _ticks(args.output, check) as write:
+    with (
+        _viewer(args, known_map, source, sink) as viewer,
+        StatusLine() as status,
+        _ticks(args.output, check) as write,
+    ):
         printer = _Printer(args.json, source, status)
         saved = None
         if args.state is not None:
@@ -123,7 +128,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)
-                    viewer.belief(belief)
+                    viewer.belief(belief, None if tracker.best is None else tracker.best.map)
                     write([belief])
 
         def has_to_end() -> bool:
@@ -156,7 +161,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     return code if ended == DONE else ended
 
 
-def _viewer(args: argparse.Namespace, source: "Source", sink: "Sink | None") -> "LiveView":
+def _viewer(args: argparse.Namespace, known_map: "Map", source: "Source", sink: "Sink | None") -> "LiveView":
     from contact_tracker.viewer import LiveView
 
     if sink is None and not args.rerun:
@@ -166,7 +171,7 @@ def _viewer(args: argparse.Namespace, source: "Source", sink: "Sink | None") -> 
     from contact_tracker.viewer.scene import vertices_from_metadata
 
     vertices_m = vertices_from_metadata(read_metadata(args.log))
-    return LiveViewer(vertices_m, sink, lambda: source.origin_ns)
+    return LiveViewer(vertices_m, sink, lambda: source.origin_ns, known_map)
 
 
 def _ticks(

@@ -13,7 +13,7 @@ from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.outputs.changes import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
-from contact_tracker.recording.stamping import Stamping
+from contact_tracker.recording.sources import Stamping
 from contact_tracker.saved_state import fingerprint, is_same, load, save
 from contact_tracker.tracker import Tracker
 
@@ -107,8 +107,8 @@ class SavedStream:
         initial, self.tracker, names, first, taken, gate, stamping, span, reported = saved.values()
         if initial != self._initial:
             raise UsageError(
-                f"{self._path} was saved with another model, --lag or known geometry: give the same, or "
-                "another file"
+                f"{self._path} was saved with another model, --lag, --states or known geometry: give the "
+                "same, or another file"
             )
         log, name, is_stdin = self._log, self._source.name, self._source.is_stdin
         if names != self._names:

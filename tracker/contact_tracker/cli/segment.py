@@ -203,7 +203,7 @@ def _segment(
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]
         else:
-            _write(source, log, tracker, set_done, args, check, notes)
+            _write(source, log, tracker, known_map, set_done, args, check, notes)
     if args.output is None:
         _print(segments, source.origin_ns, wrenches is not None)
     code = source.finish(tracker.report)
@@ -226,6 +226,7 @@ def _write(
     source: "Source",
     log: "PoseLog",
     tracker: "OfflineTracker",
+    known_map: "Map",
     set_done: Callable[[int], None],
     args: argparse.Namespace,
     check: Callable[[], None],
@@ -246,7 +247,7 @@ def _write(
         return
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
-    outcome = source.outcome(Poses.join(kept), found, tracker.report, notes)
+    outcome = source.outcome(Poses.join(kept), found, tracker, known_map, notes)
     is_readable = not source.is_stdin and os.path.exists(args.log) and args.table == AS_NAMED
     read = args.log if is_readable else None
     write_outcome(outcome, args.output, read, log.stamping.log_offset_ns, check)

@@ -3,6 +3,7 @@
 import argparse
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -17,6 +18,8 @@ from contact_tracker.recording import PoseLog
 if TYPE_CHECKING:
     from contact_tracker.adaptation.report import Report
     from contact_tracker.exports.outcome import Outcome
+    from contact_tracker.map.map import Map
+    from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.tracking.segmentation import Segmentation
 
 _LONGEST_SLEEP_S: Final = 0.1
@@ -154,13 +157,20 @@ class Source:
         return {kind: count for kind, count in kinds.items() if count}
 
     def outcome(
-        self, poses: Poses, found: "Segmentation", adapted: "Report | None", notes: Iterable[str]
+        self,
+        poses: Poses,
+        found: "Segmentation",
+        tracker: "OfflineTracker",
+        known_map: "Map",
+        notes: Iterable[str],
     ) -> "Outcome":
         """The outcome for outputs of a whole recording; ``notes`` are warnings from before the first pose."""
         from contact_tracker.exports.outcome import Outcome
-        from contact_tracker.recording import read_metadata
+        from contact_tracker.recording import read_metadata, read_truth
+        from contact_tracker.viewer.parts import known_parts
         from contact_tracker.viewer.scene import vertices_from_metadata
 
+        adapted, vertices_m = tracker.report, vertices_from_metadata(read_metadata(self._name))
         return Outcome(
             "standard input" if self.is_stdin else Path(self._name).name or self._name,
             poses,
@@ -171,7 +181,9 @@ class Source:
             "" if adapted is None else noise_text(adapted),
             self._log.source.frame_id,
             self._log.source.child_frame_id,
-            vertices_from_metadata(read_metadata(self._name)),
+            vertices_m,
+            known_parts(tracker.map, poses, found.segments, known_map, vertices_m),
+            partial(read_truth, self._name),
         )
 
     def finish(self, adapted: "Report | None") -> int:

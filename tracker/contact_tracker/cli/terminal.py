@@ -5,23 +5,38 @@ Data go to stdout, messages to stderr; progress and status only to a terminal.
 
 import logging
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from contact_tracker.errors import ContactTrackerWarning, printable
+from contact_tracker.states import STATES, Contact
 
 _YELLOW: Final = "33"
 _RED: Final = "31"
 
 
+_LABELLED: Final = re.compile(rf"(\s*[\d.]+\s+(?:[\d.]+\s+)?)([+-] )?({'|'.join(STATES)})(?=\s|$)")
+"""A line of data with a label after one or two times."""
+
+
 def show(text: str) -> None:
     """Print lines of data."""
     for line in text.split("\n"):
-        print(printable(line))
+        print(_with_coloured_label(printable(line)))
+
+
+def _with_coloured_label(line: str) -> str:
+    if not _has_colours(sys.stdout) or (found := _LABELLED.match(line)) is None:
+        return line
+    from contact_tracker.outputs.colours import ansi_of
+
+    first, end = found.span(3)
+    return f"{line[:first]}\x1b[{ansi_of(Contact(found[3]))}m{found[3]}\x1b[0m{line[end:]}"
 
 
 class Verbosity(IntEnum):
@@ -67,10 +82,12 @@ def _write(message: str, kind: str = "") -> None:
 
 
 def _coloured(text: str, colour: str) -> str:
-    """Coloured text on terminals that support it, unless NO_COLOR is set (https://no-color.org)."""
-    if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or not sys.stderr.isatty():
-        return text
-    return f"\x1b[1;{colour}m{text}\x1b[0m"
+    """Coloured text for stderr on terminals that support it, unless NO_COLOR is set (https://no-color.org)."""
+    return f"\x1b[1;{colour}m{text}\x1b[0m" if _has_colours(sys.stderr) else text
+
+
+def _has_colours(stream: TextIO) -> bool:
+    return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb" and stream.isatty()
 
 
 def take_over_warnings() -> None:
@@ -122,7 +139,7 @@ class StatusLine:
     def print(self, line: str) -> None:
         """Write a line of data to stdout at once, above the status."""
         with self._bar.external_write_mode(sys.stdout):
-            print(printable(line), flush=True)
+            print(_with_coloured_label(printable(line)), flush=True)
 
 
 def _bar(**options: Any) -> Any:

@@ -101,7 +101,8 @@ def _view(
             return source.counted(tracker.pieces(poses, set_done))
 
         name = None if source.is_stdin else Path(log).name or log
-        show(Shown(source, found, truth, vertices_m, True, name, lambda: source.origin_ns))
+        known = known_map, lambda: tracker.map
+        show(Shown(source, found, truth, vertices_m, True, name, lambda: source.origin_ns, *known))
     code = source.finish(tracker.report)
     if args.save is not None:
         say(f"wrote {args.save}")

@@ -1,5 +1,7 @@
 """A figure for papers and notebooks, drawn by matplotlib."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -7,29 +9,55 @@ import numpy as np
 from matplotlib import get_backend, pyplot
 from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure as Figure
+from matplotlib.figure import FigureBase
+from matplotlib.textpath import TextPath
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from contact_tracker.errors import NoTruth
 from contact_tracker.exports.outcome import Outcome
+from contact_tracker.ground_truth import Truth
+from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.paper.window_curves import WindowCurves
-from contact_tracker.states import CONTACTS, STATES
+from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.scene import COLOUR, Colour
+from contact_tracker.viewer.parts import SIDES, Part
 
-_NAMED: Final = 0.03
-"""Smallest share of the recording for which a segment is named."""
+_NAME_SIZE: Final = 9.0
+"""Of the names in the ribbons (points)."""
+_ROW: Final = 3.2
+_MAP: Final = 4.2
+"""Heights (inches) of a plot over time, and of what is known."""
 _DOTS_PER_INCH: Final = 200
+_ROOM: Final = 1.2
+"""Width of a span with a name, by that of the name."""
 _RIBBON: Final = (1.04, 1.18)
-"""Where the labels are above the probabilities."""
+_TRUTH: Final = (1.22, 1.32)
+"""Where the labels are above the probabilities, and the truth above them."""
 
 
-def draw_figure(found: Segmentation, origin_ns: int, curves: WindowCurves | None = None) -> Figure:
-    """The segments and their probabilities on one axes, and the paper's curves below them if given.
+def draw_figure(
+    found: Segmentation,
+    origin_ns: int,
+    curves: WindowCurves | None = None,
+    parts: Sequence[Part] = (),
+    truth: Truth | None = None,
+) -> Figure:
+    """The segments and their probabilities on one axes, below them the paper's curves if given, and what is
+    known of the object and its surroundings.
 
     Time counts from ``origin_ns``.
     """
     rows = 1 if curves is None or not len(curves.stamp_ns) else 2
-    figure = pyplot.figure(figsize=(10.0, 1.0 + 3.2 * rows), layout="constrained")
-    first, *below = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-    draw_on(first, found, origin_ns)
+    height = 1.0 + _ROW * rows
+    figure = pyplot.figure(figsize=(10.0, height + _MAP * bool(parts)), layout="constrained")
+    over_time: FigureBase = figure
+    if parts:
+        over_time, below_it = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, _MAP))[:, 0]
+        _draw_parts(below_it, parts)
+    first, *below = over_time.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    draw_on(first, found, origin_ns, truth)
     for axes in below:
         assert curves is not None
         _draw_curves(axes, curves, origin_ns)
@@ -40,12 +68,13 @@ def draw_figure(found: Segmentation, origin_ns: int, curves: WindowCurves | None
     return figure
 
 
-def draw_on(axes: Axes, found: Segmentation, origin_ns: int) -> None:
-    """The probabilities of all states, and above them the segments by name, hatched where the motion fits
-    other contacts as well."""
+def draw_on(axes: Axes, found: Segmentation, origin_ns: int, truth: Truth | None = None) -> None:
+    """The probabilities of all states, and above them the segments, by name where it fits and hatched where
+    the motion fits other contacts as well, below the truth if it is known."""
     seconds = (found.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in found.segments]
-    total_s = sum(duration for _, duration in spans)
+    if len(seconds):
+        axes.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
     low, high = _RIBBON
     for segment, (start_s, duration_s) in zip(found.segments, spans, strict=True):
         axes.broken_barh(
@@ -57,21 +86,79 @@ def draw_on(axes: Axes, found: Segmentation, origin_ns: int) -> None:
             hatch="///" if segment.inseparable else None,
             linewidth=0.0,
         )
-        if duration_s > _NAMED * total_s:
-            middle = start_s + 0.5 * duration_s, 0.5 * (low + high)
-            axes.text(*middle, segment.contact.value, ha="center", va="center", clip_on=True)
+        _name(axes, start_s, duration_s, _RIBBON, segment.contact)
     for state, share in zip(STATES, np.transpose(found.beliefs.probability), strict=True):
         axes.plot(seconds, share, color=_fraction(COLOUR[state]), label=state.value)
     axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, high + 0.02))
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
+    if truth is not None and len(seconds):
+        _draw_truth(axes, truth.between(*found.stamp_ns[[0, -1]].tolist()), origin_ns)
+        axes.set_ylim(0.0, _TRUTH[1] + 0.02)
     axes.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    if len(seconds):
-        axes.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
+
+
+def _draw_truth(axes: Axes, truth: Truth, origin_ns: int) -> None:
+    low, high = _TRUTH
+    for one in truth.intervals:
+        if one.contact is None:
+            continue
+        start_s, duration_s = (one.start_ns - origin_ns) * 1e-9, (one.end_ns - one.start_ns) * 1e-9
+        axes.broken_barh(
+            [(start_s, duration_s)],
+            (low, high - low),
+            facecolor=_fraction(COLOUR[one.contact]),
+            linewidth=0.0,
+        )
+        _name(axes, start_s, duration_s, _TRUTH, one.contact)
+    for name, (low, high) in (("truth", _TRUTH), ("labels", _RIBBON)):
+        place = -0.01, 0.5 * (low + high)
+        transform = axes.get_yaxis_transform()
+        axes.text(*place, name, transform=transform, ha="right", va="center", fontsize=_NAME_SIZE)
+
+
+def _name(
+    axes: Axes, start_s: float, duration_s: float, ribbon: tuple[float, float], contact: Contact
+) -> None:
+    """Write the name of a contact in its span, if it is wide enough."""
+    first_s, last_s = axes.get_xlim()
+    points = 72.0 * axes.get_window_extent().width / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
+    width = TextPath((0.0, 0.0), contact.value, size=_NAME_SIZE).get_extents().width
+    if duration_s / (last_s - first_s) * points > _ROOM * width:
+        middle = start_s + 0.5 * duration_s, 0.5 * sum(ribbon)
+        axes.text(*middle, contact.value, fontsize=_NAME_SIZE, ha="center", va="center", clip_on=True)
+
+
+def _draw_parts(figure: FigureBase, parts: Sequence[Part]) -> None:
+    """The object in the body frame, beside its surroundings in the world frame."""
+    for side, (name, frame) in enumerate(zip(SIDES, ("body", "world"), strict=True)):
+        own = [one for one in parts if one.side == side]
+        if not own:
+            continue
+        axes = figure.add_subplot(1, 2, side + 1, projection="3d")
+        assert isinstance(axes, Axes3D)
+        for number, part in enumerate(own):
+            colour = f"C{number % 10}"
+            faces = part.mesh.vertices[part.mesh.triangles]
+            axes.add_collection3d(Poly3DCollection(faces, alpha=0.3, facecolor=colour, linewidth=0.0))
+            for strip in part.outline:
+                axes.plot(*strip.T, color=colour, linewidth=1.0)
+            axes.text(*part.label_m, part.name, color=colour, fontsize=8, ha="center", va="bottom")
+        points = np.concatenate([strip for part in own for strip in (*part.outline, part.label_m[None])])
+        low, high = points.min(axis=0), points.max(axis=0)
+        half = max(0.5 * float((high - low).max()), 1e-3)
+        for axis, middle in zip("xyz", 0.5 * (low + high), strict=True):
+            axes.set(**{f"{axis}lim": (middle - half, middle + half), f"{axis}label": f"{axis} (m)"})
+            getattr(axes, f"{axis}axis").set_major_locator(MaxNLocator(3))
+        axes.set_box_aspect((1.0, 1.0, 1.0))
+        axes.set_title(f"{name} ({frame} frame)", fontsize=10)
 
 
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     """Write the figure in the format of a suffix."""
-    figure = draw_figure(outcome.found, outcome.origin_ns)
+    truth = None
+    with suppress(NoTruth):  # a figure does not need it
+        truth = outcome.truth()
+    figure = draw_figure(outcome.found, outcome.origin_ns, None, outcome.parts, truth)
     figure.savefig(path, format=suffix.removeprefix("."), dpi=_DOTS_PER_INCH)
     pyplot.close(figure)
 

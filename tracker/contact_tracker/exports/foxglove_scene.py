@@ -13,9 +13,12 @@ from foxglove import messages as fox
 
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.outcome import Outcome
+from contact_tracker.geometry.elements import Array
+from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.recording import (
     BELIEF_TOPIC,
     FRAMES_TOPIC,
+    MAP_TOPIC,
     SCENE_TOPIC,
     Channel,
     RawMessage,
@@ -23,13 +26,12 @@ from contact_tracker.recording import (
 )
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
+from contact_tracker.viewer.parts import SIDES
 from contact_tracker.viewer.scene import (
-    COLOUR,
     GREY,
     OBJECT,
     UNKNOWN_EXTENT,
-    Colour,
-    Hull,
+    Extent,
     Mesh,
     draw_all,
     hull,
@@ -44,6 +46,8 @@ _FRAME_NS: Final = 10_000_000
 _OPAQUE: Final = 0.8
 _PALE: Final = 0.2
 _RANGE_NS: Final = 2**32 * 1_000_000_000
+_LINE_PX: Final = 1.5
+_KNOWN: Final = (OBJECT, GREY)
 _TEXT_SIZE: Final = 0.2
 """Size relative to the object's radius."""
 
@@ -67,7 +71,11 @@ def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int
     if len(stamps_ns) and not 0 <= stamps_ns[0] + min(log_offset_ns, 0) <= stamps_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
     added = merge(
-        _beliefs(outcome), _frames(outcome), _scene(outcome), key=lambda message: message.log_time_ns
+        _beliefs(outcome),
+        _frames(outcome),
+        _known(outcome),
+        _scene(outcome),
+        key=lambda message: message.log_time_ns,
     )
     shifted = (message._replace(log_time_ns=message.log_time_ns + log_offset_ns) for message in added)
     write_beside(path, log, shifted)
@@ -132,38 +140,53 @@ def _scene(outcome: Outcome) -> Iterator[RawMessage]:
     """The scene from each change on; each message replaces the previous one."""
     channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
     solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
+    extent = UNKNOWN_EXTENT if solid is None else solid.extent
     for segment in outcome.found.segments:
         for part in segment.parts:
             deletion = fox.SceneEntityDeletion(
                 timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
             )
-            update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, part, solid))
+            update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, part, extent))
             yield RawMessage(channel, part.start_ns, update.encode())
 
 
-def _entities(
-    outcome: Outcome, segment: Segment, part: SegmentPart, solid: Hull | None
-) -> list[fox.SceneEntity]:
+def _entities(outcome: Outcome, segment: Segment, part: SegmentPart, extent: Extent) -> list[fox.SceneEntity]:
     entities = []
-    if solid is not None:
-        mesh = Mesh(solid.vertices, solid.triangles, solid.vertices)
-        entities.append(_entity(outcome, segment, part, "body", [_triangles(mesh, GREY, _PALE)]))
-    extent = UNKNOWN_EXTENT if solid is None else solid.extent
     drawing = draw_all(part.geometries, poses_within(outcome.poses, part.start_ns, part.end_ns), extent)
     if drawing is not None:
         colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
         colours = (OBJECT, OBJECT, colour, colour)
         shapes = [_triangles(*one) for one in zip(drawing.meshes, colours, opacities, strict=True)]
-        text = fox.TextPrimitive(
-            pose=fox.Pose(position=_vector(drawing.label_m), orientation=fox.Quaternion(w=1.0)),
-            billboard=True,
-            font_size=_TEXT_SIZE * extent.radius_m,
-            color=_rgba(colour, 1.0),
-            text=" on ".join(name for name in segment.touching if name) or _kinds(segment, part),
-        )
+        named = " on ".join(name for name in segment.touching if name) or _kinds(segment, part)
+        text = _text(drawing.label_m, _TEXT_SIZE * extent.radius_m, colour, named)
         entities.append(_entity(outcome, segment, part, "object element", shapes[:2]))
         entities.append(_entity(outcome, segment, part, "environment element", shapes[2:], [text]))
     return entities
+
+
+def _known(outcome: Outcome) -> Iterator[RawMessage]:
+    """All that is known, from the first pose on, on a topic of its own, as each message on that of the scene
+    replaces the previous one."""
+    if not outcome.parts or not len(outcome.poses):
+        return
+    stamp_ns, size_m = int(outcome.poses.stamp_ns[0]), _TEXT_SIZE * UNKNOWN_EXTENT.radius_m
+    entities = [
+        fox.SceneEntity(
+            timestamp=_timestamp(stamp_ns),
+            frame_id=((outcome.world or WORLD) if one.side else (outcome.body or BODY)),
+            id=f"{number} {SIDES[one.side]} {one.name}",
+            frame_locked=True,
+            triangles=[
+                shape for shape in [_triangles(one.mesh, _KNOWN[one.side], _PALE)] if shape is not None
+            ],
+            lines=[_line(strip, _KNOWN[one.side]) for strip in one.outline],
+            texts=[_text(one.label_m, size_m, _KNOWN[one.side], one.name)],
+        )
+        for number, one in enumerate(outcome.parts)
+    ]
+    yield RawMessage(
+        _channel(MAP_TOPIC, fox.SceneUpdate), stamp_ns, fox.SceneUpdate(entities=entities).encode()
+    )
 
 
 def _kinds(segment: Segment, part: SegmentPart) -> str:
@@ -200,6 +223,27 @@ def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> Any:
         points=[_point(vertex) for vertex in mesh.vertices],
         color=_rgba(colour, opacity),
         indices=[int(index) for index in mesh.triangles.ravel()],
+    )
+
+
+def _line(strip: Array, colour: Colour) -> fox.LinePrimitive:
+    return fox.LinePrimitive(
+        pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
+        type=fox.LinePrimitiveLineType.LineStrip,
+        thickness=_LINE_PX,
+        scale_invariant=True,
+        points=[_point(place_m) for place_m in strip],
+        color=_rgba(colour, 1.0),
+    )
+
+
+def _text(place_m: Array, size_m: float, colour: Colour, text: str) -> fox.TextPrimitive:
+    return fox.TextPrimitive(
+        pose=fox.Pose(position=_vector(place_m), orientation=fox.Quaternion(w=1.0)),
+        billboard=True,
+        font_size=size_m,
+        color=_rgba(colour, 1.0),
+        text=text,
     )
 
 

@@ -1,11 +1,13 @@
 """A whole recording with its segmentation, as input of reports and scenes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from contact_tracker.geometry.elements import Array
+from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.viewer.parts import Part
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +23,8 @@ class Outcome:
     noise : the noise that the tracker has adapted to, in words; empty if unknown.
     world, body : frame names of the poses; empty if they have none.
     vertices_m : (V, 3) of the object in the body frame, if known.
+    parts : all that is known of the object and its surroundings, to draw.
+    truth : returns that of the recording, if it has one.
     """
 
     name: str
@@ -33,3 +37,5 @@ class Outcome:
     world: str = ""
     body: str = ""
     vertices_m: Array | None = None
+    parts: tuple[Part, ...] = ()
+    truth: Callable[[], Truth | None] = lambda: None

@@ -3,7 +3,7 @@
 The file includes plotly, which draws it (extra ``report``).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, Final
@@ -15,19 +15,18 @@ from contact_tracker import __version__
 from contact_tracker.errors import printable
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
-from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.outputs.text import describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.camera import EYE, Camera
+from contact_tracker.viewer.parts import SIDES, Part
 from contact_tracker.viewer.scene import (
-    COLOUR,
     GREY,
     UNKNOWN_EXTENT,
-    Colour,
     Drawing,
-    Hull,
     draw_all,
     hull,
     poses_within,
@@ -36,6 +35,10 @@ from contact_tracker.viewer.scene import (
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
     "what is less probable than 0.5, or largely unobserved, is hidden at first.</p>"
+)
+_ABOUT_OBJECT: Final = (
+    "<h2>The object, in the body frame</h2><p>What is known of it: a known body, or of each face, edge and "
+    "vertex what was touched.</p>"
 )
 MOST_TICKS: Final = 4000
 """Most ticks in the plot of the posteriors; more are thinned out."""
@@ -48,6 +51,12 @@ _UNOBSERVED: Final = 2
 _LEFT_PX: Final = 50
 _RIGHT_PX: Final = 10
 """Margins of the plot of the posteriors, and of the ribbon above it, so that their times are aligned."""
+_SPACE: Final[dict[str, Any]] = {
+    "margin": {"l": 0, "r": 0, "t": 10, "b": 0},
+    "legend": {"y": 0.93},
+    "scene": {"aspectmode": "data", **{f"{a}axis": {"title": f"{a} (m)"} for a in "xyz"}},
+    "template": "plotly_white",
+}
 _STYLE: Final = (
     "body{font:15px/1.45 system-ui,sans-serif;max-width:1180px;margin:24px auto;padding:0 16px;color:#222}"
     "h1{font-size:22px;margin:0 0 4px}h2{font-size:17px;margin:26px 0 6px}table{border-collapse:collapse}"
@@ -76,6 +85,8 @@ def write_report(outcome: Outcome, path: Path) -> None:
         file.write(f"<h2>Labels</h2>{ribbon}<p>{legend}</p>")
         file.write("<h2>Probabilities</h2>" + _posteriors(outcome).to_html(**settings))
         file.write(_ABOUT_GEOMETRY + _geometry(outcome).to_html(**settings))
+        if any(one.side == 0 for one in outcome.parts):
+            file.write(_ABOUT_OBJECT + _object(outcome.parts).to_html(**settings))
         file.write(f"<h2>Segments</h2>{table_html(found.segments, origin_ns)}")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
 
@@ -115,7 +126,7 @@ def _geometry(outcome: Outcome) -> Figure:
     poses, segments = outcome.poses, outcome.found.segments
     solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
     extent = UNKNOWN_EXTENT if solid is None else solid.extent
-    figure = Figure(list(_path(outcome)))
+    figure = Figure([*_path(outcome), *_known(outcome.parts, 1)])
     camera = Camera(extent)
     camera.follow(poses)
     longest = sorted(segments, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
@@ -125,17 +136,25 @@ def _geometry(outcome: Outcome) -> Figure:
             drawing = draw_all(_touching(segment, within), within, extent, camera.up)
             assert drawing is not None
             camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns)
-            figure.add_traces(list(_elements(outcome, segment, within, drawing, solid)))
-    figure.update_layout(
-        height=620,
-        margin={"l": 0, "r": 0, "t": 10, "b": 0},
-        legend={"y": 0.93},
-        scene={"aspectmode": "data", **{f"{a}axis": {"title": f"{a} (m)"} for a in "xyz"}},
-        template="plotly_white",
-    )
+            figure.add_traces(list(_elements(outcome, segment, within, drawing)))
+    figure.update_layout(height=620, **_SPACE)
     if len(poses):
         figure.update_layout(scene_camera=_camera(camera))
     return figure
+
+
+def _object(parts: Sequence[Part]) -> Figure:
+    return Figure([*_known(parts, 0)]).update_layout(height=420, **_SPACE)
+
+
+def _known(parts: Sequence[Part], side: int) -> Iterator[Mesh3d | Scatter3d]:
+    """What is known of one side, in its frame."""
+    for number, part in enumerate(one for one in parts if one.side == side):
+        name = f"{SIDES[side]}: {printable(part.name)}" if side else printable(part.name)
+        group = {"name": name, "legendgroup": f"{SIDES[side]} {number}"}
+        if len(part.mesh.triangles):
+            yield _mesh(part.mesh.vertices, part.mesh.triangles, GREY, 0.3, hoverinfo="name", **group)
+        yield _lines(part.outline or (part.label_m[None],), GREY, showlegend=True, **group)
 
 
 def _camera(camera: Camera) -> dict[str, Any]:
@@ -174,9 +193,9 @@ def _path(outcome: Outcome) -> Iterator[Scatter3d]:
 
 
 def _elements(
-    outcome: Outcome, segment: Segment, within: Poses, drawing: Drawing, solid: Hull | None
+    outcome: Outcome, segment: Segment, within: Poses, drawing: Drawing
 ) -> Iterator[Mesh3d | Scatter3d]:
-    """The touching pair, and the object's hull if known, at the middle of the segment.
+    """The touching pair, and what is known of the object, at the middle of the segment.
 
     ``within`` are the segment's poses, ``drawing`` the drawing of the pair.
     """
@@ -197,22 +216,12 @@ def _elements(
     yield _mesh(on_environment.vertices, on_environment.triangles, colour, 0.45, showlegend=True, **common)
     moved = on_object.vertices @ rotation.T + position
     yield _mesh(moved, on_object.triangles, colour, 0.9, **common)
-    if solid is not None:
-        ends = solid.edges @ rotation.T + position
-        broken = np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3)
-        x, y, z = broken.T.round(5)
-        line = {"color": _rgb(GREY), "width": 2}
-        yield Scatter3d(
-            x=x,
-            y=y,
-            z=z,
-            mode="lines",
-            line=line,
-            showlegend=False,
-            hoverinfo="skip",
-            legendgroup=name,
-            visible=common["visible"],
-        )
+    strips = [
+        strip @ rotation.T + position for one in outcome.parts if one.side == 0 for strip in one.outline
+    ]
+    if strips:
+        shown = {"legendgroup": name, "visible": common["visible"]}
+        yield _lines(strips, GREY, showlegend=False, hoverinfo="skip", **shown)
 
 
 def _is_determined(segment: Segment) -> bool:
@@ -225,6 +234,14 @@ def _mesh(vertices: Any, triangles: Any, colour: Colour, opacity: float, **more:
     x, y, z = np.asarray(vertices, float).reshape(-1, 3).T.round(5)
     i, j, k = np.asarray(triangles).reshape(-1, 3).T
     return Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, color=_rgb(colour), opacity=opacity, flatshading=True, **more)
+
+
+def _lines(strips: Iterable[Array], colour: Colour, **more: Any) -> Scatter3d:
+    """Lines (N, 3); one point is a marker."""
+    broken = np.concatenate([row for strip in strips for row in (strip, np.full((1, 3), np.nan))])
+    x, y, z = broken.T.round(5)
+    style = {"line": {"color": _rgb(colour), "width": 2}, "marker": {"color": _rgb(colour), "size": 4}}
+    return Scatter3d(x=x, y=y, z=z, mode="lines" if len(broken) > 2 else "markers", **style, **more)
 
 
 def _rgb(colour: Colour) -> str:

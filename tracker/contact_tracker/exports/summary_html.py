@@ -5,10 +5,10 @@ from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
+from contact_tracker.outputs.colours import COLOUR
 from contact_tracker.outputs.text import segment_rows
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.viewer.scene import COLOUR
 
 MOST_ROWS: Final = 200
 _BANNER: Final = "border-left:4px solid #e08000;margin:3px 0;padding:2px 8px"

@@ -3,7 +3,7 @@
 A file lists elements with names and accuracies; those that contacts have touched are learned, without.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -13,7 +13,7 @@ import numpy as np
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
 from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
-from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
 
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
 _KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
@@ -61,7 +61,8 @@ class Map:
     """Elements with names, ``object`` in the body frame and ``environment`` in the world frame, and those
     that were ``learned`` from another recording, with which the map of a recording begins.
 
-    Where a side is complete, hypotheses assume no element of it that is not listed.
+    Where a side is complete, hypotheses assume no element of it that is not listed. ``states`` are the
+    contacts that can occur, None for all; free motion always can.
     """
 
     environment: tuple[NamedElement, ...] = ()
@@ -70,14 +71,15 @@ class Map:
     environment_complete: bool = False
     object_complete: bool = False
     learned: LearnedElements = NOTHING_LEARNED
+    states: tuple[Contact, ...] | None = None
 
     def __bool__(self) -> bool:
-        """Whether it lists anything; what is learned does not count."""
+        """Whether it lists any element; what is learned, and ``states``, do not count."""
         is_complete = self.environment_complete or self.object_complete
         return bool(self.environment or self.object) or self.up is not None or is_complete
 
     def allows(self, contact: Contact) -> bool:
-        """Whether there may be elements of the kinds that ``contact`` needs."""
+        """Whether ``contact`` can occur, and there may be elements of the kinds that it needs."""
         return contact is Contact.FREE or contact in self.allowed
 
     @cached_property
@@ -85,10 +87,26 @@ class Map:
         """The contacts that there may be."""
         sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
         kinds = [{known.kind for known in listed} if complete else set(KINDS) for listed, complete in sides]
-        return tuple(one for one in CONTACTS if one.value[0] in kinds[0] and one.value[2] in kinds[1])
+        possible = CONTACTS if self.states is None else self.states
+        return tuple(
+            one
+            for one in CONTACTS
+            if one in possible and one.value[0] in kinds[0] and one.value[2] in kinds[1]
+        )
 
 
 EMPTY_MAP: Final = Map()
+
+
+def states_from(names: Iterable[str]) -> tuple[Contact, ...]:
+    """The states of these names, in the order of ``STATES``; raises ValueError for others, or without any."""
+    given = [*names]
+    for name in given:
+        if name not in STATES:
+            raise ValueError(f"{name!r} is no contact: choose from {', '.join(CONTACTS)}")
+    if not given:
+        raise ValueError(f"no contact is named: choose from {', '.join(CONTACTS)}")
+    return tuple(state for state in STATES if state in given)
 
 
 def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -> Element:

@@ -72,6 +72,8 @@ def _facing(up: Up) -> Element:
 @lru_cache(maxsize=64)
 def named_pairs(known: Map, model: ContactModel) -> tuple[NamedPair, ...]:
     """All pairs that a contact may touch by what has names; empty if the map rules the contact out."""
+    if not known.allows(model.contact):
+        return ()
     kinds = kinds_of(model)
     up = known.up if kinds[1] == "f" else None
     return tuple(

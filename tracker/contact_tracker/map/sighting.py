@@ -49,7 +49,7 @@ class ElementEstimate:
 class Sighting:
     """The ``estimate`` of the elements that touched in the ticks from ``first`` to ``end`` (excluded).
 
-    Online the contact began at ``onset_ns`` and was estimated at ``stamp_ns``.
+    The contact began at ``onset_ns`` and was estimated at ``stamp_ns``.
     """
 
     first: int

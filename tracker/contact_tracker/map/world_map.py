@@ -159,6 +159,11 @@ class GrowingMap:
             },
         )
 
+    @property
+    def touches(self) -> tuple[tuple[int, int, tuple[Key, Key]], ...]:
+        """When which elements touched: start and end stamps, and the keys of both."""
+        return tuple((one.onset_ns, one.stamp_ns, self.pairs[one.first]) for one in self.sightings)
+
     @cached_property
     def due_ns(self) -> dict[int, int]:
         """Time from which each contact in the map is due again, by its onset."""

@@ -1,20 +1,26 @@
 """Recordings: MCAP logs in and out. The only part of the package that knows mcap."""
 
-from contact_tracker.recording.annotations import need_truth, read_metadata, read_truth
+from contact_tracker.recording.annotations import need_truth, read_labels, read_metadata, read_truth
 from contact_tracker.recording.bytestream import Follow
-from contact_tracker.recording.copying import write_beside
-from contact_tracker.recording.items import BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC, Channel, RawMessage
-from contact_tracker.recording.labels import read_labels
+from contact_tracker.recording.items import (
+    BELIEF_TOPIC,
+    FRAMES_TOPIC,
+    MAP_TOPIC,
+    SCENE_TOPIC,
+    Channel,
+    PoseSource,
+    RawMessage,
+)
 from contact_tracker.recording.log import PoseLog, list_sources, open_log
 from contact_tracker.recording.reading import may_be_recording, parts_of
-from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise, summarise_log
 from contact_tracker.recording.wrenches import WRENCH_TYPE, WrenchLog, read_wrenches
-from contact_tracker.recording.writing import write_recording
+from contact_tracker.recording.writing import write_beside, write_recording
 
 __all__ = [
     "BELIEF_TOPIC",
     "FRAMES_TOPIC",
+    "MAP_TOPIC",
     "SCENE_TOPIC",
     "WRENCH_TYPE",
     "Channel",

@@ -1,43 +1,269 @@
-"""Decoding of messages to observed poses, by the library of each channel's encoding."""
+"""Decoding of messages to poses as published, by the library of each channel's encoding.
+
+Poses in CDR are read at fixed offsets, several times faster than by field: with constant frame names, the
+messages of a channel differ only in stamps and seven numbers per pose, at offsets that follow from the known
+definition of the type. If a file defines the type differently, its messages are left to the library.
+
+In messages with several poses without frames of their own, the child frame is the name or index of each:
+``0`` is the first pose of a PoseArray. The stamp of a type without one is zero, like an unset stamp.
+"""
 
 import json
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import redirect_stderr
+from functools import cache
 from io import StringIO
-from types import SimpleNamespace
+from operator import attrgetter
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple
 
-import numpy as np
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from contact_tracker.errors import MissingExtra
 from contact_tracker.extras import module_of_extra
-from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.recording.bytestream import ZSTD_MAGIC
+from contact_tracker.motion.poses import Pose
+from contact_tracker.recording.bytestream import BYTES_PER_RECORD, ZSTD_MAGIC, TooMuchWork, WorkBudget
 from contact_tracker.recording.definitions import (
     DecodingWork,
     Definition,
+    canonical,
     known_definition,
     parse_definition,
+    ros1_decoder,
     work_of,
 )
-from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
-from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
-from contact_tracker.recording.limits import BYTES_PER_RECORD, TooMuchWork, WorkBudget
-from contact_tracker.recording.message_types import (
-    canonical,
-    is_pose_type,
-    number_of_poses,
-    observations,
-    typed,
+from contact_tracker.recording.items import ROWS, Channel, Item, PoseSource, RawMessage, Rows
+from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_zstd
+
+_ENCAPSULATION: Final = 4
+_PLAIN: Final = (b"\0\0", b"\0\1")
+"""How messages of the first version of CDR begin, in big and little endian."""
+_STAMP: Final = 8
+_NUMBERS: Final = 56
+_COVARIANCE: Final = 288
+_TWIST: Final = 48 + _COVARIANCE
+_PER_SIZE: Final = 8
+_MOST: Final = 64
+"""Most layouts of one size, and in all: some channels have endlessly many frame names."""
+
+
+Observation = tuple[PoseSource, Pose]
+"""One pose as published, before validation; the child frame is empty where the type has none."""
+LoggedPose = tuple[PoseSource, Pose, int]
+"""The same with its log time in nanoseconds."""
+
+
+class _Type(NamedTuple):
+    """Layout of a message type: ``stamp_at``, offset of the first stamp; number of names after it; bytes
+    after the numbers; whether there may be several such blocks after their count."""
+
+    stamp_at: int
+    names: int
+    tail: int
+    repeats: bool = False
+
+
+_TYPES: Final[Mapping[str, _Type]] = MappingProxyType(
+    {
+        "geometry_msgs/msg/PoseStamped": _Type(4, 1, 0),
+        "geometry_msgs/msg/PoseWithCovarianceStamped": _Type(4, 1, _COVARIANCE),
+        "geometry_msgs/msg/TransformStamped": _Type(4, 2, 0),
+        "nav_msgs/msg/Odometry": _Type(4, 2, _COVARIANCE + _TWIST),
+        "tf2_msgs/msg/TFMessage": _Type(8, 2, 0, repeats=True),
+    }
 )
-from contact_tracker.recording.ros1 import ros1_decoder
+
+
+class _Layout(NamedTuple):
+    """``fixed`` are the constant bytes around stamps and numbers, with their offsets."""
+
+    fixed: tuple[tuple[int, int, bytes], ...]
+    values: struct.Struct
+    sources: tuple[PoseSource, ...]
+
+    def read(self, data: bytes) -> list[Observation] | None:
+        """The poses if the constant bytes match, else None; ``data`` has the size of the layout."""
+        for start, end, expected in self.fixed:
+            if data[start:end] != expected:
+                return None
+        values = self.values.unpack(data)
+        found = list[Observation]()
+        for i, source in enumerate(self.sources):
+            sec, nanosec, px, py, pz, x, y, z, w = values[9 * i : 9 * i + 9]
+            found.append((source, Pose(sec * _SECOND + nanosec, (px, py, pz), (x, y, z, w))))
+        return found
+
+
+class _Layouts:
+    """The known layouts of one channel, by message size."""
+
+    def __init__(self, message_type: str) -> None:
+        self._type = _TYPES.get(message_type)
+        self._by_size: dict[int, list[_Layout]] = {}
+        self._left = _MOST
+
+    def read(self, data: bytes) -> list[Observation] | None:
+        """The poses in a message; None if no layout fits."""
+        found = (layout.read(data) for layout in self._by_size.get(len(data), ()))
+        return next((one for one in found if one is not None), None)
+
+    def learn(self, data: bytes, found: Sequence[Observation]) -> None:
+        """Add the layout of a message, in which the library has ``found`` these poses."""
+        if self._type is None or not self._left or len(self._by_size.get(len(data), ())) >= _PER_SIZE:
+            return
+        blocks, order = _blocks(data, self._type), _order(data)
+        if not blocks or len(blocks) != len(found):
+            return
+        fields, fixed, at = [order], list[tuple[int, int, bytes]](), 0
+        for stamp_at, numbers_at in blocks:
+            names_at = stamp_at + _STAMP
+            fixed += [(at, stamp_at, data[at:stamp_at]), (names_at, numbers_at, data[names_at:numbers_at])]
+            fields.append(f"{stamp_at - at}xiI{numbers_at - names_at}x7d")
+            at = numbers_at + _NUMBERS + self._type.tail
+        values = struct.Struct("".join([*fields, f"{self._type.tail}x"]))
+        layout = _Layout(tuple(fixed), values, tuple(source for source, _ in found))
+        self._by_size.setdefault(len(data), []).append(layout)
+        self._left -= 1
+
+
+def _blocks(data: bytes, kind: _Type) -> list[tuple[int, int]]:
+    """Offsets of the stamp and of the numbers of each pose; none unless the message has the size of its type
+    and names."""
+    if len(data) < max(kind.stamp_at, _ENCAPSULATION + 4) or data[:2] not in _PLAIN:
+        return []
+    order = _order(data)
+    count = struct.unpack_from(f"{order}I", data, _ENCAPSULATION)[0] if kind.repeats else 1
+    stamp_at, blocks = kind.stamp_at, list[tuple[int, int]]()
+    while len(blocks) < count and stamp_at + _STAMP <= len(data):
+        end = stamp_at + _STAMP
+        for _ in range(kind.names):
+            end += (_ENCAPSULATION - end) % 4
+            if end + 4 > len(data):
+                return []
+            end += 4 + struct.unpack_from(f"{order}I", data, end)[0]
+        start = end + (_ENCAPSULATION - end) % 8
+        blocks.append((stamp_at, start))
+        stamp_at = start + _NUMBERS + kind.tail
+    return blocks if len(blocks) == count and stamp_at == len(data) else []
+
+
+def _order(data: bytes) -> str:
+    return "<" if data[1] & 1 else ">"
+
+
+_SECOND: Final = 1_000_000_000
+_MOST_NS: Final = 2**63 - 1
+"""Stands for later stamps; the pose gate rejects it."""
+_SECONDS: Final = ("sec", "seconds", "secs")
+_FRACTIONS: Final = ("nanosec", "nsec", "nanos", "nsecs")
+_ADDED: Final = 0
+"""The action of a marker that is shown; the others delete it."""
+
+
+class _PoseType(NamedTuple):
+    """Where the poses of a message type are: names of fields, dotted where one is in another.
+
+    Parameters
+    ----------
+    pose : that of position and rotation, whose own names are in ``parts``.
+    child : the child frame, or the name of a marker. Empty for types without child; their poses have a number
+        where there are several.
+    each : several such messages; ``poses``: several poses under one header, of which ``pose`` and ``child``
+        are parts.
+    stamp, parent : the time, and the frame; empty for types without.
+    """
+
+    pose: str = "pose"
+    child: str = ""
+    each: str = ""
+    poses: str = ""
+    stamp: str = "header.stamp"
+    parent: str = "header.frame_id"
+    parts: tuple[str, str] = ("position", "orientation")
+
+
+_MARKER: Final = "marker"
+_STAMPED: Final = _PoseType("transform", "child_frame_id", parts=("translation", "rotation"))
+_IN_FRAME: Final = _PoseType(stamp="timestamp", parent="frame_id")
+_FRAME: Final = _STAMPED._replace(pose="", stamp="timestamp", parent="parent_frame_id")
+_FOXGLOVE: Final = {
+    "PoseInFrame": _IN_FRAME,
+    "PosesInFrame": _IN_FRAME._replace(pose="", poses="poses"),
+    "FrameTransform": _FRAME,
+    "FrameTransforms": _FRAME._replace(each="transforms"),
+}
+POSE_TYPES: Final[Mapping[str, _PoseType]] = MappingProxyType(
+    {
+        "geometry_msgs/msg/PoseStamped": _PoseType(),
+        "geometry_msgs/msg/PoseWithCovarianceStamped": _PoseType("pose.pose"),
+        "geometry_msgs/msg/TransformStamped": _STAMPED,
+        "nav_msgs/msg/Odometry": _PoseType("pose.pose", "child_frame_id"),
+        "tf2_msgs/msg/TFMessage": _STAMPED._replace(each="transforms"),
+        "tf/msg/tfMessage": _STAMPED._replace(each="transforms"),
+        "geometry_msgs/msg/Pose": _PoseType("", stamp="", parent=""),
+        "geometry_msgs/msg/PoseArray": _PoseType("", poses="poses"),
+        "visualization_msgs/msg/Marker": _PoseType(child=_MARKER),
+        "visualization_msgs/msg/MarkerArray": _PoseType(child=_MARKER, each="markers"),
+        "motion_capture_tracking_interfaces/msg/NamedPoseArray": _PoseType(child="name", poses="poses"),
+        "mocap4r2_msgs/msg/RigidBodies": _PoseType(child="rigid_body_name", poses="rigidbodies"),
+        **{f"foxglove.{name}": kind for name, kind in _FOXGLOVE.items()},
+        **{f"foxglove_msgs/msg/{name}": kind for name, kind in _FOXGLOVE.items()},
+    }
+)
+
+
+def _poses_of(kind: _PoseType, decoded: Any) -> Iterator[tuple[str, str, Pose]]:
+    """Frame, child frame and pose of each pose in a decoded message, whichever library decoded it; unexpected
+    attributes and values can raise any error."""
+    numbers = _numbers_of(kind)
+    for message in getattr(decoded, kind.each) if kind.each else [decoded]:
+        if kind.child == _MARKER and message.action != _ADDED:
+            continue
+        stamp_ns = _stamp_ns(attrgetter(kind.stamp)(message)) if kind.stamp else 0
+        frame_id = attrgetter(kind.parent)(message) if kind.parent else ""
+        for i, part in enumerate(getattr(message, kind.poses) if kind.poses else [message]):
+            if kind.child == _MARKER:
+                child_frame_id = f"{message.ns}/{message.id}"
+            elif kind.child:
+                child_frame_id = getattr(part, kind.child)
+            else:
+                child_frame_id = str(i) if kind.poses else ""
+            if not (isinstance(frame_id, str) and isinstance(child_frame_id, str)):
+                raise TypeError("a name of a frame is no text")
+            px, py, pz, x, y, z, w = map(float, numbers(part))
+            yield frame_id, child_frame_id, Pose(stamp_ns, (px, py, pz), (x, y, z, w))
+
+
+@cache
+def _numbers_of(kind: _PoseType) -> Callable[[Any], tuple[Any, ...]]:
+    """The function from a message to the three and four numbers of its pose."""
+    prefix = f"{kind.pose}." if kind.pose else ""
+    parts = zip(kind.parts, ("xyz", "xyzw"), strict=True)
+    return attrgetter(*(f"{prefix}{part}.{axis}" for part, axes in parts for axis in axes))
+
+
+def _stamp_ns(stamp: Any) -> int:
+    """Nanoseconds of a time of ROS, protobuf or JSON."""
+    seconds = next(getattr(stamp, name) for name in _SECONDS if hasattr(stamp, name))
+    fraction = next(getattr(stamp, name) for name in _FRACTIONS if hasattr(stamp, name))
+    return max(min(int(seconds) * _SECOND + int(fraction), _MOST_NS), -_MOST_NS)
+
+
+def _number_of_poses(kind: _PoseType, decoded: Any) -> int:
+    """The number of poses in a decoded message of several, whose elements can be as small as two bytes."""
+    values = getattr(decoded, kind.each or kind.poses, None) if kind.each or kind.poses else None
+    return len(values) if isinstance(values, Sized) else 0
+
+
+USUAL: Final = (
+    "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
+    "foxglove.PoseInFrame and foxglove.FrameTransform"
+)
+
 
 MESSAGE_LIMIT: Final = 2**22
-_ROW: Final = struct.Struct("<q7d")
-_ROW_COLUMNS: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 POSES_PER_RECORD: Final = 4
 """Number of poses of a known layout that count as the work of one record."""
 _INFLATED_PER_RECORD: Final = 2**17
@@ -61,24 +287,11 @@ _Definition = tuple[str, str, str, bytes]
 """Encoding, type, encoding of the schema, and schema."""
 
 
-class _Defined(NamedTuple):
-    """What follows from a definition, which many channels can have in common.
-
-    Parameters
-    ----------
-    decoder : that of the library, and its work; None where the definition in the file cannot be used.
-    assumption : why the known definition of the type is used, in words; None where it is not.
-    """
+class _Reading(NamedTuple):
+    """How the messages of a channel are read; ``decoder`` is None where its definition cannot be used."""
 
     decoder: _Decoder | None
-    assumption: str | None
-
-
-class _Reading(NamedTuple):
-    """How the messages of a channel are read."""
-
-    defined: _Defined
-    layouts: Layouts
+    layouts: _Layouts
 
 
 class MessageDecoder:
@@ -86,13 +299,18 @@ class MessageDecoder:
 
     Parameters
     ----------
-    budget : of the recording; messages that exceed it are not decoded. None for messages that are made here.
+    budget : of the recording; messages that exceed it are not decoded.
+
+    Attributes
+    ----------
+    assumed : why a type on a topic is read by its known definition, in words, where it is.
     """
 
-    def __init__(self, budget: WorkBudget | None) -> None:
+    def __init__(self, budget: WorkBudget) -> None:
+        self.assumed: dict[tuple[str, str], str] = {}
         self._budget = budget
         self._readings: dict[Channel, _Reading] = {}
-        self._defined: dict[_Definition, _Defined] = {}
+        self._decoders: dict[_Definition, tuple[_Decoder | None, str | None]] = {}
         self._current: tuple[Channel, _Reading] | None = None
 
     def decode(self, message: RawMessage) -> Any:
@@ -104,7 +322,7 @@ class MessageDecoder:
         """As ``decode``, with the work that was counted (records)."""
         channel, _, data = message
         try:
-            decoder = self._reading(channel).defined.decoder
+            decoder = self._reading(channel).decoder
             if decoder is None:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
             decode, work, _ = decoder
@@ -124,51 +342,54 @@ class MessageDecoder:
                 raise
             raise Undecodable(f"{channel.topic}: {error}") from error  # errors of optional libraries
 
-    def assumption(self, channel: Channel) -> str | None:
-        """Why a channel is read by the known definition of its type; None if it is not."""
-        return self._reading(channel).defined.assumption if channel.encoding == "cdr" else None
+    def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose | None]:
+        """The poses in messages of pose types, and in rows; None for each message that cannot be decoded."""
+        current: Channel | None = None
+        kind: _PoseType | None = None
+        for item in items:
+            if isinstance(item, Rows):
+                columns = zip(*item.poses, strict=True)
+                yield from (
+                    (source, pose, pose.stamp_ns)
+                    for row in columns
+                    for source, pose in zip(item.sources, row, strict=True)
+                )
+            elif isinstance(item, RawMessage):
+                if item.channel is not current:
+                    current = item.channel
+                    kind = POSE_TYPES.get(canonical(current.type)) if may_have_poses(current) else None
+                if kind is None:
+                    continue
+                try:
+                    layouts = self._reading(item.channel).layouts
+                    found = layouts.read(item.data)
+                    if found is None:
+                        found = self._observe(item, kind)
+                        layouts.learn(item.data, found)
+                    else:
+                        self._count_work(item, (len(found) - 1) // POSES_PER_RECORD)
+                except Undecodable:
+                    yield None
+                else:
+                    for source, pose in found:
+                        yield source, pose, item.log_time_ns
 
-    def layouts(self, channel: Channel) -> Layouts:
-        """The known byte layouts of a channel's messages."""
-        return self._reading(channel).layouts
-
-    def observe(self, message: RawMessage) -> list[Observation]:
-        """The poses in a message of a pose type; raises Undecodable."""
-        channel = message.channel
-        if is_row(channel):
-            return _row(message)
-        layouts = self.layouts(channel)
-        found = layouts.read(message.data)
-        if found is not None:
-            self._count_work(message, (len(found) - 1) // POSES_PER_RECORD)
-            return found
-        found = self._observe(message)
-        layouts.learn(message.data, found)
-        return found
-
-    def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
-        """The poses in messages of one channel; None unless they are of one source and a known layout."""
-        channel = messages[0].channel
-        if is_row(channel):
-            return _rows(messages)
-        known = self._readings.get(channel)
-        return None if known is None else known.layouts.read_all([message.data for message in messages])
-
-    def _observe(self, message: RawMessage) -> list[Observation]:
+    def _observe(self, message: RawMessage, kind: _PoseType) -> list[Observation]:
         """The poses in a message, by the library's decoder."""
         decoded, records = self._decoded(message)
-        self._count_work(message, max(number_of_poses(decoded) // POSES_PER_RECORD - records, 0))
+        self._count_work(message, max(_number_of_poses(kind, decoded) // POSES_PER_RECORD - records, 0))
+        topic, name = message.channel.topic, message.channel.type
         try:
-            found = observations(message.channel.type, decoded)
-            return typed(found) if message.channel.encoding == "json" else found
-        except (AttributeError, TypeError, ValueError, OverflowError, StopIteration) as error:
-            raise Undecodable(f"{message.channel.topic}: {error}") from error
+            return [
+                (PoseSource(topic, name, frame, child), pose)
+                for frame, child, pose in _poses_of(kind, decoded)
+            ]
+        except (AttributeError, TypeError, ValueError, OverflowError, StopIteration, RuntimeError) as error:
+            raise Undecodable(f"{topic}: {error}") from error
 
     def _reading(self, channel: Channel) -> _Reading:
-        if (
-            self._current is not None and self._current[0] is channel
-        ):  # hashing takes longer than reading a pose
-            return self._current[1]
+        if self._current is not None and self._current[0] is channel:
+            return self._current[1]  # hashing takes longer than reading a pose
         reading = self._readings.get(channel)
         if reading is None:
             reading = self._readings[channel] = self._new_reading(channel)
@@ -177,13 +398,16 @@ class MessageDecoder:
 
     def _new_reading(self, channel: Channel) -> _Reading:
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
-        defined = self._defined.get(key)
-        if defined is None:
-            defined = self._defined[key] = self._new_definition(channel)
-        has_layouts = defined.decoder is not None and defined.decoder.is_known
-        return _Reading(defined, Layouts(canonical(channel.type) if has_layouts else ""))
+        if key not in self._decoders:
+            self._decoders[key] = self._new_decoder(channel)
+        decoder, why = self._decoders[key]
+        if why is not None:
+            self.assumed[channel.topic, channel.type] = why
+        has_layouts = decoder is not None and decoder.is_known
+        return _Reading(decoder, _Layouts(canonical(channel.type) if has_layouts else ""))
 
-    def _new_definition(self, channel: Channel) -> _Defined:
+    def _new_decoder(self, channel: Channel) -> tuple[_Decoder | None, str | None]:
+        """The decoder by a definition, and why the known one of the type is used, if it is."""
         decoder: _Decoder | None = None
         why: str | None = "its definition in the file is too long, or one of too many"
         if self._is_explained(channel.schema):
@@ -191,20 +415,19 @@ class MessageDecoder:
         if decoder is None and channel.encoding == "cdr":
             known = known_definition(channel.type)
             decoder = None if known is None else _cdr(known)
-        return _Defined(decoder, why if decoder is not None and channel.encoding == "cdr" else None)
+        return decoder, why if decoder is not None and channel.encoding == "cdr" else None
 
     def _is_explained(self, schema: bytes) -> bool:
         """Whether the bytes of the file explain the work of reading a definition, which is counted then."""
         try:
-            if self._budget is not None:
-                self._budget.count_definition(len(schema))
+            self._budget.count_definition(len(schema))
         except TooMuchWork:
             return False
         return True
 
     def _count_work(self, message: RawMessage, records: int) -> None:
         """Count the work beyond that of one record; raises Undecodable where it exceeds the budget."""
-        if records and self._budget is not None:
+        if records:
             try:
                 self._budget.count_records(records)
             except TooMuchWork as error:
@@ -219,7 +442,7 @@ def assumption_text(count: int, type_name: str, why: str) -> str:
 
 def may_have_poses(channel: Channel) -> bool:
     """Whether a channel's messages are poses and can be decoded."""
-    return (is_pose_type(channel.type) and is_readable(channel)) or is_row(channel)
+    return (canonical(channel.type) in POSE_TYPES and is_readable(channel)) or channel.encoding == ROWS
 
 
 def is_readable(channel: Channel) -> bool:
@@ -232,42 +455,6 @@ def is_readable(channel: Channel) -> bool:
         case "cdr", "ros2idl":
             return known_definition(channel.type) is not None
     return False
-
-
-def row_channel(topic: str, type_name: str, frame_id: str, child_frame_id: str) -> Channel:
-    """A channel of poses in rows, from a table or composed of transforms."""
-    return Channel(topic, POSE_ROW, type_name, "", f"{frame_id}\0{child_frame_id}".encode())
-
-
-def is_row(channel: Channel) -> bool:
-    """Whether its messages are such rows. These have a stamp in any case, also where it is zero."""
-    return channel.encoding == POSE_ROW
-
-
-def pose_row(stamp_ns: int, numbers: Iterable[float]) -> bytes:
-    """A message of a row channel; ``numbers`` are position (m) and quaternion ``xyzw``."""
-    return _ROW.pack(stamp_ns, *numbers)
-
-
-def _row_frames(channel: Channel) -> tuple[str, str]:
-    frame_id, _, child_frame_id = channel.schema.decode(errors="replace").partition("\0")
-    return frame_id, child_frame_id
-
-
-def _row(message: RawMessage) -> list[Observation]:
-    try:
-        stamp_ns, px, py, pz, x, y, z, w = _ROW.unpack(message.data)
-    except struct.error as error:
-        raise Undecodable(f"{message.channel.topic}: {error}") from error
-    return [Observation(*_row_frames(message.channel), Pose(stamp_ns, (px, py, pz), (x, y, z, w)))]
-
-
-def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
-    if any(len(message.data) != _ROW.size for message in messages):
-        return None
-    rows = np.frombuffer(b"".join(message.data for message in messages), _ROW_COLUMNS)
-    poses = Poses(rows["stamp_ns"].astype(np.int64), rows["numbers"][:, :3], rows["numbers"][:, 3:])
-    return ObservedColumns(*_row_frames(messages[0].channel), poses)
 
 
 def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:

@@ -1,10 +1,10 @@
 """A recording as a stream of validated poses of one source."""
 
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 from types import MappingProxyType
 from typing import Final
 
@@ -19,26 +19,15 @@ from contact_tracker.motion.pose_validation import (
 )
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
-from contact_tracker.recording.composition import Composer
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text, is_row
-from contact_tracker.recording.file_index import summary_of
-from contact_tracker.recording.frames import (
-    ARROW,
-    Chain,
-    FrameFilter,
-    chain_between,
-    chain_relative,
-    composed_source,
-    composition_hint,
-    is_beside,
-    moving_parent_note,
-    relative_hint,
-)
-from contact_tracker.recording.items import BUFFER_BYTES, Channel, Item, RawMessage, channel_of, some_messages
-from contact_tracker.recording.reading import STDIN, Reading, parts_of, size_budget
+from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, assumption_text
+from contact_tracker.recording.items import BUFFER_BYTES, PoseSource, RawMessage, Rows
+from contact_tracker.recording.mcap_file import channel_of, summary_of
+from contact_tracker.recording.reading import STDIN, Reading, is_table_file, parts_of, size_budget
 from contact_tracker.recording.sources import (
     ChannelFilter,
-    PoseSource,
+    Logged,
+    Stamping,
+    admitted,
     message_counts,
     not_leading,
     not_named,
@@ -48,10 +37,22 @@ from contact_tracker.recording.sources import (
     poses_by_source,
     take_prefix,
 )
-from contact_tracker.recording.stamping import Logged, Stamping
+from contact_tracker.recording.transforms import (
+    ARROW,
+    Chain,
+    Composer,
+    FrameFilter,
+    chain_between,
+    chain_relative,
+    composed_source,
+    composition_hint,
+    is_beside,
+    moving_parent_note,
+    relative_hint,
+)
 
 _MOST_HEAD: Final = 200_000
-"""Messages kept until the requested frames are connected."""
+"""Messages or rows kept until the requested frames are connected."""
 _LATE: Final = 8
 """Most late sources that are named."""
 _SEVERAL: Final = "time runs backward in it; if its files are recordings of their own, name one"
@@ -68,11 +69,12 @@ class PoseLog:
     first : the first pose of the source, valid or not, with its log time.
     taken : number of poses read from the source, valid or not.
     note : one line if the parent frame of the poses may itself move.
+    is_stamped : whether all poses have their stamps, also where these are zero: in tables, and composed.
     late_sources : matching sources that appeared after this one was chosen.
     counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
         ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
         define usably), ``other_source`` (poses of late sources),
-        ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.stamping``).
+        ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.sources``).
     damage : one line if most poses were dropped, or the recording is truncated or damaged; final after
         iteration.
 
@@ -86,13 +88,14 @@ class PoseLog:
         self,
         source: PoseSource,
         reading: Reading,
-        items: Iterator[Item],
-        decoder: MessageDecoder,
+        logged: Iterator[LoggedPose | None],
+        assumed: Mapping[tuple[str, str], str],
         prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
         composer: Composer | None = None,
         note: str | None = None,
+        is_table: bool = False,
     ) -> None:
         self.source = source
         self.note = note
@@ -102,16 +105,16 @@ class PoseLog:
         self.first = prefix[0]
         self._skipped = 0
         self._is_resumed = False
-        self._why: str | None = None
         self._counts: Counter[str] = Counter()
         self._gate = PoseGate(self._counts)
         self._reading = reading
-        self._decoder = decoder
+        self._assumed = assumed
         self._stamping = Stamping(prefix)
+        self.is_stamped = is_table or composer is not None
         self._frame = frame
         self._count_late = count_late
-        self._items = items
-        self._arrivals = self._read(items)
+        self._logged = logged
+        self._arrivals = self._arrive()
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -133,7 +136,8 @@ class PoseLog:
         guess; many poses are out of order (unknown of a log that was carried on); a folder's clock was
         reset."""
         count = self.counts.get("known_definition", 0)
-        why = self._why or (self._composer.why if self._composer is not None else None)
+        why = self.assumed.get((self.source.topic, self.source.type))
+        why = self._composer.why if self._composer is not None else why
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
         many = (
             tuple(filter(None, (remark_on_excursions(self.counts),)))
@@ -168,14 +172,17 @@ class PoseLog:
     @property
     def first_stamp_ns(self) -> int:
         """The stamp of the first pose."""
-        pose, log_time_ns = self.first
-        is_unset = self._stamping.lacks_stamp(pose.stamp_ns, log_time_ns)
-        return self._stamping.from_log_time(log_time_ns) if is_unset else pose.stamp_ns
+        return self._assigned.stamped(*self.first, Counter()).stamp_ns
 
     @property
     def stamping(self) -> Stamping:
         """The rule that gives poses their stamps."""
         return self._stamping
+
+    @property
+    def _assigned(self) -> Stamping:
+        """The rule for stamps that are not yet assigned."""
+        return Stamping(()) if self.is_stamped else self._stamping
 
     def carry_on(
         self,
@@ -196,85 +203,50 @@ class PoseLog:
     def close(self) -> None:
         """Close the file before its end."""
         self._arrivals.close()
-        self._items = iter(())
-
-    def messages(self) -> Iterator[RawMessage]:
-        """The messages instead of the poses, those of other sources included; composed poses are rows."""
-        return (item for item in self._items if isinstance(item, RawMessage))
+        self._logged = iter(())
 
     @property
-    def decoder(self) -> MessageDecoder:
-        """The decoder of its messages."""
-        return self._decoder
+    def assumed(self) -> Mapping[tuple[str, str], str]:
+        """As of ``MessageDecoder``, for poses that are not composed."""
+        return self._assumed if self._composer is None else {}
+
+    def published(self) -> Iterator[LoggedPose | None]:
+        """What is read instead of the valid poses: those of other sources included, as published or composed,
+        and None for each message that cannot be decoded."""
+        return self._logged
 
     def batches(self) -> Iterator[Poses]:
-        """The poses in columns, of many messages at once; with more delay than iteration."""
-        many = min(_FEW, BATCH)
-        while messages := some_messages(self._items, many):
+        """The poses in columns, many at once; with more delay than iteration."""
+        own, many, stamping = self._own(), min(_FEW, BATCH), self._assigned
+        while some := list(islice(own, many)):
             many = BATCH
-            poses = self._columns(messages)
-            if poses is None:
-                poses = Poses.collect(pose for one in self._admit(messages) for pose in one.poses)
+            poses = admitted(self._gate, stamping, some, self._counts)
             if len(poses):
                 yield poses
         if rest := self._gate.finish():
             yield Poses.collect(rest)
 
-    def _columns(self, messages: list[RawMessage]) -> Poses | None:
-        """The poses of messages at once; None if one of them has to be read alone."""
-        channel = messages[0].channel
-        if self._stamping.by_log_time or any(message.channel is not channel for message in messages):
-            return None
-        observed = self._decoder.observe_all(messages)
-        if observed is None or not self._is_selected(channel, *observed[:2]):
-            return None
-        if self._skipped or not observed.poses.stamp_ns.all():  # a zero stamp may be a missing one
-            return None
-        admitted = self._gate.admit_all(observed.poses)
-        if admitted is not None:
-            self._taken += len(messages)
-            self._note_assumption(channel, len(messages))
-        return admitted
-
-    def _note_assumption(self, channel: Channel, many: int) -> None:
-        why = self._decoder.assumption(channel)
-        if why is not None:
-            self._why = why
-            self._counts["known_definition"] += many
-
-    def _is_selected(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
-        source = self.source
-        found = (channel.topic, channel.type, frame_id, child_frame_id)
-        return found == (source.topic, source.type, source.frame_id, source.child_frame_id)
-
-    def _read(self, items: Iterator[Item]) -> Generator[Arrival]:
-        yield from self._admit(items)
+    def _arrive(self) -> Generator[Arrival]:
+        stamping = self._assigned
+        for logged in self._own():
+            yield self._gate.arrive(stamping.stamped(*logged, self._counts))
         yield self._gate.end()
 
-    def _admit(self, items: Iterable[Item]) -> Generator[Arrival]:
-        counts, arrive, stamping = self._counts, self._gate.arrive, self._stamping
-        for item in items:
-            if not isinstance(item, RawMessage):
+    def _own(self) -> Iterator[Logged]:
+        """The poses of the source from where the log goes on; what else is read is counted."""
+        for one in self._logged:
+            if one is None:
+                self._counts["undecodable"] += 1
                 continue
-            try:
-                observations = self._decoder.observe(item)
-            except Undecodable:
-                counts["undecodable"] += 1
+            source, pose, log_time_ns = one
+            if source != self.source:
+                self._note_other(source)
                 continue
-            for frame_id, child_frame_id, pose in observations:
-                if not self._is_selected(item.channel, frame_id, child_frame_id):
-                    self._note_other(
-                        PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id)
-                    )
-                    continue
-                self._taken += 1
-                if self._taken <= self._skipped:
-                    continue
-                self._note_assumption(item.channel, 1)
-                if not is_row(item.channel) and stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
-                    counts["log_time_as_stamp"] += 1
-                    pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
-                yield arrive(pose)
+            self._taken += 1
+            if self._taken > self._skipped:
+                if self.assumed and (source.topic, source.type) in self.assumed:
+                    self._counts["known_definition"] += 1
+                yield pose, log_time_ns
 
     def _note_other(self, other: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""
@@ -288,14 +260,13 @@ class PoseLog:
             self.late_sources = (*self.late_sources, other)
 
     def _further(self) -> set[PoseSource]:
-        """The sources of the following messages."""
+        """The sources of what follows."""
         found = set[PoseSource]()
-        while len(found) < _LATE and (some := some_messages(self._items, BATCH)):
-            found.update(
-                source
-                for source in poses_by_source(some, self._decoder)
-                if self._frame is None or source.is_named(self._frame)
-            )
+        for one in filter(None, self._logged):
+            if self._frame is None or one[0].is_named(self._frame):
+                found.add(one[0])
+            if len(found) == _LATE:
+                break
         return found
 
 
@@ -337,13 +308,13 @@ def open_log(
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
     wanted = FrameFilter(topic, relative_to) if is_chain else ChannelFilter(topic)
     reading = Reading(path, wanted, follow, table)
-    decoder = MessageDecoder(reading.budget)
+    decoder, is_table = MessageDecoder(reading.budget), is_table_file(path)
     items = iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
     count_late = count_late or follow is not None
     all_known = dict(known)
-    head: list[RawMessage] = []
-    head_bytes = 0
+    head: list[RawMessage | Rows] = []
+    head_poses = head_bytes = 0
     while True:
         fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
         if fitting and relative_to is None:
@@ -351,24 +322,28 @@ def open_log(
             if follow is None:
                 source = replace(source, messages=_messages_by_topic(path).get(source.topic))
             note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
-            rest = chain(head, items)
-            return PoseLog(source, reading, rest, decoder, known[source], frame, count_late, note=note)
+            logged = decoder.poses(chain(head, items))
+            prefix = known[source]
+            assumed = decoder.assumed
+            return PoseLog(source, reading, logged, assumed, prefix, frame, count_late, None, note, is_table)
         found = _chain(path, all_known, fitting, frame, relative_to)
         if found is not None:
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
-            composer = Composer(steps, steps.body, source, decoder, at_once)
-            composer.learn(all_known)
-            stream = composer.compose(chain(head, items))
+            composer = Composer(steps, steps.body, source, decoder.assumed, at_once)
+            if not is_table:
+                composer.learn(all_known)
+            logged = composer.compose(decoder.poses(chain(head, items)))
             prefix = all_known[steps[steps.body].source]
-            return PoseLog(source, reading, stream, decoder, prefix, None, count_late, composer)
+            return PoseLog(source, reading, logged, decoder.assumed, prefix, None, count_late, composer)
         more = take_prefix(items)
         if not more:
             raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         if is_chain:
             head += more
-            head_bytes += sum(len(message.data) for message in more)
-            if len(head) > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
+            head_poses += sum(one.many if isinstance(one, Rows) else 1 for one in more)
+            head_bytes += sum(len(one.data) for one in more if isinstance(one, RawMessage))
+            if head_poses > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
                 raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         else:
             head = more

@@ -12,11 +12,16 @@ from mcap.summary import Summary
 
 from contact_tracker.config.table_reading import AS_NAMED, NO_TABLE, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
-from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
-from contact_tracker.recording.container import RecordLoop
-from contact_tracker.recording.file_index import place_of, summary_of
-from contact_tracker.recording.items import MAGIC, Channel, DamageReport, Item, RawMessage, in_log_order
-from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.bytestream import (
+    ZSTD_MAGIC,
+    ByteStream,
+    Follow,
+    WorkBudget,
+    is_regular,
+    open_stream,
+)
+from contact_tracker.recording.items import Channel, DamageReport, Item, RawMessage, in_log_order
+from contact_tracker.recording.mcap_file import MAGIC, RecordLoop, place_of, summary_of
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
 
 STDIN: Final = "-"
@@ -392,9 +397,9 @@ def read_bag(
     with open(path, "rb") as file:
         is_sqlite = file.read(len(_SQLITE)) == _SQLITE
     if is_sqlite:
-        from contact_tracker.recording.sqlite_bag import read_sqlite
+        from contact_tracker.recording.bags import read_sqlite
 
         return read_sqlite(path, wanted, report, budget)
-    from contact_tracker.recording.rosbag1 import read_rosbag1
+    from contact_tracker.recording.bags import read_rosbag1
 
     return read_rosbag1(path, wanted, report, budget)

@@ -11,64 +11,127 @@ requested.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from statistics import median
 from typing import Final
 
 from mcap.summary import Summary
 
 from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses
-from contact_tracker.recording.bytestream import open_stream
-from contact_tracker.recording.container import RecordLoop
-from contact_tracker.recording.decoding import READ, MessageDecoder, Undecodable, is_readable, may_have_poses
-from contact_tracker.recording.file_index import place_of, summary_of
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.recording.bytestream import WorkBudget, open_stream
+from contact_tracker.recording.decoding import READ, USUAL, MessageDecoder, is_readable, may_have_poses
+from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import (
     BUFFER_BYTES,
     FRAMES_TOPIC,
     RESULT_TOPICS,
     Channel,
     Item,
+    PoseSource,
     RawMessage,
-    channel_of,
+    Rows,
 )
-from contact_tracker.recording.limits import WorkBudget
-from contact_tracker.recording.message_types import USUAL, canonical
+from contact_tracker.recording.mcap_file import RecordLoop, channel_of, place_of, summary_of
 from contact_tracker.recording.reading import parts_of
-from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged
 from contact_tracker.suggestions import suggestion
+
+PREFIX_NS: Final = 1_000_000_000
+PREFIX_MESSAGES: Final = 2000
+SECOND_NS: Final = 1_000_000_000
+_LATEST_NS: Final = 2**63 - 1
+COARSE: Final = 4
+"""Different poses per stamp from which stamps cannot order poses in time."""
+COARSE_SECONDS: Final = 2
+"""The same for stamps in whole seconds, of which only two occur among the first poses."""
+
+Logged = tuple[Pose, int]
+"""A pose with the stamp of its header, and its log time in nanoseconds."""
+
+
+class Stamping:
+    """Assigns stamps to the poses of one source.
+
+    Parameters
+    ----------
+    prefix : the first poses of the source: one second of log time, and at most 2000.
+
+    Attributes
+    ----------
+    by_log_time : whether every pose gets its log time: all stamps of the prefix are zero, or most differing
+        poses share one.
+    """
+
+    def __init__(self, prefix: Sequence[Logged]) -> None:
+        self.by_log_time = _are_zero(prefix) or _are_coarse([pose for pose, _ in prefix])
+        good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
+        offsets_ns = [log_time_ns - stamp_ns for stamp_ns, log_time_ns in good]
+        self._offset_ns = round(median(offsets_ns)) if good else None
+        # A clock may run faster than log time, so stamps of the prefix may reach this far from zero.
+        self._near_zero_ns = max(PREFIX_NS, max(good)[0] - min(good)[0]) if good else PREFIX_NS
+
+    @property
+    def log_offset_ns(self) -> int:
+        """Median delay from a pose's stamp to its log time (ns)."""
+        return 0 if self.by_log_time or self._offset_ns is None else self._offset_ns
+
+    @property
+    def values(self) -> tuple[bool, int | None, int]:
+        """The values derived from the prefix."""
+        return self.by_log_time, self._offset_ns, self._near_zero_ns
+
+    @classmethod
+    def of(cls, values: tuple[bool, int | None, int]) -> "Stamping":
+        """A stamping from its ``values``."""
+        stamping = cls(())
+        stamping.by_log_time, stamping._offset_ns, stamping._near_zero_ns = values
+        return stamping
+
+    def stamped(self, pose: Pose, log_time_ns: int, counts: Counter[str]) -> Pose:
+        """The pose with its log time as stamp if it lacks one, which is counted.
+
+        Zero is an unset stamp, unless the other stamps are near zero: clocks of simulations start there.
+        """
+        stamp_ns = log_time_ns
+        if not self.by_log_time:
+            if pose.stamp_ns or self._offset_ns is None:
+                return pose
+            stamp_ns -= self._offset_ns
+            if abs(stamp_ns) <= self._near_zero_ns:
+                return pose
+        counts["log_time_as_stamp"] += 1
+        return pose._replace(stamp_ns=min(stamp_ns, _LATEST_NS))
+
+
+def is_prefix(first: Sequence[Logged]) -> bool:
+    """Whether these first poses of a source are enough to decide how poses are stamped."""
+    return len(first) >= PREFIX_MESSAGES or first[-1][1] - first[0][1] >= PREFIX_NS
+
+
+def admitted(gate: PoseGate, stamping: Stamping, logged: Iterable[Logged], counts: Counter[str]) -> Poses:
+    """The valid ones of some poses: in columns if nothing has to be decided for single ones."""
+    stamped = [stamping.stamped(*one, counts) for one in logged]
+    passed = gate.admit_all(Poses.collect(stamped)) if stamped else None
+    return Poses.collect(one for pose in stamped for one in gate.admit(pose)) if passed is None else passed
+
+
+def _are_zero(prefix: Sequence[Logged]) -> bool:
+    return len(prefix) > 1 and not any(pose.stamp_ns for pose, _ in prefix)
+
+
+def _are_coarse(poses: Sequence[Pose]) -> bool:
+    """Whether most poses share their stamp with a different pose."""
+    stamps = {pose.stamp_ns for pose in poses}
+    enough = COARSE_SECONDS if all(stamp_ns % SECOND_NS == 0 for stamp_ns in stamps) else COARSE
+    return len({pose[1:] for pose in poses}) >= enough * len(stamps) > 0
+
 
 _STATIC: Final = "tf_static"
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
-
-
-@dataclass(frozen=True, order=True)
-class PoseSource:
-    """One stream of poses; ``messages`` is their number on its topic, where the index has it.
-
-    ``frame_moves``: poses are composed in a frame that itself moves in the recording, as the user asked.
-    """
-
-    topic: str
-    type: str
-    frame_id: str
-    child_frame_id: str
-    messages: int | None = field(default=None, compare=False)
-    frame_moves: bool = field(default=False, compare=False)
-
-    @property
-    def frames(self) -> str:
-        """``parent->child``, or the one frame of a type without child."""
-        return f"{self.frame_id}->{self.child_frame_id}" if self.child_frame_id else self.frame_id
-
-    def __str__(self) -> str:
-        return f"{self.topic} {self.frames or '(no frame)'} ({self.type})"
-
-    def is_named(self, frame: str) -> bool:
-        """Whether ``--frame`` names this source: ``parent->child``, the child, or the frame of a childless
-        type."""
-        return frame in (self.frames, self.child_frame_id or self.frame_id)
 
 
 class ChannelFilter:
@@ -162,7 +225,7 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
     """The prefixes of some channels, from the chunks that have their messages; each chunk is read once."""
-    prefixes = {channel: Prefix() for channel in missing.values()}
+    prefixes = {channel: _Prefix() for channel in missing.values()}
     budget = WorkBudget()
     budget.count_read(sum(chunk.chunk_length for chunk in summary.chunk_indexes))
     kept = 0
@@ -187,7 +250,7 @@ def message_counts(summary: Summary | None) -> list[tuple[int, int]]:
     return [(channel_id, counts.get(channel_id, 0)) for channel_id in sorted(summary.channels)]
 
 
-class Prefix:
+class _Prefix:
     """The first messages, up to one second of log time."""
 
     def __init__(self) -> None:
@@ -208,30 +271,25 @@ class Prefix:
         )
 
 
-def take_prefix(items: Iterator[Item]) -> list[RawMessage]:
-    """The next messages, up to one second of log time; empty at the end of the input."""
-    prefix = Prefix()
+def take_prefix(items: Iterator[Item]) -> list[RawMessage | Rows]:
+    """The next messages, up to one second of log time, or the next rows; empty at the end of the input."""
+    prefix = _Prefix()
     for item in items:
+        if isinstance(item, Rows):
+            return [item]
         if isinstance(item, RawMessage):
             prefix.add(item)
             if prefix.is_full:
                 break
-    return prefix.messages
+    return [*prefix.messages]
 
 
-def poses_by_source(
-    messages: Iterable[RawMessage], decoder: MessageDecoder
-) -> dict[PoseSource, list[Logged]]:
+def poses_by_source(items: Iterable[Item], decoder: MessageDecoder) -> dict[PoseSource, list[Logged]]:
     """The sources in some messages, each with its poses; undecodable messages are skipped."""
     poses: dict[PoseSource, list[Logged]] = {}
-    for message in messages:
-        try:
-            observations = decoder.observe(message)
-        except Undecodable:
-            continue
-        for frame_id, child_frame_id, pose in observations:
-            source = PoseSource(message.channel.topic, message.channel.type, frame_id, child_frame_id)
-            poses.setdefault(source, []).append((pose, message.log_time_ns))
+    for one in decoder.poses(items):
+        if one is not None:
+            poses.setdefault(one[0], []).append(one[1:])
     return poses
 
 

@@ -1,7 +1,7 @@
 """Summary of a recording for ``contact-tracker info``."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -12,18 +12,11 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
-from contact_tracker.recording.decoding import (
-    MessageDecoder,
-    Undecodable,
-    assumption_text,
-    is_row,
-    may_have_poses,
-)
-from contact_tracker.recording.items import BUFFER_BYTES, Attachment, Channel, Metadata, RawMessage
+from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, assumption_text
+from contact_tracker.recording.items import ROWS, Attachment, Item, Metadata, PoseSource, RawMessage, Rows
 from contact_tracker.recording.log import PoseLog
-from contact_tracker.recording.reading import Reading
-from contact_tracker.recording.sources import PoseSource
-from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged, Stamping
+from contact_tracker.recording.reading import Reading, is_table_file
+from contact_tracker.recording.sources import Logged, Stamping, admitted, is_prefix
 
 SOURCES_KEPT: Final = 256
 BEGINNING_S: Final = 30.0
@@ -109,131 +102,73 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
     UnreadableRecording
         No such file, or not MCAP.
     """
-    topics: Counter[Channel] = Counter()
+    topics: Counter[tuple[str, str, str]] = Counter()
     metadata: dict[str, Mapping[str, str]] = {}
     attachments: list[str] = []
+
+    def noted(items: Iterable[Item]) -> Iterator[Item]:
+        for item in items:
+            match item:
+                case Metadata(name, values):
+                    metadata[name] = values
+                case Attachment(name, _):
+                    attachments.append(name)
+                case RawMessage(channel, _, _):
+                    topics[channel.topic, channel.type, channel.encoding] += 1
+                case Rows(rows_of, poses):
+                    for source, some in zip(rows_of, poses, strict=True):
+                        topics[source.topic, source.type, ROWS] += len(some)
+            yield item
+
     reading = Reading(path, lambda channel: True, table=table)
-    tallies = _Tallies(MessageDecoder(reading.budget))
-    for item in reading:
-        match item:
-            case Metadata(name, values):
-                metadata[name] = values
-            case Attachment(name, _):
-                attachments.append(name)
-            case RawMessage(channel, _, _):
-                topics[channel] += 1
-                tallies.add(item)
-    sources = tallies.finish()
-    by_topic: Counter[tuple[str, str, str]] = Counter()
-    for channel, count in topics.items():
-        by_topic[channel.topic, channel.type, channel.encoding] += count
+    decoder = MessageDecoder(reading.budget)
+    logged, is_table = decoder.poses(noted(reading)), is_table_file(path)
+    sources, undecodable, more_sources = _summaries(logged, decoder.assumed, is_table)
+    assumptions = [
+        f"{one.source.topic}: {assumption_text(one.observed, one.source.type, why)}"
+        for one in sources
+        if (why := decoder.assumed.get((one.source.topic, one.source.type))) is not None
+    ]
     return RecordingSummary(
         sources,
-        by_topic,
+        topics,
         metadata,
         tuple(attachments),
-        tallies.undecodable,
+        undecodable,
         reading.damage,
-        tallies.more_sources,
-        (*tallies.assumptions, *filter(None, [reading.assumption])),
+        more_sources,
+        (*assumptions, *filter(None, [reading.assumption])),
     )
 
 
 def summarise_log(log: PoseLog) -> SourceSummary:
     """Summary of the poses that a log selects, which may be composed; reads it to its end."""
-    tallies = _Tallies(log.decoder)
-    for message in log.messages():
-        tallies.add(message)
-    (found,) = (one for one in tallies.finish() if one.source == log.source)
+    sources, _, _ = _summaries(log.published(), log.assumed, log.is_stamped)
+    (found,) = (one for one in sources if one.source == log.source)
     return replace(found, source=log.source, counts=Counter(found.counts) + Counter(log.counts))
 
 
-class _Tallies:
-    """Running figures of all sources; messages are buffered to many of a channel."""
-
-    def __init__(self, decoder: MessageDecoder) -> None:
-        self.undecodable = 0
-        self.more_sources = False
-        self._decoder = decoder
-        self._current: Channel | None = None
-        self._has_poses = False
-        self._waiting: dict[Channel, list[RawMessage]] = {}
-        self._waiting_bytes = 0
-        self._tallies: dict[PoseSource, _Tally] = {}
-        self._kept = 0
-        self._assumed: dict[PoseSource, str] = {}
-
-    def add(self, message: RawMessage) -> None:
-        channel = message.channel
-        if channel is not self._current:
-            self._current, self._has_poses = channel, may_have_poses(channel)
-        if not self._has_poses:
-            return
-        waiting = self._waiting.setdefault(channel, [])
-        waiting.append(message)
-        self._waiting_bytes += len(message.data)
-        if self._waiting_bytes >= BUFFER_BYTES:
-            self._tally_all()
-        elif len(waiting) == BATCH:
-            self._waiting_bytes -= sum(len(one.data) for one in waiting)
-            self._tally(self._waiting.pop(channel))
-
-    def _tally_all(self) -> None:
-        while self._waiting:
-            self._tally(self._waiting.pop(next(iter(self._waiting))))
-        self._waiting_bytes = 0
-
-    def finish(self) -> tuple[SourceSummary, ...]:
-        self._tally_all()
-        return tuple(self._tallies[source].summary(source) for source in sorted(self._tallies))
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """One line for each source read by a known definition."""
-        return tuple(
-            f"{source.topic}: {assumption_text(self._tallies[source].observed, source.type, why)}"
-            for source, why in sorted(self._assumed.items())
-        )
-
-    def _tally(self, messages: list[RawMessage]) -> None:
-        """Add messages of one channel."""
-        channel = messages[0].channel
-        columns = self._decoder.observe_all(messages)
-        if columns is not None:
-            source = PoseSource(channel.topic, channel.type, columns.frame_id, columns.child_frame_id)
-            log_times_ns = [message.log_time_ns for message in messages]
-            self._add(source, columns.poses, log_times_ns, channel)
-            return
-        observed = dict[PoseSource, list[Logged]]()
-        for message in messages:
-            try:
-                observations = self._decoder.observe(message)
-            except Undecodable:
-                self.undecodable += 1
-                continue
-            for frame_id, child_frame_id, pose in observations:
-                source = PoseSource(channel.topic, channel.type, frame_id, child_frame_id)
-                observed.setdefault(source, []).append((pose, message.log_time_ns))
-        for source, logged in observed.items():
-            poses, log_times_ns = [pose for pose, _ in logged], [log_time_ns for _, log_time_ns in logged]
-            self._add(source, poses, log_times_ns, channel)
-
-    def _add(
-        self, source: PoseSource, poses: Poses | list[Pose], log_times_ns: list[int], channel: Channel
-    ) -> None:
-        tally = self._tallies.get(source)
+def _summaries(
+    logged: Iterable[LoggedPose | None], assumed: Mapping[tuple[str, str], str], is_stamped: bool
+) -> tuple[tuple[SourceSummary, ...], int, bool]:
+    """The summary of each source, the number of undecodable messages, and whether there are more sources."""
+    tallies, undecodable, more_sources, kept = dict[PoseSource, _Tally](), 0, False, 0
+    for one in logged:
+        if one is None:
+            undecodable += 1
+            continue
+        source, pose, log_time_ns = one
+        tally = tallies.get(source)
         if tally is None:
-            if len(self._tallies) >= SOURCES_KEPT:
-                self.more_sources = True
-                return
-            tally = self._tallies[source] = _Tally(is_row(channel))
-        why = self._decoder.assumption(channel)
-        if why is not None:
-            self._assumed[source] = why
-            tally.counts["known_definition"] += len(poses)
-        kept = tally.kept
-        tally.add(poses, log_times_ns, keep=self._kept < KEPT_POSES)
-        self._kept += tally.kept - kept
+            if len(tallies) >= SOURCES_KEPT:
+                more_sources = True
+                continue
+            tally = tallies[source] = _Tally(is_stamped)
+        kept += tally.add(pose, log_time_ns, keep=kept < KEPT_POSES)
+    for source, tally in tallies.items():
+        if (source.topic, source.type) in assumed:
+            tally.counts["known_definition"] += tally.observed
+    return tuple(tallies[source].summary(source) for source in sorted(tallies)), undecodable, more_sources
 
 
 class _Sample:
@@ -255,20 +190,17 @@ class _Sample:
 
 
 class _Tally:
-    """Running figures of one source, with ``kept`` poses of its beginning and the number ``observed``.
+    """Running figures of one source, of which ``observed`` poses were published."""
 
-    ``of_rows``: its messages are rows, all of which have a stamp.
-    """
-
-    def __init__(self, of_rows: bool) -> None:
-        self._of_rows = of_rows
+    def __init__(self, is_stamped: bool) -> None:
+        self._is_stamped = is_stamped
         self.counts: Counter[str] = Counter()
-        self.kept = 0
-        self._gate = PoseGate(self.counts)
         self.observed = 0
-        self._prefix: list[Logged] = []
+        self._gate = PoseGate(self.counts)
+        self._waiting: list[Logged] = []
         self._stamping: Stamping | None = None
         self._poses = 0
+        self._kept = 0
         self._beginning: list[Poses] = []
         self._first_ns = 0
         self._last = NO_POSES
@@ -278,56 +210,28 @@ class _Tally:
         self._low_m = np.full(3, np.inf)
         self._high_m = np.full(3, -np.inf)
 
-    def add(self, observed: Poses | list[Pose], log_times_ns: list[int], keep: bool) -> None:
-        """Add poses; the first are buffered until their stamping is determined."""
-        self.observed += len(observed)
-        if isinstance(observed, Poses):
-            self._note_offsets(observed.stamp_ns, log_times_ns)
-        else:
-            self._note_offsets(np.array([_clipped(pose.stamp_ns) for pose in observed]), log_times_ns)
-        noted, at = list[Pose](), 0
-        while self._stamping is None and at < len(observed):
-            (pose,) = observed[at : at + 1]
-            self._prefix.append((pose, log_times_ns[at]))
-            at += 1
-            if len(self._prefix) == PREFIX_MESSAGES or log_times_ns[at - 1] - self._prefix[0][1] >= PREFIX_NS:
-                noted = self._admit_prefix()
-        self._note(Poses.collect(noted), keep)
-        if self._stamping is not None and at < len(observed):
-            self._note(self._admit_all(self._stamping, observed[at:], log_times_ns[at:]), keep)
+    def add(self, pose: Pose, log_time_ns: int, keep: bool) -> int:
+        """Add a pose; the first are buffered until their stamping is determined. Returns how many poses were
+        kept as its beginning."""
+        self.observed += 1
+        self._waiting.append((pose, log_time_ns))
+        is_enough = is_prefix(self._waiting) if self._stamping is None else len(self._waiting) == BATCH
+        return self._admit(keep) if is_enough else 0
 
-    def _admit_all(
-        self, stamping: Stamping, observed: Poses | list[Pose], log_times_ns: Sequence[int]
-    ) -> Poses:
-        """The valid ones of some poses: in columns if nothing has to be decided for single ones."""
-        columns = _in_columns(observed)
-        if columns is not None and not stamping.by_log_time and columns.stamp_ns.all():
-            admitted = self._gate.admit_all(columns)
-            if admitted is not None:
-                return admitted
-        logged = zip(observed, log_times_ns, strict=True)
-        return Poses.collect(pose for one in logged for pose in self._admit(stamping, *one))
+    def _admit(self, keep: bool) -> int:
+        stamps, log_times_ns = zip(
+            *((pose.stamp_ns, time_ns) for pose, time_ns in self._waiting), strict=True
+        )
+        self._offsets_ns.add(_clipped(log_times_ns) - _clipped(stamps))
+        if self._stamping is None:
+            self._stamping = Stamping(() if self._is_stamped else self._waiting)
+        passed, self._waiting = admitted(self._gate, self._stamping, self._waiting, self.counts), []
+        return self._note(passed, keep)
 
-    def _note_offsets(self, stamp_ns: NDArray[np.int64], log_times_ns: list[int]) -> None:
-        log_ns = np.array([_clipped(time) for time in log_times_ns], np.int64)
-        self._offsets_ns.add(log_ns - np.clip(stamp_ns, -RANGE_NS, RANGE_NS))
-
-    def _admit_prefix(self) -> list[Pose]:
-        self._stamping = Stamping(() if self._of_rows else self._prefix)
-        admitted = [pose for logged in self._prefix for pose in self._admit(self._stamping, *logged)]
-        self._prefix = []
-        return admitted
-
-    def _admit(self, stamping: Stamping, observed: Pose, log_time_ns: int) -> Sequence[Pose]:
-        if stamping.lacks_stamp(observed.stamp_ns, log_time_ns):
-            self.counts["log_time_as_stamp"] += 1
-            observed = observed._replace(stamp_ns=stamping.from_log_time(log_time_ns))
-        return self._gate.admit(observed)
-
-    def _note(self, poses: Poses, keep: bool) -> None:
-        """Add valid poses."""
+    def _note(self, poses: Poses, keep: bool) -> int:
+        """Add valid poses; returns how many were kept."""
         if not len(poses):
-            return
+            return 0
         if not self._poses:
             self._first_ns = int(poses.stamp_ns[0])
         self._poses += len(poses)
@@ -338,13 +242,15 @@ class _Tally:
         self._high_m = np.maximum(self._high_m, poses.position_m.max(axis=0))
         self._last = joined[-1:]
         early = poses[: np.searchsorted(poses.stamp_ns, self._first_ns + BEGINNING_NS)] if keep else NO_POSES
-        if len(early) and self.kept < BEGINNING_POSES:
-            self._beginning.append(early)
-            self.kept += len(early)
+        if not len(early) or self._kept >= BEGINNING_POSES:
+            return 0
+        self._beginning.append(early)
+        self._kept += len(early)
+        return len(early)
 
     def summary(self, source: PoseSource) -> SourceSummary:
-        if self._stamping is None:
-            self._note(Poses.collect(self._admit_prefix()), keep=True)
+        if self._waiting:
+            self._admit(keep=True)
         self._note(Poses.collect(self._gate.finish()), keep=True)
         nan = float("nan")
         steps = self._steps_ns.values
@@ -368,12 +274,5 @@ class _Tally:
         )
 
 
-def _in_columns(poses: Poses | list[Pose]) -> Poses | None:
-    """The poses in columns; None where a stamp is beyond those of poses."""
-    if isinstance(poses, Poses):
-        return poses
-    return Poses.collect(poses) if all(abs(pose.stamp_ns) <= RANGE_NS for pose in poses) else None
-
-
-def _clipped(time_ns: int) -> int:
-    return max(min(time_ns, RANGE_NS), -RANGE_NS)
+def _clipped(times_ns: Sequence[int]) -> NDArray[np.int64]:
+    return np.array([max(min(time_ns, RANGE_NS), -RANGE_NS) for time_ns in times_ns], np.int64)

@@ -1,23 +1,102 @@
-"""Layouts of poses in text files and tables."""
+"""Layouts of poses in tables: columns by their names and by what users say of them, units and rotations.
 
-from collections.abc import Mapping, Sequence
+Layouts are determined by the first lines or the column names alone.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from itertools import chain
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from contact_tracker.config.table_reading import POSITION, TableReading
-from contact_tracker.errors import UnreadableRecording
-from contact_tracker.recording.rotation_kinds import ROTATIONS, quaternions
+from contact_tracker.config.quantities import TIMES_NS
+from contact_tracker.config.table_reading import (
+    ANGLES,
+    GROUPS,
+    MATRIX,
+    POSITION,
+    QUATERNION,
+    REST,
+    TIME,
+    TableReading,
+    reading_of,
+)
+from contact_tracker.errors import ChoiceError, UnreadableRecording
+from contact_tracker.geometry.rotation import from_rotation_vectors
+from contact_tracker.suggestions import suggestion
 
+Array = NDArray[np.float64]
+_PLAUSIBLE: Final = 0.1
+"""Largest deviation of a determinant from 1; other matrices are no rotations."""
+
+
+class RotationKind(NamedTuple):
+    """Roles of the columns of a rotation; the function from their values (N, k), and text on how they are
+    meant, to quaternions ``xyzw``."""
+
+    roles: tuple[str, ...]
+    quaternions: Callable[[Array, str], Array]
+
+
+def _from_euler(angles: Array, how: str) -> Array:
+    order, _, unit = how.partition(":")
+    if len(set(order)) == 3:  # by axis, else by place
+        angles = angles[:, ["xyz".index(letter) for letter in order.lower()]]
+    return np.asarray(Rotation.from_euler(order, angles, degrees=unit == "deg").as_quat())
+
+
+def _from_vectors(vectors: Array, unit: str) -> Array:
+    return from_rotation_vectors(np.radians(vectors) if unit == "deg" else vectors)
+
+
+def _from_matrices(rows: Array, _: str) -> Array:
+    """Quaternions of the rotations nearest to matrices; zero for what is none, which the pose gate counts."""
+    matrices = rows.reshape(-1, 3, 3)
+    found = np.zeros((len(rows), 4))
+    is_rotation = np.abs(np.linalg.det(matrices) - 1.0) < _PLAUSIBLE
+    if is_rotation.any():
+        found[is_rotation] = Rotation.from_matrix(matrices[is_rotation]).as_quat()
+    return found
+
+
+ROTATIONS: Final[Mapping[str, RotationKind]] = {
+    "quaternion": RotationKind(QUATERNION, lambda values, _: values),
+    "euler": RotationKind(ANGLES, _from_euler),
+    "rotation_vector": RotationKind(ANGLES, _from_vectors),
+    "matrix": RotationKind(MATRIX, _from_matrices),
+}
+
+
+def quaternions(kind: str, values: Array, how: str) -> Array:
+    """Quaternions (N, 4) ``xyzw`` of rotations of a kind; NaN where a value is not finite."""
+    known = np.isfinite(values).all(axis=1)
+    found = np.full((len(values), 4), np.nan)
+    if known.any():
+        found[known] = ROTATIONS[kind].quaternions(values[known], how)
+    return found
+
+
+TIME_WORDS: Final = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+NAMED_NS: Final[Mapping[str, int]] = {
+    **TIMES_NS,
+    **{word: TIMES_NS[unit] for unit, word in TIME_WORDS.items()},
+    **{word[:-1]: TIMES_NS[unit] for unit, word in TIME_WORDS.items()},
+    **dict.fromkeys(("sec", "secs"), TIMES_NS["s"]),
+    **{f"{unit}ec": TIMES_NS[unit] for unit in ("ms", "us", "ns")},
+    **dict.fromkeys(("\u00b5s", "\u03bcs"), TIMES_NS["us"]),
+}
+"""Units in names of columns."""
 LENGTHS_M: Final[Mapping[str, float]] = {
     **dict.fromkeys(("m", "meters", "metres", "meter", "metre"), 1.0),
     **dict.fromkeys(("cm", "centimeters", "centimetres", "centimeter", "centimetre"), 1e-2),
     **dict.fromkeys(("mm", "millimeters", "millimetres", "millimeter", "millimetre"), 1e-3),
     **dict.fromkeys(("um", "\u00b5m", "\u03bcm", "micrometers", "micrometres"), 1e-6),
 }
-ANGLES: Final[Mapping[str, str]] = {
+ANGLE_UNITS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("deg", "degs", "degree", "degrees", "\u00b0"), "deg"),
     **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
 }
@@ -135,7 +214,7 @@ def bodies_of(
 
 def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     """Order and unit of angles: as stated, else by the names; rotation vectors are usually in radians."""
-    units = {ANGLES.get(unit, "") for _, unit in columns}
+    units = {ANGLE_UNITS.get(unit, "") for _, unit in columns}
     if reading.euler is None:
         return "deg" if units == {"deg"} else "rad"
     if ":" in reading.euler:
@@ -179,3 +258,337 @@ def are_numbers(values: Sequence[str]) -> bool:
 def number(value: str) -> float:
     """The number in a cell, which may have quotes or a decimal comma; raises ValueError."""
     return float(value.strip(BLANKS).replace(",", "."))
+
+
+_UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
+"""A unit in brackets, unless they hold the number of a value, or after an underscore."""
+_CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
+_ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
+"""Names of a time if no other column is one."""
+_REST: Final = re.compile(r"(?:.*[./ _])?(?:nano_?|n)sec(?:s|onds)?")
+_FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
+_CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
+"""Texts in brackets after a time that leave its unit open."""
+_QUATERNION: Final = re.compile(
+    r"(.*?)[._/: -]*(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzw])"
+)
+_FIRST_IS_REAL: Final = re.compile(r"(.*?)[._/: -]*(?<![a-z])(?:q|quat)[._/: -]*0")
+_POSITION: Final = re.compile(
+    r"(.*?)[._/: -]*(?:(?<![a-z])(?:p|t|pos|position|trans|translation|p_\w+)[._/: -]*)?(?<![a-z])([xyz])"
+)
+_PREFIXED: Final = re.compile(r"(.*?)[._/: -]*(?<![a-z])[pt]([xyz])")
+_ANGLE: Final = re.compile(
+    r"(.*?)[._/: -]*(?<![a-z])(?:(roll|pitch|yaw)|(?:r|rot|rotation|euler|angle|rotvec|axis_?angle)"
+    r"[._/: -]*([xyz]))"
+)
+_TURN: Final = {"roll": "x", "pitch": "y", "yaw": "z"}
+_ELEMENT: Final = re.compile(r"(.*?)[._/: -]*(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])")
+_NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
+_SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
+_GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
+_NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
+_EXAMPLE: Final = "time [s],x [m],y [m],z [m],qx,qy,qz,qw"
+_SHOWN: Final = 12
+MOST_COLUMNS: Final = 5000
+_LONGEST_NAME: Final = 200
+_A_RATE: Final = "100Hz"
+UNNAMED: Final = "c"
+"""Columns without names are ``c0``, ``c1``, ..."""
+
+
+class Known(NamedTuple):
+    """Columns of a known system: names, in lower case, by which it is recognised, and how it means them."""
+
+    system: str
+    names: tuple[str, ...]
+    reading: TableReading
+
+
+KNOWN: Final = (
+    Known(
+        "UR's RTDE",
+        ("actual_tcp_pose_0", "actual_tcp_pose_5"),
+        reading_of("position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]", rotation_vector=True),
+    ),
+    Known("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
+    Known("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
+    Known("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
+    Known("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
+    Known("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
+    Known("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
+    Known("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
+    Known("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
+)
+_LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
+    16: ("matrix={0}", reading_of(matrix="rows")),
+    12: ("matrix={0}", reading_of(matrix="rows")),
+    9: ("matrix={0}", reading_of(matrix="rows")),
+    7: ("position={0}[0:3],quaternion={0}[3:7]", reading_of()),
+    6: ("position={0}[0:3],rotation={0}[3:6]", reading_of(rotation_vector=True)),
+    4: ("quaternion={0}", reading_of()),
+    3: ("position={0}", reading_of()),
+}
+"""What as many numbered columns usually are."""
+
+
+class _Columns:
+    """The columns of a table: names as they are, in lower case without units, and the units."""
+
+    def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
+        self.names = [name.strip()[:_LONGEST_NAME] for name in names]
+        self.plain = [_split_unit(name)[0] for name in self.names]
+        named = [_split_unit(name)[1] for name in self.names]
+        self.units = [a or b for a, b in zip(named, [*units, *[""] * len(names)], strict=False)]
+
+    def place(self, name: str) -> int:
+        """The index of a column as users name it; raises ChoiceError."""
+        for names in (self.names, [one.lower() for one in self.names], self.plain):
+            if (name if names is self.names else name.lower()) in names:
+                return names.index(name if names is self.names else name.lower())
+        one = _SLICE.fullmatch(name)
+        places = self.numbered(one[1]) if one is not None and one[3] is None else {}
+        if one is None or int(one[2]) not in places:
+            shown = suggestion(name, self.names) or f"; there are {_listed(self.names)}"
+            raise ChoiceError(f"no column {name!r}{shown}")
+        return places[int(one[2])]
+
+    def numbered(self, base: str) -> dict[int, int]:
+        """Indices of the columns ``base[0]``, ``base_1``, ... by their number."""
+        found = dict[int, int]()
+        for place, name in enumerate(self.names):
+            match = _NUMBERED.fullmatch(name)
+            if match is not None and match[1].lower() == base.lower():
+                found.setdefault(int(match[2]), place)
+        return dict(sorted(found.items()))
+
+    def group(self, name: str) -> list[int]:
+        """Indices of the numbered columns of a name, or some of them, ``name[3:7]``; raises ChoiceError."""
+        part = _SLICE.fullmatch(name)
+        if part is None or part[3] is None:
+            places = self.numbered(name)
+            if not places:
+                raise ChoiceError(f"no columns {name}[0], {name}[1], ...; there are {_listed(self.names)}")
+            return list(places.values())
+        places = self.numbered(part[1])
+        wanted = range(int(part[2]), int(part[3]))
+        if not all(number in places for number in wanted):
+            raise ChoiceError(f"no columns {name}; there are {_listed(self.names)}")
+        return [places[number] for number in wanted]
+
+    def find(self, reading: TableReading) -> dict[str, dict[str, int]]:
+        """Indices by body and role: those that the reading states, and others by their names."""
+        stated = dict(chain.from_iterable(self._stated(*one, reading) for one in reading.columns))
+        found: dict[str, dict[str, int]] = {}
+        for place, name in enumerate(self.plain):
+            for body, role in (
+                _roles(name, reading.matrix == "columns") if place not in stated.values() else ()
+            ):
+                found.setdefault(body, {}).setdefault(role, place)
+        times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
+        if stated:  # the body without a name, or else that of most columns
+            main = "" if "" in found or not found else max(found, key=lambda body: len(found[body]))
+            found = {main: {**found.get(main, {}), **stated}}
+        return {**found, TIME: times}
+
+    def _stated(self, role: str, name: str, reading: TableReading) -> list[tuple[str, int]]:
+        if role not in GROUPS:
+            return [(role, self.place(name))]
+        places = self.group(name)
+        if role != "matrix":
+            if len(places) != len(GROUPS[role]):
+                raise ChoiceError(f"{role} has {len(GROUPS[role])} columns, and {name} {len(places)}")
+            return list(zip(GROUPS[role], places, strict=True))
+        shape = {9: (3, 3), 12: (3, 4), 16: (4, 4)}.get(len(places))
+        if shape is None:
+            raise ChoiceError(f"a matrix has 9, 12 or 16 values, and {name} {len(places)}")
+        rows, width = shape
+        roles = dict[str, int]()
+        for i, place in enumerate(places):
+            row, column = divmod(i, width) if reading.matrix != "columns" else divmod(i, rows)[::-1]
+            if row < 3:
+                roles[f"r{row + 1}{column + 1}" if column < 3 else POSITION[row]] = place
+        return list(roles.items())
+
+    def time(self, reading: TableReading, times: Mapping[str, int]) -> tuple[int | None, int | None]:
+        """Indices of the time, and of the nanoseconds of its second."""
+        if TIME in times:
+            return times[TIME], times.get(REST)
+        patterns = (_FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
+        for pattern in patterns:
+            place = next((i for i, name in enumerate(self.plain) if pattern.fullmatch(name)), None)
+            if place is not None:
+                rests = [i for i, name in enumerate(self.plain) if _REST.fullmatch(name)]
+                return place, rests[0] if pattern is _ELAPSED and rests else None
+        return (-1 if reading.has_frame_numbers else None), None
+
+
+def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
+    """Body and role of a column, of which ``rotation_x`` may have two."""
+    if match := _QUATERNION.fullmatch(plain):
+        yield _body(match[1]), f"q{match[2]}"
+    elif match := _PREFIXED.fullmatch(plain) or _POSITION.fullmatch(plain):
+        yield _body(match[1]), match[2]
+    if match := _FIRST_IS_REAL.fullmatch(plain):
+        yield _body(match[1]), "qw"
+    if match := _ANGLE.fullmatch(plain):
+        yield _body(match[1]), f"r{_TURN.get(match[2] or '', match[3])}"
+    if match := _ELEMENT.fullmatch(plain):
+        row, column = (match[3], match[2]) if by_columns else (match[2], match[3])
+        yield _body(match[1]), f"r{row}{column}"
+
+
+def layout_of_names(
+    names: Sequence[str],
+    reading: TableReading,
+    path: str = "FILE",
+    kind: str = "table",
+    separator: str | None = None,
+    skip: int = 0,
+    units: Sequence[str] = (),
+) -> TableLayout:
+    """The layout of a table with named columns, whose ``units`` may be in a row of their own.
+
+    Raises
+    ------
+    UnreadableRecording
+        There are no columns of poses, or it is not known how they are meant; the message has the command
+        that reads them where there is one.
+    ChoiceError
+        A column that the reading names is not there.
+    """
+    if len(names) > MOST_COLUMNS:
+        raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {_NEEDED}")
+    columns = _Columns(names, units)
+    try:
+        return _layout(columns, reading, kind, separator, skip)
+    except UnreadableRecording as error:
+        proposal = _proposal(columns, reading, path)
+        if proposal is None:
+            raise
+        raise UnreadableRecording(proposal) from error
+
+
+def _layout(
+    columns: _Columns, reading: TableReading, kind: str, separator: str | None, skip: int
+) -> TableLayout:
+    found = columns.find(reading)
+    time, rest = columns.time(reading, found.pop(TIME))
+    time_ns = reading.time_ns if time is None or reading.time_ns else _time_ns(columns, time)
+    for places in found.values():
+        for role in [role for role, place in places.items() if place == time]:
+            del places[role]
+    named = list(zip(columns.names, columns.units, strict=True))
+    bodies = bodies_of(found, named, reading)
+    if time is None or not bodies:
+        best = sorted(found.values(), key=len)[-1:]
+        roles = ROLES_OF_A_POSE if bodies else tuple(*best)
+        raise UnreadableRecording(_lacking(columns.names, time is not None, roles))
+    return TableLayout(kind, separator, skip, time, 1e9 if rest is not None else time_ns, bodies, rest)
+
+
+def _time_ns(columns: _Columns, time: int) -> int | None:
+    """The unit of a time column in nanoseconds, if its name has one; raises UnreadableRecording."""
+    unit = columns.units[time].lower()
+    if unit in _CLOCKS:
+        return NAMED_NS.get(columns.plain[time])
+    if unit not in NAMED_NS:
+        raise UnreadableRecording(unknown_unit(unit, columns.names[time], "s, ms, us, ns"))
+    return NAMED_NS[unit]
+
+
+def _proposal(columns: _Columns, reading: TableReading, path: str) -> str | None:
+    """What the columns seem to be, and the command that reads them so; None if nothing fits."""
+    time, _ = columns.time(reading, {})
+    about_rate = ""
+    if time is None and any(_FRAME.fullmatch(name) for name in columns.plain) and reading.time_unit is None:
+        reading = reading.with_(reading_of(time_unit=_A_RATE))
+        about_rate = f", with the rate of your frames instead of {_A_RATE}"
+    lower = {name.lower() for name in columns.names}
+    for known in KNOWN:
+        one = known.reading.with_(reading)
+        if lower.issuperset(known.names) and _fits(columns, one):
+            return f"if its columns are those of {known.system}, read them by {one.command(path)}{about_rate}"
+    if _fits(columns, reading):
+        return f"its times are numbers of frames: read them by {reading.command(path)}{about_rate}"
+    names = _open_columns(columns, reading)
+    ways = [reading.with_(reading_of(**one)) for one in ({"euler": "xyz:deg"}, {"rotation_vector": True})]
+    if names is not None and all(_fits(columns, one) for one in ways):
+        commands = " or ".join(one.command(path) for one in ways)
+        return (
+            f"its rotations are three numbers, {names}, angles or a rotation vector: read them by {commands}"
+            f"{about_rate}. Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
+        )
+    numbered = _by_number(columns, reading)
+    if numbered is None:
+        return None
+    return f"if its columns are meant so, read them by {numbered.command(path)}{about_rate}"
+
+
+def _open_columns(columns: _Columns, reading: TableReading) -> str | None:
+    try:
+        _layout(columns, reading, "", None, 0)
+    except OpenReading as error:
+        return str(error)
+    except (UnreadableRecording, ChoiceError):
+        pass
+    return None
+
+
+def _by_number(columns: _Columns, reading: TableReading) -> TableReading | None:
+    """The reading of numbered columns, or of lists, of as many values as a pose or a part of it has."""
+    bases = dict.fromkeys(match[1] for name in columns.names if (match := _NUMBERED.fullmatch(name)))
+    parts = [(base, many) for base in bases if (many := len(columns.numbered(base))) in _LISTS]
+    for some in chain(([part] for part in parts), ([a, b] for a in parts for b in parts if a[1] < b[1])):
+        one = reading
+        for base, many in some:
+            stated, kind = _LISTS[many]
+            one = kind.with_(reading_of(stated.format(base))).with_(one)
+        if _fits(columns, one):
+            return one
+    return None
+
+
+def _fits(columns: _Columns, reading: TableReading) -> bool:
+    try:
+        _layout(columns, reading, "", None, 0)
+    except (UnreadableRecording, ChoiceError):
+        return False
+    return True
+
+
+ROLES_OF_A_POSE: Final = (*POSITION, *QUATERNION)
+
+
+def _lacking(names: Sequence[str], has_time: bool, roles: Sequence[str]) -> str:
+    """The message on columns that are missing beside those of these roles."""
+    missing = [role for role in ROLES_OF_A_POSE if role not in roles]
+    if not missing:
+        return (
+            f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
+            "none is, give the rate of the rows, as in --time-unit 200Hz"
+        )
+    missing = missing if has_time else ["a time", *missing]
+    return (
+        f"no columns of a pose among {_listed(names)}: missing {'is' if len(missing) == 1 else 'are'} "
+        f"{', '.join(missing)}: say which columns they are, as in --columns time=t,x=px, or rename columns, "
+        f"as in: {_EXAMPLE}"
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+
+
+def _split_unit(name: str) -> tuple[str, str]:
+    """A column's name in lower case, and its unit."""
+    plain = _CAMEL.sub("_", name.strip().lstrip("#").strip()).lower()
+    unit = _UNIT.search(plain)
+    if unit is None:
+        return plain, ""
+    return plain[: unit.start()], (unit[1] if unit[1] is not None else unit[2]).strip()
+
+
+def _body(prefix: str) -> str:
+    words = [word for word in re.split(r"[./: ]+", prefix) if word not in _GENERIC]
+    return "/".join(words).strip("_-")

@@ -1,7 +1,8 @@
-"""Writing of labelled recordings: profile ros2, CDR, zstd chunks with indexes."""
+"""Writing of labelled recordings (profile ros2, CDR, indexed zstd chunks), and of copies with results."""
 
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from heapq import merge
 from pathlib import Path
 from typing import IO, Final
 
@@ -12,6 +13,16 @@ from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.ground_truth import UNSCORED, Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
+from contact_tracker.recording.items import (
+    RESULT_TOPICS,
+    Attachment,
+    Channel,
+    Item,
+    Metadata,
+    RawMessage,
+    Rows,
+)
+from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.wrenches import WRENCH_TYPE
 from contact_tracker.wrenches.wrenches import Wrenches
 
@@ -167,3 +178,67 @@ def _wrench_cdrs(wrenches: Wrenches) -> Iterator[tuple[int, bytes]]:
 def _string_cdr(text: str) -> bytes:
     data = text.encode() + b"\0"
     return _CDR_LITTLE_ENDIAN + struct.pack("<I", len(data)) + data
+
+
+_COPY_CHUNK_SIZE: Final = 1024 * 1024
+
+
+def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> None:
+    """Write a recording and result messages, merged by log time.
+
+    Parameters
+    ----------
+    log : the recording, which is read again; None to write the result alone. Damaged parts are left out.
+    added : messages on ``RESULT_TOPICS`` by log time; they replace those of the recording on these topics.
+
+    Raises
+    ------
+    UnreadableRecording
+        The recording can no longer be read.
+    OSError
+        The file cannot be written.
+    """
+    with path.open("wb") as file:
+        _copy(
+            file,
+            () if log is None else Reading(log, lambda channel: channel.topic not in RESULT_TOPICS),
+            added,
+        )
+
+
+def _copy(file: IO[bytes], items: Iterable[Item], added: Iterable[RawMessage]) -> None:
+    writer = Writer(file, chunk_size=_COPY_CHUNK_SIZE)
+    writer.start(profile="", library=_LIBRARY)  # profile ros2 requires CDR
+    numbers: dict[Channel, int] = {}
+    for message in merge(_messages(items, writer), added, key=lambda message: message.log_time_ns):
+        channel = message.channel
+        if channel not in numbers:
+            numbers[channel] = _register(writer, channel)
+        writer.add_message(numbers[channel], message.log_time_ns, message.data, message.log_time_ns)
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
+    """The messages; other items are written at once."""
+    for item in items:
+        match item:
+            case RawMessage():
+                yield item
+            case Rows(sources, poses):
+                for source, some in zip(sources, poses, strict=True):
+                    name = f"{source.topic}/{source.child_frame_id}".rstrip("/")
+                    channel = Channel(name, "cdr", POSE_TYPE, "ros2msg", _POSE_SCHEMA.encode())
+                    yield from (RawMessage(channel, one.stamp_ns, _pose_cdr(one)) for one in some)
+            case Attachment(name, data):
+                media_type = "application/json" if name.endswith(".json") else "application/octet-stream"
+                writer.add_attachment(0, 0, name, media_type, data)
+            case Metadata(name, values):
+                writer.add_metadata(name, dict(values))
+
+
+def _register(writer: Writer, channel: Channel) -> int:
+    has_schema = bool(channel.type or channel.schema_encoding)
+    schema = (
+        writer.register_schema(channel.type, channel.schema_encoding, channel.schema) if has_schema else 0
+    )
+    return writer.register_channel(channel.topic, channel.encoding, schema)

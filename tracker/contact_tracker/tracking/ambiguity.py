@@ -135,17 +135,23 @@ def p_restricted(underused: bool, window: Window, tick_s: float) -> float:
     return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if underused else 0.0
 
 
-def at_most(probability: Array, label: Contact, most: float = OPEN_AT_MOST) -> Array:
+def at_most(
+    probability: Array,
+    label: Contact,
+    most: float = OPEN_AT_MOST,
+    possible: tuple[Contact, ...] = CONTACTS,
+) -> Array:
     """Posterior (7,) in which the label has at most ``most``; the rest is distributed equally among the
-    others.
+    other ``possible`` contacts, if there are any.
 
     For motion that keeps more constraints than the reported contacts (docs/theory.md, section 18).
     """
     beyond = float(probability[label.column]) - most
-    if beyond <= 0.0:
+    others = [contact.column for contact in possible if contact is not label]
+    if beyond <= 0.0 or not others:
         return probability
-    share = np.full(len(STATES), 1.0)
-    share[[label.column, Contact.FREE.column]] = 0.0
+    share = np.zeros(len(STATES))
+    share[others] = 1.0
     change = beyond * share / share.sum()
     change[label.column] = -beyond
     return np.asarray(probability + change)

@@ -10,9 +10,10 @@ from typing import Final
 
 import numpy as np
 
+from contact_tracker.map.map import Map
 from contact_tracker.map.prices import log_prior_of_new
 from contact_tracker.map.world_map import GrowingMap
-from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -70,7 +71,7 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
         after = PassRecord()
         found = _pass(first, world, after, executor)
         if not world.complexity:
-            found = _with_open_free(found)
+            found = _with_open_free(found, first.state.known_map.allowed)
         evidence = after.log_evidence - world.complexity
         if evidence <= best_evidence:
             break
@@ -87,20 +88,22 @@ def _pass(
 ) -> Segmentation:
     """A pass over the ticks of the first one with a map."""
     assert first.state is not None
-    start = ContactFilter.start(first.state.model)
+    possible = Map(states=first.state.known_map.states)
+    start = ContactFilter.start(first.state.model, known_map=possible)
     world = replace(world, origin_m=first.state.origin_m)
     start.state = start.state._replace(map=world, uses_later_contacts=True)
     return Segmentation.join(list(pieces(first.ticks, start, Segmenter(executor, record=record))))
 
 
-def _with_open_free(found: Segmentation) -> Segmentation:
+def _with_open_free(found: Segmentation, contacts: tuple[Contact, ...]) -> Segmentation:
     """The segmentation of a pass with a map in which nothing was touched twice: by the price of new elements
-    alone short contacts are taken for free motion, so that this does not exclude any contact."""
+    alone short contacts are taken for free motion, so that this does not exclude any of the ``contacts`` that
+    can occur."""
     known, rows = found.beliefs, found.beliefs.rows.copy()
     for row in np.flatnonzero(rows["contact"] == Contact.FREE.column):
-        shared = ambiguity.with_rivals(rows["probability"][row], Contact.FREE, CONTACTS)
+        shared = ambiguity.with_rivals(rows["probability"][row], Contact.FREE, contacts)
         rows["probability"][row] = shared
-        rows["inseparable"][row] = [state is not Contact.FREE for state in STATES]
+        rows["inseparable"][row] = [state in contacts for state in STATES]
     beliefs = Beliefs(rows, known.geometries, known.formations, known.joints)
     segments = list[Segment]()
     for one in found.segments:
@@ -108,7 +111,7 @@ def _with_open_free(found: Segmentation) -> Segmentation:
             within = (rows["stamp_ns"] >= one.start_ns) & (rows["stamp_ns"] <= one.end_ns)
             p = rows["probability"][within, Contact.FREE.column]
             one = replace(
-                one, probability=float(p.mean()) if len(p) else one.probability, inseparable=CONTACTS
+                one, probability=float(p.mean()) if len(p) else one.probability, inseparable=contacts
             )
         segments.append(one)
     return replace(found, segments=tuple(segments), beliefs=beliefs)

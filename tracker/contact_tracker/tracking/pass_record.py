@@ -60,5 +60,6 @@ class PassRecord:
             self.contacts.append(fit.contact)
         is_sure = any(one.probability >= MAP_INSERTION_PROBABILITY and not one.inseparable for one in parts)
         if fit.estimate is not None and is_sure and not self.is_full:
-            index = finished.ticks.window.index
-            self.sightings.append(Sighting(int(index[0]), int(index[-1]) + 1, fit.estimate))
+            index, start_ns = finished.ticks.window.index, int(finished.rows["start_ns"][0])
+            span = int(index[0]), int(index[-1]) + 1
+            self.sightings.append(Sighting(*span, fit.estimate, start_ns, finished.end_ns))

@@ -285,9 +285,9 @@ class FinishedSegment(NamedTuple):
                 else ambiguity.shared(given, fit.share)
             )
             shared = ambiguity.with_rivals(shared, contact, states)
-            belief["probability"] = (
-                ambiguity.at_most(shared, contact) if fit.leaves_constraints_unnamed else shared
-            )
+            if fit.leaves_constraints_unnamed:
+                shared = ambiguity.at_most(shared, contact, possible=possible)
+            belief["probability"] = shared
             belief["inseparable"] = [state in states for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]

@@ -6,6 +6,7 @@ Importing this package is cheap; ``offline`` and ``live`` import rerun.
 from typing import TYPE_CHECKING, Final, Self
 
 if TYPE_CHECKING:
+    from contact_tracker.map.world_map import GrowingMap
     from contact_tracker.motion.poses import Pose
     from contact_tracker.tracking.belief import Belief
 
@@ -22,8 +23,8 @@ class LiveView:
     def pose(self, pose: "Pose") -> None:
         """Show a pose."""
 
-    def belief(self, belief: "Belief") -> None:
-        """Show a belief about earlier poses."""
+    def belief(self, belief: "Belief", world: "GrowingMap | None" = None) -> None:
+        """Show a belief about earlier poses, and the map of what contacts have touched."""
 
     def close(self) -> None:
         """End the view."""

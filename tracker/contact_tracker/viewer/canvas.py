@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.outputs.colours import COLOUR, COLOURS
 from contact_tracker.outputs.text import OPEN_OFFSET, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
-from contact_tracker.viewer.scene import COLOUR, COLOURS, EMPTY, GREY, OBJECT, Drawing, Hull, Mesh
+from contact_tracker.viewer.parts import Part
+from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Mesh, joined
 
 Stamps = NDArray[np.int64]
 
@@ -22,6 +24,8 @@ TIMELINE: Final = "t"
 STAMP: Final = "stamp"
 BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
+KNOWN: Final = ("world/body/known", "world/surroundings/known")
+"""What is known of the object and of the surroundings; each with ``/outline`` and ``/names``."""
 ORIGIN: Final = "world/view"
 VIEW: Final = "world/view/upright"
 """The frame of the eye (``camera``) within that of its origin: rerun replaces transforms as a whole."""
@@ -45,9 +49,15 @@ SHEET: Final = 0.55
 _ROWS: Final = 1000
 Columns = Iterable[rr.ComponentColumn]
 
+_KNOWN: Final = (OBJECT, GREY)
+_FAINT: Final = 25
+"""Opacity of what is known, of 255, below the touching pair."""
+_VERTEX_UI: Final = 3.5
+
 _LEGEND: Final = """\
 - **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
 - **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
+- **faint, with an outline**: what is known so far: bodies, and of other faces and edges what was touched
 - **translucent**: two standard deviations; **a thin needle**: not known along it
 - **e-f 0.97 or v-f**: the object's edge on a face, its probability; the motion does not tell v-f from it
 """
@@ -89,9 +99,7 @@ class Canvas:
     Data that rerun does not accept raise an error, instead of a warning.
     """
 
-    def __init__(
-        self, recording: rr.RecordingStream, origin_ns: int, hull: Hull | None, axes_m: float
-    ) -> None:
+    def __init__(self, recording: rr.RecordingStream, origin_ns: int, axes_m: float) -> None:
         self._recording = recording
         self._origin_ns = origin_ns
         self._static(BODY, rr.TransformAxes3D(axes_m))
@@ -106,14 +114,10 @@ class Canvas:
         self._labelled: set[str] = set()
         self._named: list[str] = []
         self._shown: dict[str, Contact | str | None] = {}
-        if hull is not None:
-            self._hull(hull)
 
     def pose(self, pose: Pose) -> None:
         """Draw one pose, with the least cost per row."""
-        since_ns = np.timedelta64(pose.stamp_ns - self._origin_ns, "ns")
-        self._recording.set_time(TIMELINE, duration=since_ns)
-        self._recording.set_time(STAMP, timestamp=np.datetime64(pose.stamp_ns, "ns"))
+        self._set_time(pose.stamp_ns)
         quaternion = rr.Quaternion(xyzw=pose.quat_xyzw)
         placed = rr.Transform3D(translation=pose.position_m, quaternion=quaternion)
         self._recording.log(BODY, placed, strict=True)
@@ -125,6 +129,26 @@ class Canvas:
             )
 
         self._send(BODY, poses.stamp_ns, columns)
+
+    def known(self, parts: Sequence[Part], stamp_ns: int | None = None) -> None:
+        """Draw all that is known from a stamp on, instead of what was before; at all times without one."""
+        if stamp_ns is not None:
+            self._set_time(stamp_ns)
+        for side, entity in enumerate(KNOWN):
+            own, colour = [one for one in parts if one.side == side], _KNOWN[side]
+            mesh = joined([EMPTY, *(one.mesh for one in own)])
+            faces = rr.Mesh3D(
+                vertex_positions=mesh.vertices,
+                triangle_indices=mesh.triangles,
+                albedo_factor=(*colour, _FAINT),
+            )
+            strips = [strip for one in own for strip in one.outline]
+            lines = rr.LineStrips3D(strips, colors=colour, radii=rr.Radius.ui_points(0.8))
+            radii = rr.Radius.ui_points([0.0 if one.outline else _VERTEX_UI for one in own])
+            places = np.reshape([one.label_m for one in own], (-1, 3))
+            names = rr.Points3D(places, labels=[one.name for one in own], colors=colour, radii=radii)
+            for end, what in (("", faces), ("/outline", lines), ("/names", names)):
+                self._recording.log(f"{entity}{end}", what, static=stamp_ns is None, strict=True)
 
     def trail(self, stamp_ns: Stamps, strips: Sequence[Array], contacts: Sequence[Contact]) -> None:
         """The path (N, 3) of the body's origin up to each stamp, coloured by contact."""
@@ -225,15 +249,6 @@ class Canvas:
     def _shade(self, entity: str, stamp_ns: Stamps, rgba: NDArray[np.uint8]) -> None:
         self._send(entity, stamp_ns, lambda rows: rr.Mesh3D.columns(albedo_factor=rgba[rows]))
 
-    def _hull(self, hull: Hull) -> None:
-        faint = (*GREY, 12)
-        faces = rr.Mesh3D(
-            vertex_positions=hull.vertices, triangle_indices=hull.triangles, albedo_factor=faint
-        )
-        self._static(f"{BODY}/hull", faces)
-        edges = rr.LineStrips3D(hull.edges, colors=GREY, radii=rr.Radius.ui_points(0.8))
-        self._static(f"{BODY}/hull/edges", edges)
-
     def _lines(self, entity: str, contacts: Sequence[Contact]) -> None:
         names = [contact.value for contact in contacts]
         colours = [COLOUR[contact] for contact in contacts]
@@ -245,6 +260,10 @@ class Canvas:
 
     def _static(self, entity: str, what: rr.AsComponents) -> None:
         self._recording.log(entity, what, static=True, strict=True)
+
+    def _set_time(self, stamp_ns: int) -> None:
+        self._recording.set_time(TIMELINE, duration=np.timedelta64(stamp_ns - self._origin_ns, "ns"))
+        self._recording.set_time(STAMP, timestamp=np.datetime64(stamp_ns, "ns"))
 
     def _send(self, entity: str, stamp_ns: Stamps, columns: Callable[[slice], Columns]) -> None:
         for rows in _chunks(len(stamp_ns)):

@@ -9,6 +9,8 @@ import numpy as np
 
 from contact_tracker.errors import ViewerError
 from contact_tracker.geometry.elements import Array
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.changes import Changes
 from contact_tracker.outputs.text import is_settled
@@ -17,7 +19,8 @@ from contact_tracker.tracking.belief import Belief
 from contact_tracker.viewer import LiveView, canvas, layout
 from contact_tracker.viewer.camera import Camera
 from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw, hull
+from contact_tracker.viewer.parts import KnownParts
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
 from contact_tracker.viewer.sinks import Sink, close, to_viewer
 
 _CLOSE_S: Final = 5.0
@@ -33,6 +36,7 @@ class LiveViewer(LiveView):
     vertices_m : (V, 3) of the object in the body frame, where known.
     sink : destination; by default a viewer on this machine, which is started if necessary.
     origin_ns : returns the stamp from which times count, after the first pose; by default the first pose's.
+    known_map : what is known of the object and its surroundings.
 
     Raises
     ------
@@ -44,9 +48,11 @@ class LiveViewer(LiveView):
         vertices_m: Array | None = None,
         sink: Sink | None = None,
         origin_ns: Callable[[], int] | None = None,
+        known_map: Map = EMPTY_MAP,
     ) -> None:
-        self._hull = None if vertices_m is None else hull(vertices_m)
-        self._extent = UNKNOWN_EXTENT if self._hull is None else self._hull.extent
+        self._known = KnownParts(known_map, vertices_m)
+        self._world: GrowingMap | None = None
+        self._extent = self._known.object_extent or UNKNOWN_EXTENT
         self._recording = canvas.new_recording()
         self._sheet: Canvas | None = None
         self._origin = origin_ns
@@ -64,7 +70,8 @@ class LiveViewer(LiveView):
         """Move the body, at up to 100 Hz."""
         if self._sheet is None:
             self._origin_ns = pose.stamp_ns if self._origin is None else self._origin()
-            self._sheet = Canvas(self._recording, self._origin_ns, self._hull, self._extent.radius_m)
+            self._sheet = Canvas(self._recording, self._origin_ns, self._extent.radius_m)
+            self._sheet.known(self._known.bodies, pose.stamp_ns)
             self._sheet.stand(self._camera.frame())
         if pose.stamp_ns - self._shown_ns >= _FRAME_NS:
             self._shown_ns = pose.stamp_ns
@@ -72,11 +79,17 @@ class LiveViewer(LiveView):
             self._sheet.follow(*self._camera.follow(Poses.collect([pose])))
         self._waiting.append(pose)
 
-    def belief(self, belief: Belief) -> None:
-        """Draw a belief about earlier poses; without poses nothing is drawn."""
+    def belief(self, belief: Belief, world: GrowingMap | None = None) -> None:
+        """Draw a belief about earlier poses, and the map where it has changed; without poses nothing is
+        drawn."""
         tick = self._take(belief.stamp_ns)
         if self._sheet is None or tick is None:
             return
+        self._known.add_poses(tick)
+        is_new = self._known.add_contact(belief.onset_ns, belief.stamp_ns, belief.geometry)
+        if is_new or world is not self._world:
+            self._world = world
+            self._sheet.known(self._known.parts(world), belief.stamp_ns)
         sheet, contact, p = self._sheet, belief.contact, belief.probability[belief.contact.column]
         stamp = np.array([belief.stamp_ns], np.int64)
         changed = contact is not self._contact

@@ -12,6 +12,8 @@ from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.ground_truth import Truth
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.paper.window_curves import Curves
 from contact_tracker.tracking.belief import FurtherContact, Segment, SegmentPart
@@ -20,7 +22,8 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.camera import Camera
 from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
-from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw, hull, poses_within
+from contact_tracker.viewer.parts import KnownParts, Part
+from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw, poses_within
 from contact_tracker.viewer.sinks import Sink, close, to_file
 
 
@@ -36,6 +39,9 @@ class Shown(NamedTuple):
     paper : whether to draw the paper's objective functions as well.
     name : shown in the viewer.
     origin_ns : returns the stamp from which times count, after the first pose; by default the first pose's.
+    known_map : what is known of the object and its surroundings.
+    world : returns the map of what contacts have touched, after the last piece; None without one.
+    parts : all that is known, instead of ``known_map`` and ``world``.
     """
 
     poses: Iterable[Pose]
@@ -45,12 +51,16 @@ class Shown(NamedTuple):
     paper: bool = False
     name: str | None = None
     origin_ns: Callable[[], int] | None = None
+    known_map: Map = EMPTY_MAP
+    world: Callable[[], GrowingMap | None] = lambda: None
+    parts: tuple[Part, ...] = ()
 
 
 def write_rrd(path: Path, shown: Shown, check: Callable[[], None] = accept_any) -> None:
     """Write a rerun file with its layout, atomically; ``check`` as of ``whole_file``.
 
-    Memory grows during one contact, with ``paper`` (70 bytes per ten poses), and by rerun's index of chunks.
+    Memory grows during one contact, with ``paper`` (70 bytes per ten poses), by ten poses per second, and by
+    rerun's index of chunks.
 
     Raises
     ------
@@ -75,10 +85,11 @@ def show(shown: Shown, sink: Sink, is_one_of_several: bool = False) -> None:
     origin_ns = first.stamp_ns if shown.origin_ns is None else shown.origin_ns()
     recording = canvas.new_recording(shown.name)
     sink(recording, layout.offline(shown.paper, is_one_of_several))
-    painter = Painter(recording, origin_ns, shown.vertices_m, shown.paper)
+    known = KnownParts(shown.known_map, shown.vertices_m)
+    painter = Painter(recording, origin_ns, known, shown.paper)
     for piece in with_pose_callback(chain([first], rest), shown.pieces, painter.poses):
         painter.piece(piece)
-    painter.finish(shown.truth)
+    painter.finish(shown.truth, shown.parts or known.parts(shown.world()))
     close(recording)
 
 
@@ -95,15 +106,15 @@ class OpenFaces(NamedTuple):
 class Painter:
     """Draws into ``recording``; times count from ``origin_ns``, the first pose of the recording.
 
-    ``vertices_m`` (V, 3) of the object, if known. ``paper``: with the paper's objective functions.
+    ``known`` collects what is known. ``paper``: with the paper's objective functions.
     """
 
-    def __init__(
-        self, recording: rr.RecordingStream, origin_ns: int, vertices_m: Array | None, paper: bool
-    ) -> None:
-        solid = None if vertices_m is None else hull(vertices_m)
-        self._extent = UNKNOWN_EXTENT if solid is None else solid.extent
-        self._sheet = Canvas(recording, origin_ns, solid, self._extent.radius_m)
+    def __init__(self, recording: rr.RecordingStream, origin_ns: int, known: KnownParts, paper: bool) -> None:
+        self._extent = known.object_extent or UNKNOWN_EXTENT
+        self._sheet = Canvas(recording, origin_ns, self._extent.radius_m)
+        self._known = known
+        if known.bodies:
+            self._sheet.known(known.bodies)
         self._origin_ns = origin_ns
         self._curves = Curves() if paper else None
         self._pose_buffer = PoseBuffer()
@@ -115,6 +126,7 @@ class Painter:
         """Draw the next poses, before the segmentation of them."""
         self._sheet.poses(poses)
         self._pose_buffer.extend(poses)
+        self._known.add_poses(poses)
         if len(poses):
             self._first_ns = min(self._first_ns, int(poses.stamp_ns[0]))
             self._last_ns = int(poses.stamp_ns[-1])
@@ -134,8 +146,10 @@ class Painter:
         self._segments(found)
         self._trail(beliefs)
 
-    def finish(self, truth: Truth | None) -> None:
-        """Draw what needs the whole recording."""
+    def finish(self, truth: Truth | None, parts: Sequence[Part]) -> None:
+        """Draw what needs the whole recording; ``parts`` are all that is known, at all times."""
+        if parts:
+            self._sheet.known(parts)
         self._sheet.stand(self._camera.frame())
         self._turn_over()
         if truth is not None:
@@ -162,6 +176,8 @@ class Painter:
         poses, segments = self._pose_buffer.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
         drawings = [self._drawn(one, poses_within(poses, one.start_ns, one.end_ns)) for one in segments]
+        for one in segments:
+            self._known.add_contact(one.start_ns, one.end_ns, one.geometry)
         self._sheet.drawings(starts, drawings)
         self._further(poses, segments)
         self._joins_and_leaves(segments)

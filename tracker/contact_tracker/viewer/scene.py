@@ -16,20 +16,8 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.motion.poses import Poses
-from contact_tracker.states import STATES, Contact
+from contact_tracker.outputs.colours import Colour
 
-Colour = tuple[int, int, int]
-
-COLOUR: Final[dict[Contact, Colour]] = {
-    Contact.FF: (78, 161, 255),
-    Contact.EF: (61, 214, 160),
-    Contact.FE: (184, 224, 80),
-    Contact.VF: (255, 196, 61),
-    Contact.FV: (255, 128, 82),
-    Contact.EE: (222, 116, 255),
-    Contact.FREE: (128, 138, 150),
-}
-COLOURS: Final = [COLOUR[state] for state in STATES]
 GREY: Final[Colour] = (170, 176, 186)
 OBJECT: Final[Colour] = (244, 240, 228)
 """Colour of the object's elements; those of the surroundings have the colour of the contact."""
@@ -115,6 +103,25 @@ def distance_sd_m(plane: Plane, points: Array) -> Array:
 def needle(direction: Array, centre: Array, half_m: float) -> Mesh:
     """A thin rod along a direction in which a position is unknown."""
     return _mesh(_capped(direction, centre, half_m, 0.5 * _RIM * half_m, _ROUND))
+
+
+def rod(direction: Array, centre: Array, half_m: float, radius_m: float) -> Mesh:
+    """A closed rod about the middle ``centre``."""
+    return _mesh(_capped(direction, centre, half_m, radius_m, _ROUND[::4]))
+
+
+def point(is_round: bool, centre: Array, radius_m: float) -> Mesh:
+    """A small ball, or a cube."""
+    if is_round:
+        return _mesh(_ball(centre, np.eye(3) * radius_m))
+    return _faceted(_mesh(_capped(UP, centre, radius_m, _CORNER * radius_m, SQUARE)))
+
+
+def patch(rim: Array, normal: Array) -> Mesh:
+    """A convex polygon (N, 3) with its ``normal``."""
+    fan = [(0, i, i + 1) for i in range(1, len(rim) - 1)]
+    normals = np.broadcast_to(normal, rim.shape)
+    return Mesh(rim.astype(np.float32), np.array(fan, np.uint32), normals.astype(np.float32))
 
 
 def across(axis: Array) -> Array:

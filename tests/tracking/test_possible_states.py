@@ -1,0 +1,52 @@
+"""``states``: contacts that cannot occur have probability zero."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import contact_tracker
+from command_line import run
+from contact_tracker.states import STATES, Contact
+from short_recordings import FACE_TO_EDGE, recorded
+
+POSSIBLE = ("e-f", "v-f")
+NEVER = [state.column for state in STATES if state not in (*POSSIBLE, Contact.FREE)]
+
+
+def assert_possible(probability: np.ndarray) -> None:
+    np.testing.assert_array_equal(probability[..., NEVER], 0.0)
+    np.testing.assert_allclose(probability.sum(axis=-1), 1.0, atol=1e-12)
+
+
+def test_others_have_probability_zero_offline() -> None:
+    """The recording begins with f-f."""
+    result = contact_tracker.segment(
+        contact_tracker.Trajectory(recorded(FACE_TO_EDGE).poses), states=POSSIBLE
+    )
+    assert_possible(result.beliefs.probability)
+    assert_possible(result.segmentation.filtered.probability)
+    assert {one.contact for one in result.segments} <= {*POSSIBLE, Contact.FREE}
+    assert {other for one in result.segments for other in one.inseparable} <= {*POSSIBLE, Contact.FREE}
+
+
+def test_others_have_probability_zero_online_also_after_a_restore(tmp_path: Path) -> None:
+    tracker = contact_tracker.Tracker(states=POSSIBLE, lag_s=0.5)
+    for number, pose in enumerate(recorded(FACE_TO_EDGE).poses[:900]):
+        if number == 300:
+            tracker.save(tmp_path / "state")
+            tracker = contact_tracker.Tracker.load(tmp_path / "state")
+        belief = tracker.update(*pose)
+        if belief is not None:
+            assert_possible(belief.probability)
+    assert tracker.finish()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"), [(["f-x"], "'f-x' is no contact: choose from f-f"), ([], "no contact")]
+)
+def test_a_wrong_name_is_one_line(given: list[str], says: str) -> None:
+    with pytest.raises(contact_tracker.ContactTrackerError, match=says):
+        contact_tracker.Tracker(states=given)
+    done = run("segment", "none.mcap", "--states", ",".join(given))
+    assert (done.returncode, says in done.stderr) == (2, True)

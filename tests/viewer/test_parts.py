@@ -1,0 +1,126 @@
+"""What is known, as parts to draw: bodies whole, elements where they were touched."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.map.elements import MapElement
+from contact_tracker.map.file import map_from
+from contact_tracker.map.learned import LearnedElements
+from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Belief, Segment
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.viewer import canvas
+from contact_tracker.viewer.live import LiveViewer
+from contact_tracker.viewer.offline import Shown, write_rrd
+from contact_tracker.viewer.parts import known_parts
+from contact_tracker.viewer.sinks import to_file
+
+Z = np.array([0.0, 0.0, 1.0])
+KNOWLEDGE = map_from(
+    {
+        "object": {"box": {"size_m": [0.2, 0.1, 0.1]}},
+        "environment": {
+            "plane": {"name": "table", "normal": [0, 0, 1], "offset_m": 0.0},
+            "box": {"name": "shelf", "size_m": [0.4, 0.4, 0.2], "position_m": [2.0, 0.0, 0.0]},
+        },
+    }
+)
+CORNER_M = np.array([0.1, 0.05, -0.05])
+ON_TABLE = ContactGeometry(Point(CORNER_M), Plane(Z, 0.0, name="table"))
+VERTEX_M = np.array([0.1, 0.0, 0.02])
+
+
+@pytest.fixture(scope="module")
+def poses() -> Poses:
+    """A corner slides 1 m along x on the plane z = 0, and then rises by 1 m."""
+    along, up = np.linspace(0.0, 1.0, 200), np.linspace(0.0, 1.0, 100)
+    position_m = np.zeros((300, 3))
+    position_m[:200, 0], position_m[200:, 0], position_m[200:, 2] = along, 1.0, up
+    position_m[:, 2] += 0.05
+    return Poses(
+        10_000_000 * np.arange(300, dtype=np.int64), position_m, np.tile([0.0, 0.0, 0.0, 1.0], (300, 1))
+    )
+
+
+@pytest.fixture(scope="module")
+def world() -> GrowingMap:
+    """A vertex of the object and a face of the surroundings that an earlier recording has shown."""
+    elements = {
+        (0, 1): MapElement("v", np.zeros(3), VERTEX_M),
+        (1, 2): MapElement("f", Z, np.array([0.5])),
+    }
+    return GrowingMap(0.3).with_prior(LearnedElements(elements, dict.fromkeys(elements, 3), 1e8 * np.eye(6)))
+
+
+def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(poses: Poses) -> None:
+    segment = Segment(int(poses.stamp_ns[0]), int(poses.stamp_ns[199]), Contact.VF, 0.9, ON_TABLE)
+    parts = {(one.side, one.name): one for one in known_parts(None, poses, [segment], KNOWLEDGE)}
+    assert list(parts) == [(0, "object"), (1, "shelf"), (1, "table")]
+    for key, middle, size in (
+        ((0, "object"), [0.0, 0.0, 0.0], [0.2, 0.1, 0.1]),
+        ((1, "shelf"), [2.0, 0.0, 0.0], [0.4, 0.4, 0.2]),
+    ):
+        vertices = parts[key].mesh.vertices
+        np.testing.assert_allclose(np.ptp(vertices, axis=0), size, atol=1e-6)
+        np.testing.assert_allclose(parts[key].label_m, middle, atol=1e-6)
+        assert len(parts[key].outline) == 12
+    (rim,) = parts[1, "table"].outline
+    np.testing.assert_allclose(rim[:, 2], 0.0, atol=1e-12)
+    first_m, last_m = rim.min(axis=0), rim.max(axis=0)
+    np.testing.assert_allclose(first_m[:2], [0.1, 0.05], atol=0.02)
+    np.testing.assert_allclose(last_m[:2], [1.1, 0.05], atol=0.06)  # ten poses per second
+    assert len(parts[1, "table"].mesh.triangles) == len(rim) - 3
+
+
+def test_elements_of_a_map_are_drawn_where_they_are(poses: Poses, world: GrowingMap) -> None:
+    vertex, face = known_parts(world, poses, [])
+    assert [(vertex.side, vertex.name), (face.side, face.name)] == [(0, "vertex 1"), (1, "face 2")]
+    np.testing.assert_allclose(vertex.label_m, VERTEX_M)
+    np.testing.assert_allclose(face.outline[0][:, 2], 0.5, atol=1e-9)
+
+
+def static_and_first(path: Path, entity: str, component: str) -> tuple[list[int], list[tuple[int, int]]]:
+    """Counts of the component of an entity in static rows, and with the time (ns) in the others."""
+    static, later = list[int](), list[tuple[int, int]]()
+    for chunk in RrdReader(path).stream().filter(content=f"/{entity}").to_chunks():
+        batch = chunk.to_record_batch()
+        if component not in batch.schema.names:
+            continue
+        counts = [len(value) for value in batch.column(component).to_pylist()]
+        if chunk.is_static:
+            static += counts
+        else:
+            times = batch.column(canvas.TIMELINE).to_numpy(zero_copy_only=False).astype(np.int64).tolist()
+            later += zip(times, counts, strict=True)
+    return static, sorted(later)
+
+
+def test_a_file_has_everything_at_all_times(tmp_path: Path, poses: Poses, world: GrowingMap) -> None:
+    path, found = tmp_path / "known.rrd", Segmentation()
+    shown = Shown(
+        poses, lambda stream: iter([found for _ in stream][:1]), known_map=KNOWLEDGE, world=lambda: world
+    )
+    write_rrd(path, shown)
+    static, later = static_and_first(path, f"{canvas.KNOWN[0]}/names", "Points3D:labels")
+    assert (static[-1], later) == (2, [])  # the box, and the vertex of the map
+    static, later = static_and_first(path, f"{canvas.KNOWN[1]}/outline", "LineStrips3D:strips")
+    assert (static[-1], later) == (12 + 2, [])
+
+
+def test_live_elements_appear_as_they_become_known(tmp_path: Path, poses: Poses, world: GrowingMap) -> None:
+    path, probability = tmp_path / "live.rrd", np.full(7, 1.0 / 7.0)
+    with LiveViewer(None, to_file(path)) as view:
+        for number, pose in enumerate(poses):
+            view.pose(pose)
+            if number % 10 == 9:
+                belief = Belief(pose.stamp_ns, Contact.FREE, probability, 0, None, np.full(6, np.nan))
+                view.belief(belief, world if number > 150 else None)
+    static, later = static_and_first(path, f"{canvas.KNOWN[0]}/names", "Points3D:labels")
+    assert static == []
+    assert later == [(0, 0), (1_590_000_000, 1)]

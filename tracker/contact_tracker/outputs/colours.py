@@ -1,0 +1,28 @@
+"""Colours of the states: one table for terminal, figures, viewer and reports.
+
+Any two of them differ by at least 33 in CIE L*a*b* (1976), for normal sight as for protanopes and
+deuteranopes (simulated as by Machado, Oliveira and Fernandes, 2009); tests/outputs/test_colours.py.
+"""
+
+from typing import Final
+
+from contact_tracker.states import STATES, Contact
+
+Colour = tuple[int, int, int]
+
+COLOUR: Final[dict[Contact, Colour]] = {
+    Contact.FF: (79, 222, 255),
+    Contact.EF: (53, 238, 196),
+    Contact.FE: (178, 203, 111),
+    Contact.VF: (254, 203, 51),
+    Contact.FV: (156, 83, 62),
+    Contact.EE: (201, 94, 255),
+    Contact.FREE: (117, 124, 143),
+}
+COLOURS: Final = [COLOUR[state] for state in STATES]
+
+
+def ansi_of(contact: Contact) -> str:
+    """The code of the colour for terminals, of 256 colours."""
+    red, green, blue = (round(part / 51) for part in COLOUR[contact])
+    return f"38;5;{16 + 36 * red + 6 * green + blue}"

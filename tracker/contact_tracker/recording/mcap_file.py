@@ -1,0 +1,487 @@
+"""MCAP files: their records, their index, and the record loop.
+
+The loop reads messages, attachments and metadata of a stream in the order of the file. It serves files that
+are complete, truncated, without index, unchunked, growing or piped, and holds one record at a time. A damaged
+chunk is left out; where the framing of records is lost, the loop continues at the next chunk of the index, if
+there is one. The index is not read by the mcap library, which also decompresses chunks in it, whatever their
+size.
+"""
+
+import os
+import struct
+import zlib
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from enum import StrEnum
+from io import BytesIO
+from itertools import chain, pairwise, repeat
+from typing import IO, Final, NamedTuple, cast
+
+import numpy as np
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.summary import Summary
+
+from contact_tracker.errors import UnreadableRecording
+from contact_tracker.recording.bytestream import (
+    BYTES_PER_RECORD,
+    RECORD_LIMIT,
+    ByteStream,
+    TooMuchWork,
+    WorkBudget,
+    is_regular,
+    is_text,
+)
+from contact_tracker.recording.items import Attachment, Channel, DamageReport, Item, Metadata, RawMessage
+
+IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+FIRST_UNKNOWN: Final = max(Opcode) + 1
+"""Opcodes from here on are of later versions of the format, or private, and skipped."""
+_MOST: Final = 128
+"""Messages handled at a time."""
+MAGIC: Final = b"\x89MCAP0\r\n"
+"""First and last bytes of a file."""
+RECORD_HEAD: Final = struct.Struct("<BQ")
+MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_ALIKE: Final = RECORD_HEAD.size + 2
+"""Bytes that hold opcode, length and channel of a message."""
+_LOG_TIME_AT: Final = 6
+PARSE_ERRORS: Final = (
+    McapError,
+    ValueError,
+    LookupError,
+    struct.error,
+    OverflowError,
+    MemoryError,
+    RuntimeError,
+    zstandard.ZstdError,
+)
+
+
+def channel_of(record: records.Channel, schemas: Mapping[int, records.Schema]) -> Channel:
+    """A channel record joined with its schema; a channel without schema has an empty type."""
+    schema = schemas.get(record.schema_id)
+    if schema is None:
+        return Channel(record.topic, record.message_encoding, "", "", b"")
+    return Channel(record.topic, record.message_encoding, schema.name, schema.encoding, schema.data)
+
+
+def inflate(chunk: records.Chunk, budget: WorkBudget) -> bytes:
+    """The decompressed records of a chunk; raises one of PARSE_ERRORS if they are damaged or too large."""
+    size = chunk.uncompressed_size
+    budget.inflate(len(chunk.data), size)
+    match chunk.compression:
+        case "":
+            data = chunk.data
+        case "zstd":
+            data = inflate_zstd(chunk.data, size)
+        case "lz4":
+            data = inflate_lz4(chunk.data, size)
+        case unknown:
+            raise ValueError(f"unknown compression {unknown!r}")
+    if len(data) != size:
+        raise ValueError(f"{len(data)} bytes where {size} were promised")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("its checksum is wrong")
+    return data
+
+
+def inflate_zstd(data: bytes, limit: int) -> bytes:
+    """Decompress zstd to at most ``limit`` bytes, whatever size the data declares."""
+    return zstandard.ZstdDecompressor().stream_reader(data).read(limit)
+
+
+def inflate_lz4(data: bytes, limit: int) -> bytes:
+    """Decompress lz4 to at most ``limit`` bytes."""
+    import lz4.frame  # type: ignore[import-untyped]
+
+    return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit))
+
+
+class Run(NamedTuple):
+    """``many`` consecutive records of one ``opcode`` from byte ``at``, with payloads of ``size`` bytes each;
+    messages are of one channel."""
+
+    opcode: int
+    at: int
+    size: int
+    many: int
+
+    @property
+    def end(self) -> int:
+        """Offset of the next record."""
+        return self.at - RECORD_HEAD.size + self.many * (RECORD_HEAD.size + self.size)
+
+    def log_times_ns(self, data: bytes) -> list[int]:
+        """Log times of messages (ns)."""
+        step, at = RECORD_HEAD.size + self.size, self.at + _LOG_TIME_AT
+        times = np.ndarray(self.many, "<u8", data, at, step)
+        return cast(list[int], times.tolist())
+
+    def payloads(self, data: bytes) -> list[bytes]:
+        """Payloads of messages, without their headers."""
+        step = RECORD_HEAD.size + self.size
+        ends = range(self.at + self.size, self.end + 1, step)
+        return [data[end - self.size + MESSAGE_HEAD.size : end] for end in ends]
+
+
+def runs(data: bytes, budget: WorkBudget) -> Iterator[Run]:
+    """The records of a chunk; consecutive messages of one channel and size are grouped.
+
+    A record that is not allowed in a chunk ends it.
+    """
+    first = 0
+    while first < len(data):
+        opcode, size = RECORD_HEAD.unpack_from(data, first)
+        at = first + RECORD_HEAD.size
+        if size > len(data) - at:
+            raise ValueError("a record is longer than its chunk")
+        if opcode not in IN_CHUNKS and opcode < FIRST_UNKNOWN:
+            raise ValueError(f"a record of the kind {opcode} in a chunk")
+        is_message = opcode == Opcode.MESSAGE and size >= MESSAGE_HEAD.size
+        run = Run(opcode, at, size, _alike(data, first, RECORD_HEAD.size + size) if is_message else 1)
+        budget.count_records(run.many)
+        yield run
+        first = run.end
+
+
+def _alike(data: bytes, first: int, step: int) -> int:
+    """Number of messages from byte ``first`` on with the same length and channel."""
+    head = data[first : first + _ALIKE]
+    if data[first + step : first + step + _ALIKE] != head:
+        return 1
+    many = min((len(data) - first) // step, _MOST)
+    heads = np.frombuffer(data, np.uint8, many * step, first).reshape(many, step)[:, :_ALIKE]
+    same = (heads == heads[0]).all(axis=1)
+    return many if same.all() else int(same.argmin())
+
+
+def attachment_of(payload: bytes) -> Attachment:
+    attachment = records.Attachment.read(payload_stream(payload))
+    (crc,) = struct.unpack("<I", payload[-4:])
+    if crc and crc != zlib.crc32(payload[:-4]):
+        raise ValueError("its checksum is wrong")
+    return Attachment(attachment.name, attachment.data)
+
+
+def payload_stream(payload: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(payload))
+
+
+_FOOTER: Final = struct.Struct("<BQQQI")
+"""Footer record: opcode, length, start of the index, start of the offsets in it, checksum."""
+_SKIPPED: Final = frozenset({Opcode.SUMMARY_OFFSET})
+
+
+class Place(NamedTuple):
+    """Offset and size (bytes) of a record, its head included."""
+
+    offset: int
+    size: int
+
+    @property
+    def end(self) -> int:
+        return self.offset + self.size
+
+
+def summary_of(part: str) -> Summary | None:
+    """The index of a file; None unless it describes all channels, and its records are disjoint."""
+    if not is_regular(part):
+        return None
+    try:
+        with open(part, "rb") as file:
+            summary = _read(file)
+            size = os.fstat(file.fileno()).st_size
+    except (*PARSE_ERRORS, OSError):
+        return None
+    if summary is None or summary.statistics is None or not _are_disjoint(summary, size):
+        return None
+    has_channels = summary.channels.keys() >= summary.statistics.channel_message_counts.keys()
+    has_schemas = {channel.schema_id for channel in summary.channels.values()} <= {0, *summary.schemas}
+    return summary if has_channels and has_schemas else None
+
+
+def place_of(index: records.ChunkIndex | records.AttachmentIndex | records.MetadataIndex) -> Place:
+    """The place of the record that an entry of the index describes."""
+    if isinstance(index, records.ChunkIndex):
+        return Place(index.chunk_start_offset, index.chunk_length)
+    return Place(index.offset, index.length)
+
+
+def _are_disjoint(summary: Summary, size: int) -> bool:
+    """Whether the records of an index are disjoint and inside the file: else a small one could have the same
+    bytes read over and over."""
+    places = [place_of(chunk) for chunk in summary.chunk_indexes]
+    places += [place_of(attachment) for attachment in summary.attachment_indexes]
+    places += [place_of(metadata) for metadata in summary.metadata_indexes]
+    places.sort()
+    return all(a.end <= b.offset for a, b in pairwise(places)) and (not places or places[-1].end <= size)
+
+
+def _read(file: IO[bytes]) -> Summary | None:
+    """The records between the start that the footer gives and the footer; None if there are others than those
+    of an index."""
+    if file.read(len(MAGIC)) != MAGIC:
+        return None
+    end = file.seek(-_FOOTER.size - len(MAGIC), os.SEEK_END)
+    opcode, _, start, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
+    if opcode != Opcode.FOOTER or file.read() != MAGIC or not 0 < start <= end:
+        return None
+    file.seek(start)
+    summary = Summary()
+    for opcode, payload in _records(file, end):
+        stream = payload_stream(payload)
+        match opcode:
+            case Opcode.STATISTICS:
+                summary.statistics = records.Statistics.read(stream)
+            case Opcode.SCHEMA:
+                schema = records.Schema.read(stream)
+                summary.schemas[schema.id] = schema
+            case Opcode.CHANNEL:
+                channel = records.Channel.read(stream)
+                summary.channels[channel.id] = channel
+            case Opcode.CHUNK_INDEX:
+                summary.chunk_indexes.append(records.ChunkIndex.read(stream))
+            case Opcode.ATTACHMENT_INDEX:
+                summary.attachment_indexes.append(records.AttachmentIndex.read(stream))
+            case Opcode.METADATA_INDEX:
+                summary.metadata_indexes.append(records.MetadataIndex.read(stream))
+            case _:
+                return None
+    return summary
+
+
+def _records(file: IO[bytes], end: int) -> Iterator[tuple[int, bytes]]:
+    """Opcode and payload of each record up to ``end``; raises ValueError where one does not fit."""
+    at = file.tell()
+    while at < end:
+        opcode, length = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
+        at += RECORD_HEAD.size + length
+        if at > end or length > RECORD_LIMIT:
+            raise ValueError("a record is longer than its file")
+        payload = file.read(length)
+        if opcode not in _SKIPPED and opcode < FIRST_UNKNOWN:
+            yield opcode, payload
+
+
+_READ: Final = frozenset(
+    {
+        Opcode.HEADER,
+        Opcode.FOOTER,
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.MESSAGE,
+        Opcode.CHUNK,
+        Opcode.ATTACHMENT,
+        Opcode.METADATA,
+    }
+)
+
+
+class End(StrEnum):
+    """How the input ended: properly, between records, inside a record, in invalid data, or by the caller."""
+
+    FOOTER = "footer"
+    EOF = "eof"
+    TRUNCATED = "truncated"
+    DAMAGED = "damaged"
+    STOPPED = "stopped"
+
+
+class RecordLoop:
+    """Iterate once for the items of one MCAP stream; afterwards ``end`` and ``damage`` are set.
+
+    Parameters
+    ----------
+    stream : positioned at the start of the file.
+    wanted : messages of other channels are skipped unread.
+    summary : of the same file, where known: replaces damaged channel records and gives chunk offsets.
+
+    Attributes
+    ----------
+    messages : number of messages so far, of all channels.
+
+    Raises
+    ------
+    UnreadableRecording
+        While iterating, if the input does not start as MCAP.
+    """
+
+    def __init__(
+        self,
+        stream: ByteStream,
+        wanted: Callable[[Channel], bool],
+        summary: Summary | None = None,
+    ) -> None:
+        self.end: End | None = None
+        self.damage = DamageReport()
+        self.messages = 0
+        self._stream = stream
+        self._wanted = wanted
+        self._schemas: dict[int, records.Schema] = {}
+        self._channels: dict[int, Channel | None] = {}
+        self._chunk_starts: list[int] = []
+        self._orphans = 0
+        if summary is not None:
+            self._schemas.update(summary.schemas)
+            self._chunk_starts = sorted(c.chunk_start_offset for c in summary.chunk_indexes)
+            for channel in summary.channels.values():
+                self._add_channel(channel)
+
+    def __iter__(self) -> Iterator[Item]:
+        return chain.from_iterable(self.groups())
+
+    def groups(self) -> Iterator[list[Item]]:
+        """The items of one record after the other; the messages of a chunk in the order of log time."""
+        if (magic := self._stream.read(len(MAGIC))) != MAGIC:
+            hint = "; if it is a table, name it .csv" if is_text(magic) else ""
+            reason = self._stream.error or (f"it is not an MCAP file{hint}" if magic else "it is empty")
+            raise UnreadableRecording(reason)
+        for opcode, payload, start in self._frames():
+            if group := self._group(opcode, payload, start):
+                yield group
+        self.report_orphans()
+
+    def opcode_at(self, place: Place) -> int | None:
+        """Opcode of the record at a place; None if there is none of this size."""
+        head = self._stream.read(RECORD_HEAD.size) if self._stream.seek(place.offset) else b""
+        opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
+        return opcode if opcode in _READ and len(head) + length == place.size else None
+
+    def items_at(self, place: Place) -> list[Item]:
+        """The items of one record, as in ``groups``; channels are those of ``summary``."""
+        opcode, length = self.opcode_at(place), place.size - RECORD_HEAD.size
+        if opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:
+            return []
+        payload = self._stream.read(length) if opcode is not None and length <= RECORD_LIMIT else b""
+        if opcode is None or len(payload) != length:
+            self.damage.add(f"no MCAP record at byte {place.offset}")
+            return []
+        return self._group(opcode, payload, place.offset)
+
+    def report_orphans(self) -> None:
+        """Add messages without channel to the damage, once nothing more is read."""
+        if self._orphans:
+            self.damage.add(f"{self._orphans} messages of channels whose description is missing")
+            self._orphans = 0
+
+    def _group(self, opcode: int, payload: bytes, start: int) -> list[Item]:
+        """The items of one record, up to any damage, by log time."""
+        group = list[Item]()
+        try:
+            if opcode == Opcode.CHUNK:
+                budget = self._stream.budget
+                data = inflate(records.Chunk.read(payload_stream(payload)), budget)
+                for run in runs(data, budget):
+                    group += self._items(data, run)
+            else:
+                group += self._items(payload, Run(opcode, 0, len(payload), 1))
+        except PARSE_ERRORS as error:
+            self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
+        return _in_log_order(group)
+
+    def _frames(self) -> Iterator[tuple[int, bytes, int]]:
+        """Opcode, payload and offset of every relevant record, until the input ends."""
+        while True:
+            start = self._stream.position
+            head = self._stream.read(RECORD_HEAD.size)
+            if not head:
+                self._finish(End.EOF, "it ends without a footer: the recording was not finished")
+                return
+            opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
+            try:
+                self._stream.budget.count_framed()
+            except TooMuchWork as error:
+                self._finish(End.DAMAGED, str(error))
+                return
+            look = opcode in _READ and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
+            payload = b""
+            if opcode == 0 or (look and length > RECORD_LIMIT):
+                complete, end, text = False, End.DAMAGED, f"no MCAP record at byte {start}"
+            else:
+                complete = opcode > 0 and self._stream.may_have(length)
+                if complete and look:
+                    payload = self._stream.read(length)
+                    complete = len(payload) == length
+                elif complete:
+                    complete = self._stream.skip(length)
+                end, text = End.TRUNCATED, f"it is cut off inside a record at byte {start}"
+            if complete and look:
+                yield opcode, payload, start
+            if complete and opcode == Opcode.FOOTER:
+                self._finish(End.FOOTER, None)
+                return
+            if not complete and not self._resume(start, text):
+                self._finish(end, text)
+                return
+
+    def _resume(self, start: int, text: str) -> bool:
+        """Go to the next chunk after an invalid record; returns whether there is one."""
+        following = bisect_right(self._chunk_starts, start)
+        if following == len(self._chunk_starts) or not self._stream.seek(self._chunk_starts[following]):
+            return False
+        self.damage.add(text)
+        return True
+
+    def _finish(self, end: End, damage: str | None) -> None:
+        stream = self._stream
+        self.end = End.STOPPED if stream.stopped and end is not End.FOOTER else end
+        if self.end is End.FOOTER:
+            if stream.read(len(MAGIC)) != MAGIC:
+                self.damage.add("its last bytes are missing")
+            elif not stream.follows and stream.read(1):
+                self.damage.add("what follows its end is ignored")
+        elif self.end is not End.STOPPED and damage:
+            self.damage.add(f"{damage} ({stream.error})" if stream.error else damage)
+
+    def _items(self, data: bytes, run: Run) -> Iterable[Item]:
+        if run.opcode == Opcode.MESSAGE:
+            channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, run.at)
+            self.messages += run.many
+            try:
+                channel = self._channels[channel_id]
+            except KeyError:
+                self._orphans += run.many
+                return ()
+            if channel is None:
+                return ()
+            if run.many == 1:
+                message = data[run.at + MESSAGE_HEAD.size : run.at + run.size]
+                return (RawMessage(channel, log_time_ns, message),)
+            return map(RawMessage, repeat(channel), run.log_times_ns(data), run.payloads(data))
+        payload = data[run.at : run.at + run.size]
+        if run.opcode == Opcode.ATTACHMENT:
+            return (attachment_of(payload),)
+        if run.opcode == Opcode.METADATA:
+            self._stream.budget.count_records(len(payload) // BYTES_PER_RECORD)
+            metadata = records.Metadata.read(payload_stream(payload))
+            return (Metadata(metadata.name, metadata.metadata),)
+        if run.opcode == Opcode.SCHEMA:
+            schema = records.Schema.read(payload_stream(payload))
+            self._schemas[schema.id] = schema
+        elif run.opcode == Opcode.CHANNEL:
+            self._add_channel(records.Channel.read(payload_stream(payload)))
+        return ()
+
+    def _add_channel(self, record: records.Channel) -> None:
+        channel = channel_of(record, self._schemas)
+        self._channels[record.id] = channel if self._wanted(channel) else None
+
+
+def _in_log_order(items: list[Item]) -> list[Item]:
+    """Messages by log time; other items keep their place."""
+    times_ns = [item.log_time_ns for item in items if isinstance(item, RawMessage)]
+    if all(before <= after for before, after in pairwise(times_ns)):
+        return items
+    return sorted(items, key=lambda item: item.log_time_ns if isinstance(item, RawMessage) else 0)
+
+
+def _name(opcode: int) -> str:
+    return Opcode(opcode).name.lower()
+
+
+def _line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

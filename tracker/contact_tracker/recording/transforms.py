@@ -1,0 +1,475 @@
+"""Poses in another frame (``--frame PARENT->CHILD``, ``--relative-to``) composed along a chain of transforms.
+
+A pose is composed once each moving transform is known before and after it. Positions are interpolated
+linearly, rotations along the shortest arc. Only samples that pending poses need are kept.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import compress, takewhile
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from contact_tracker.errors import AmbiguousSource
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.recording.decoding import LoggedPose
+from contact_tracker.recording.definitions import canonical
+from contact_tracker.recording.items import Channel, PoseSource
+from contact_tracker.recording.sources import ChannelFilter, Logged, Stamping, only_one
+
+TRANSFORM_TYPES: Final = frozenset(
+    {
+        "tf2_msgs/msg/TFMessage",
+        "tf/msg/tfMessage",
+        "geometry_msgs/msg/TransformStamped",
+        "foxglove.FrameTransform",
+        "foxglove.FrameTransforms",
+        "foxglove_msgs/msg/FrameTransform",
+        "foxglove_msgs/msg/FrameTransforms",
+    }
+)
+
+
+class Step(NamedTuple):
+    """One transform of a chain; ``inverted`` if it is published in the opposite direction."""
+
+    source: PoseSource
+    inverted: bool
+
+
+def frame_name(name: str) -> str:
+    """A frame name without the leading slash of ROS 1."""
+    return name.lstrip("/")
+
+
+def is_transform(source: PoseSource) -> bool:
+    """Whether a source is a transform between frames instead of a measured pose."""
+    return canonical(source.type) in TRANSFORM_TYPES and bool(source.child_frame_id)
+
+
+def is_static(source: PoseSource) -> bool:
+    """Whether a source is published as static."""
+    return source.topic.endswith("tf_static")
+
+
+class TransformTree:
+    """The frames and the transforms between them, of each pair the first."""
+
+    def __init__(self, sources: Iterable[PoseSource]) -> None:
+        self._steps: dict[str, dict[str, Step]] = {}
+        for source in sorted(sources):
+            if source.child_frame_id:
+                parent, child = frame_name(source.frame_id), frame_name(source.child_frame_id)
+                self._steps.setdefault(parent, {}).setdefault(child, Step(source, False))
+                self._steps.setdefault(child, {}).setdefault(parent, Step(source, True))
+
+    def __contains__(self, frame: str) -> bool:
+        return frame_name(frame) in self._steps
+
+    def chain(self, start: str, end: str) -> list[Step] | None:
+        """The shortest chain of transforms from one frame to another; None if there is none."""
+        start, end = frame_name(start), frame_name(end)
+        reached: dict[str, tuple[str, Step] | None] = {start: None}
+        waiting = deque([start])
+        while waiting:
+            frame = waiting.popleft()
+            for other, step in self._steps.get(frame, {}).items():
+                if other not in reached:
+                    reached[other] = frame, step
+                    waiting.append(other)
+        if end not in reached:
+            return None
+        steps, at = list[Step](), reached[end]
+        while at is not None:
+            before, step = at
+            steps.append(step)
+            at = reached[before]
+        return steps[::-1]
+
+    def moving_root(self, frame: str) -> str | None:
+        """The root of the tree, if a transform from there to ``frame`` may move; else None."""
+        at, moves, seen = frame_name(frame), False, set[str]()
+        while at not in seen:
+            seen.add(at)
+            above = next((name for name, step in self._steps.get(at, {}).items() if step.inverted), None)
+            if above is None:
+                break
+            moves = moves or not is_static(self._steps[at][above].source)
+            at = above
+        return at if moves else None
+
+
+ARROW: Final = "->"
+_BODY: Final = "the body "
+REFERENCE: Final = "the reference "
+"""Frame names that do not occur in logs."""
+
+
+def may_be_step(channel: Channel, relative_to: str | None) -> bool:
+    """Whether a channel may be part of a chain: it has transforms, or is the topic that poses are relative
+    to."""
+    return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
+
+
+class FrameFilter(ChannelFilter):
+    """Accepts what ``ChannelFilter`` accepts, transforms, and the topic that poses are relative to."""
+
+    def __init__(self, topic: str | None, relative_to: str | None) -> None:
+        super().__init__(topic)
+        self._relative_to = relative_to
+
+    def __call__(self, channel: Channel) -> bool:
+        is_asked = super().__call__(channel)
+        return is_asked or may_be_step(channel, self._relative_to)
+
+    def takes(self, source: PoseSource) -> bool:
+        """Whether this source may be that of the poses."""
+        channel = next(c for c in self.seen.values() if (c.topic, c.type) == (source.topic, source.type))
+        return super().__call__(channel)
+
+
+class Chain(tuple[Step, ...]):
+    """Transforms from a frame to a body."""
+
+    __slots__ = ()
+
+    @property
+    def body(self) -> int:
+        """Index of the last moving transform, which gives the stamps."""
+        return max((i for i, step in enumerate(self) if not is_static(step.source)), default=-1)
+
+
+def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain | None:
+    """The transforms from parent to child of ``PARENT->CHILD``; None unless one of them moves."""
+    parent, _, child = frame.partition(ARROW)
+    found = TransformTree(filter(is_transform, known)).chain(parent, child)
+    chain = Chain(found or ())
+    return chain if chain and chain.body >= 0 else None
+
+
+def chain_relative(
+    path: str, known: Iterable[PoseSource], source: PoseSource, relative_to: str
+) -> Chain | None:
+    """The transforms from a frame, or from another body (by its topic, or its name beside it in a table), to
+    the body of ``source``."""
+    sources = set(known)
+    references = [s for s in sources if s.topic == relative_to and s != source]
+    references = references or [s for s in sources if s != source and is_beside(s, source, relative_to)]
+    tree = {s for s in sources if is_transform(s) and s != source}
+    # Bodies in the same frame are found without a tree; a body has no children.
+    body = replace(source, child_frame_id=_BODY)
+    steps, start = {s: Step(s, False) for s in tree} | {body: Step(source, False)}, relative_to
+    if references and not any(map(is_transform, references)):
+        reference = only_one(path, references)
+        named = replace(reference, child_frame_id=REFERENCE)
+        steps[named], start = Step(reference, False), REFERENCE
+    elif source.child_frame_id and relative_to in (source.child_frame_id,):
+        raise AmbiguousSource(f"{path}: {relative_to} is the body itself: name another frame")
+    found = TransformTree(steps).chain(start, _BODY)
+    if found is None:
+        return None
+    return Chain(Step(steps[step.source].source, step.inverted) for step in found)
+
+
+def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
+    """Whether ``other`` has the poses of the body ``name`` in the frame in which those of ``source`` are."""
+    is_same_frame = frame_name(other.frame_id) == frame_name(source.frame_id)
+    is_known_to_be = other.topic == source.topic and not source.frame_id  # of one file of motion capture
+    is_named = bool(name) and frame_name(other.child_frame_id) == frame_name(name)
+    return is_named and is_same_frame and is_known_to_be and not is_transform(other)
+
+
+def composition_hint(sources: Iterable[PoseSource]) -> str:
+    """A hint for a choice among transforms that connect one frame to one body."""
+    steps = [source for source in sources if is_transform(source)]
+    parents = {frame_name(source.frame_id) for source in steps}
+    children = {frame_name(source.child_frame_id) for source in steps}
+    roots, bodies = parents - children, children - parents
+    if len(steps) < 2 or len(roots) != 1 or len(bodies) != 1:
+        return ""
+    return f", or compose them by --frame '{min(roots)}->{min(bodies)}'"
+
+
+def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
+    """A hint for ``PARENT->CHILD`` where ``--relative-to`` would give these poses, else empty."""
+    known = sorted(sources)
+    parent, arrow, child = frame.partition(ARROW)
+    for source in known if arrow else ():
+        with suppress(AmbiguousSource):
+            if source.child_frame_id == child and chain_relative(path, known, source, parent):
+                return f"; compose it by --frame {child} --relative-to {parent}"
+    return ""
+
+
+def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
+    """The source name of the poses of a chain."""
+    body = chain[chain.body].source
+    frame_moves = any(step.inverted and not is_static(step.source) for step in chain)
+    return PoseSource(body.topic, body.type, parent, child, frame_moves=frame_moves)
+
+
+def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:
+    """One line if the parent frame of the poses may itself move, else None."""
+    tree = TransformTree(s for s in known if s != source)
+    root = tree.moving_root(source.frame_id) if source.frame_id else None
+    if root is None:
+        return None
+    advice = f"--frame '{root}->{source.child_frame_id}'" if is_transform(source) else f"--relative-to {root}"
+    return (
+        f"poses are in {source.frame_id}, which may move in {root}: contacts are with {source.frame_id}; for "
+        f"those with {root}: {advice}"
+    )
+
+
+GAP_NS: Final = 1_000_000_000
+"""Moving transforms are not interpolated over longer gaps."""
+_MOST_WAITING: Final = 20_000
+_MOST_KEPT: Final = 200_000
+_PATIENCE_NS: Final = 5_000_000_000
+"""Log time for which a pose waits for moving transforms: its stamp may lead."""
+_KEPT_NS: Final = 10_000_000_000
+"""Time for which samples of a transform are kept: stamps of poses may lag."""
+_BACK_NS: Final = 10_000_000_000
+_FORWARD_NS: Final = 3_600_000_000_000
+"""A transform whose stamps jump by more is restarted."""
+_FARTHEST_NS: Final = 2**61
+_Placed = tuple[NDArray[np.float64], Rotation]
+
+
+class Composer:
+    """Converts poses of the sources of a chain to poses of one body in the first frame of the chain.
+
+    Parameters
+    ----------
+    steps : the chain, from the wanted frame to the body.
+    body : index of the step that gives the stamps.
+    source : name of the composed poses.
+    assumed : as of ``MessageDecoder``.
+    at_once : number of poses composed together; 1 for a live stream.
+
+    Attributes
+    ----------
+    counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` as docs/conventions.md says,
+        ``log_time_as_stamp``, and ``known_definition`` as of ``PoseLog``.
+    why : why the known definition of a type was used, in words.
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[Step],
+        body: int,
+        source: PoseSource,
+        assumed: Mapping[tuple[str, str], str],
+        at_once: int,
+    ) -> None:
+        self.counts: Counter[str] = Counter()
+        self.why: str | None = None
+        self._steps, self._body, self._source = steps, body, source
+        self._assumed = assumed
+        self._at_once = at_once
+        self._tracks = {step.source: _Track(self.counts, is_static(step.source)) for step in steps}
+        self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != body]
+        self._waiting: deque[Logged] = deque()
+        self._stampings = dict[PoseSource, Stamping]()
+
+    def learn(self, known: Mapping[PoseSource, list[Logged]]) -> None:
+        """Take from messages read ahead how poses are stamped, and static transforms: poses may precede
+        them."""
+        for source, logged in known.items():
+            if source in self._tracks and is_static(source):
+                for pose, _ in logged[:1]:
+                    self._tracks[source].add(pose)
+            elif source in self._tracks and len(logged) > 1:
+                self._stampings[source] = Stamping(logged)
+
+    def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
+        """The composed poses; other poses are dropped, and None is passed on."""
+        body = self._steps[self._body].source
+        for one in logged:
+            if one is None:
+                yield None
+                continue
+            source, pose, log_time_ns = one
+            if source in self._tracks:
+                stamping = self._stampings.get(source)
+                counts = self.counts if source == body else Counter[str]()
+                if stamping is not None:
+                    pose = stamping.stamped(pose, log_time_ns, counts)
+                elif not pose.stamp_ns and log_time_ns:  # too few poses to tell what zero means
+                    pose = pose._replace(stamp_ns=log_time_ns)
+                    counts["log_time_as_stamp"] += 1
+                if source == body:
+                    self._waiting.append((pose, log_time_ns))
+                else:
+                    self._tracks[source].add(pose)
+                if (why := self._assumed.get((source.topic, source.type))) is not None:
+                    self.why = why
+                    self.counts["known_definition"] += 1
+            yield from self._ready(log_time_ns)
+        yield from self._emit(len(self._waiting))
+
+    def _ready(self, now_ns: int) -> Iterator[LoggedPose]:
+        """Pending poses that can be composed, once there are enough, and those that have waited too long."""
+        if self._waiting and now_ns - self._waiting[0][1] > _PATIENCE_NS:
+            late = takewhile(lambda logged: now_ns - logged[1] > _PATIENCE_NS, self._waiting)
+            yield from self._emit(sum(1 for _ in late))
+        if len(self._waiting) < self._at_once:
+            return
+        until_ns = min((track.until_ns for track in self._parents), default=2**63)
+        if self._waiting[self._at_once - 1][0].stamp_ns <= until_ns:
+            ready = takewhile(lambda logged: logged[0].stamp_ns <= until_ns, self._waiting)
+            yield from self._emit(sum(1 for _ in ready))
+        elif len(self._waiting) > _MOST_WAITING:
+            yield from self._emit(_MOST_WAITING // 2)
+
+    def _emit(self, many: int) -> Iterator[LoggedPose]:
+        logged = [self._waiting.popleft() for _ in range(many)]
+        if not logged:
+            return
+        poses = Poses.collect(pose for pose, _ in logged)
+        good = np.ones(len(poses), bool)
+        norms = np.linalg.norm(poses.quat_xyzw, axis=1)
+        usable = np.isfinite(norms) & (norms > 0)
+        quats = np.where(usable[:, None], poses.quat_xyzw, [0.0, 0.0, 0.0, 1.0])
+        whole: _Placed | None = None
+        for i, (source, inverted) in enumerate(self._steps):
+            if i == self._body:
+                part: _Placed = poses.position_m, Rotation.from_quat(quats)
+            else:
+                *part_, known = self._tracks[source].at(poses.stamp_ns)
+                part = part_[0], part_[1]
+                good &= known
+            part = _inverse(part) if inverted else part
+            whole = part if whole is None else _product(whole, part)
+        self._forget()
+        assert whole is not None
+        self._count_lost(poses.stamp_ns[~good])
+        positions, rotations = whole
+        # A quaternion keeps its norm, so that the pose gate validates it as published.
+        quats = rotations.as_quat() * np.where(usable, norms, np.nan)[:, None]
+        composed = Poses(poses.stamp_ns, positions, quats)[good]
+        times_ns = compress((log_time_ns for _, log_time_ns in logged), good)
+        for pose, log_time_ns in zip(composed, times_ns, strict=True):
+            yield self._source, pose, log_time_ns
+
+    def _forget(self) -> None:
+        ends_ns = [track.until_ns for track in self._parents] + [pose.stamp_ns for pose, _ in self._waiting]
+        for track in self._parents:
+            track.forget(min(ends_ns) - _KEPT_NS)
+
+    def _count_lost(self, stamps_ns: NDArray[np.int64]) -> None:
+        for stamp_ns in stamps_ns.tolist():
+            if all(track.spans(stamp_ns) for track in self._parents):
+                self.counts["parent_gap"] += 1
+            else:
+                self.counts["no_parent"] += 1
+
+
+class _Track:
+    """Samples of one transform of a chain, as long as pending poses need them."""
+
+    def __init__(self, counts: Counter[str], static: bool) -> None:
+        self._counts = counts
+        self._static = static
+        self._samples: deque[Pose] = deque()
+        self._first_ns: int | None = None
+
+    @property
+    def until_ns(self) -> int:
+        """Stamp of the last sample."""
+        if self._static and self._samples:
+            return 2**63
+        return self._samples[-1].stamp_ns if self._samples else -(2**63)
+
+    def spans(self, stamp_ns: int) -> bool:
+        """Whether there are samples before and after a stamp."""
+        return self._first_ns is not None and self._first_ns <= stamp_ns <= self.until_ns
+
+    def add(self, pose: Pose) -> None:
+        norm = float(np.linalg.norm(pose.quat_xyzw))
+        is_pose = abs(norm - 1) < 0.05 and all(map(math.isfinite, pose.position_m))
+        if not is_pose or abs(pose.stamp_ns) > _FARTHEST_NS:
+            self._counts["bad_parent"] += 1
+            return
+        if self._static:
+            self._samples.clear()
+        elif self._samples and pose.stamp_ns <= self._samples[-1].stamp_ns:
+            if pose.stamp_ns > self._samples[-1].stamp_ns - _BACK_NS:
+                self._counts["bad_parent"] += pose.stamp_ns < self._samples[-1].stamp_ns
+                return
+            self._start_anew()
+        elif self._samples and pose.stamp_ns > self._samples[-1].stamp_ns + _FORWARD_NS:
+            self._start_anew()
+        if self._static:
+            self._first_ns = -(2**63)
+        elif self._first_ns is None:
+            self._first_ns = pose.stamp_ns
+        self._samples.append(pose)
+        if len(self._samples) > _MOST_KEPT:
+            self._samples.popleft()
+
+    def _start_anew(self) -> None:
+        self._samples.clear()
+        self._first_ns = None
+
+    def forget(self, stamp_ns: int) -> None:
+        """Drop the samples before the last one up to a stamp."""
+        while len(self._samples) > 1 and self._samples[1].stamp_ns <= stamp_ns:
+            self._samples.popleft()
+
+    def at(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
+        """Interpolated position and rotation at stamps, and whether they are known there."""
+        samples = self._about(int(stamps_ns.min()))
+        if not len(samples):
+            unknown = np.zeros(len(stamps_ns), bool)
+            return np.zeros((len(stamps_ns), 3)), Rotation.identity(len(stamps_ns)), unknown
+        if self._static or len(samples) == 1:
+            known = np.full(len(stamps_ns), True) if self._static else stamps_ns == samples.stamp_ns[0]
+            rotation = Rotation.from_quat(np.repeat(samples.quat_xyzw, len(stamps_ns), axis=0))
+            return np.repeat(samples.position_m, len(stamps_ns), axis=0), rotation, known
+        return self._between(samples, stamps_ns)
+
+    def _about(self, stamp_ns: int) -> Poses:
+        """The samples from the last one before a stamp onwards."""
+        about = deque[Pose]()
+        for sample in reversed(self._samples):
+            about.appendleft(sample)
+            if sample.stamp_ns <= stamp_ns:
+                break
+        return Poses.collect(about)
+
+    def _between(
+        self, samples: Poses, stamps_ns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
+        known = (stamps_ns >= samples.stamp_ns[0]) & (stamps_ns <= samples.stamp_ns[-1])
+        after = np.clip(np.searchsorted(samples.stamp_ns, stamps_ns, side="left"), 1, len(samples) - 1)
+        is_wide = np.diff(samples.stamp_ns)[after - 1] > GAP_NS
+        is_exact = (stamps_ns == samples.stamp_ns[after]) | (stamps_ns == samples.stamp_ns[after - 1])
+        known &= ~is_wide | is_exact | samples.repeats[after - 1]
+        origin_ns = samples.stamp_ns[0]
+        times = (samples.stamp_ns - origin_ns) * 1e-9
+        wanted = np.clip((stamps_ns - origin_ns) * 1e-9, 0, times[-1])
+        apart = np.append(True, np.diff(times) > 0.0)  # of stamps that seconds do not tell apart the first
+        times, quats, positions = times[apart], samples.quat_xyzw[apart], samples.position_m[apart]
+        wanted = np.minimum(wanted, times[-1])
+        if len(times) == 1:
+            rotation = Rotation.from_quat(np.repeat(quats, len(wanted), axis=0))
+        else:
+            rotation = Slerp(times, Rotation.from_quat(quats))(wanted)
+        columns = [np.interp(wanted, times, column) for column in positions.T]
+        return np.column_stack(columns), rotation, known
+
+
+def _product(first: _Placed, second: _Placed) -> _Placed:
+    return first[0] + first[1].apply(second[0]), first[1] * second[1]
+
+
+def _inverse(placed: _Placed) -> _Placed:
+    back = placed[1].inv()
+    return -back.apply(placed[0]), back

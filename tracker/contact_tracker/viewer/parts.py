@@ -1,0 +1,297 @@
+"""What is known of the object and its surroundings, as parts to draw: a list for all outputs.
+
+Known bodies are drawn whole. Of each other element what was touched is drawn: a face as the patch, an edge
+as the segment, a vertex as the point. Where one touches that reaches farther than a point, such as a face on
+a face, the patch is as large as the object.
+"""
+
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.map.map import EMPTY_MAP, KINDS, Map, NamedElement
+from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.motion.poses import Poses
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.viewer.scene import (
+    EMPTY,
+    UNKNOWN_EXTENT,
+    Extent,
+    Hull,
+    Mesh,
+    across,
+    hull,
+    patch,
+    point,
+    poses_within,
+    rod,
+)
+
+SIDES: Final = ("object", "surroundings")
+MOST_POSES: Final = 40
+"""Poses of one touch of which the places are drawn."""
+_EVERY_NS: Final = 100_000_000
+_MARGIN: Final = 0.1
+"""Margin about what was touched, and size of a vertex, by the object's radius."""
+_RING: Final = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+_RANK: Final[dict[type[Element], int]] = {Point: 0, Line: 1, Plane: 2}
+
+
+class Part(NamedTuple):
+    """A known body or element, of the object in the body frame, else in the world frame.
+
+    Parameters
+    ----------
+    side : 0 the object's, 1 of the surroundings.
+    name : for display.
+    mesh : its surface.
+    outline : closed or open lines (N, 3) about it.
+    label_m : (3,) where its name is.
+    """
+
+    side: int
+    name: str
+    mesh: Mesh
+    outline: tuple[Array, ...]
+    label_m: Array
+
+
+class Touch(NamedTuple):
+    """Two elements that touched from ``start_ns`` to ``end_ns``, and the keys of those to draw."""
+
+    start_ns: int
+    end_ns: int
+    geometry: ContactGeometry
+    keys: tuple[Hashable, Hashable]
+
+
+class KnownParts:
+    """Collects the poses and contacts of a recording, and gives all that is known so far.
+
+    Parameters
+    ----------
+    known_map : bodies and elements that are listed.
+    vertices_m : (V, 3) of the object in the body frame, if known otherwise.
+    """
+
+    def __init__(self, known_map: Map = EMPTY_MAP, vertices_m: Array | None = None) -> None:
+        self._bodies = list(_bodies(known_map))
+        solid = None if vertices_m is None else hull(vertices_m)
+        if solid is not None and all(side != 0 for side, _, _ in self._bodies):
+            self._bodies.insert(0, (0, SIDES[0], solid))
+        self._listed: dict[Hashable, tuple[int, str, Element]] = {
+            (side, one.name): (side, one.name, one.element)
+            for side, known in enumerate((known_map.object, known_map.environment))
+            for one in known
+            if one.solid is None
+        }
+        self._poses, self._next_ns = list[Poses](), -(2**62)
+        self._touches: dict[int, Touch] = {}
+
+    @property
+    def bodies(self) -> tuple[Part, ...]:
+        """The known bodies."""
+        return tuple(_of_body(*body) for body in self._bodies)
+
+    @property
+    def object_extent(self) -> Extent | None:
+        """The size of the object, if it is a known body."""
+        return next((body.extent for side, _, body in self._bodies if side == 0), None)
+
+    def add_poses(self, poses: Poses) -> None:
+        """Add poses, of which up to ten per second are kept."""
+        row = int(np.searchsorted(poses.stamp_ns, self._next_ns))
+        while row < len(poses):
+            self._poses.append(poses[row : row + 1])
+            self._next_ns = int(poses.stamp_ns[row]) + _EVERY_NS
+            row = int(np.searchsorted(poses.stamp_ns, self._next_ns))
+
+    def add_contact(self, start_ns: int, end_ns: int, geometry: ContactGeometry | None) -> bool:
+        """Add a contact, or a later estimate of one; returns whether it is the first with a listed element
+        that began then."""
+        if geometry is None:
+            return False
+        keys = (0, geometry.names[0]), (1, geometry.names[1])
+        if not any(key in self._listed for key in keys):
+            return False
+        is_new = start_ns not in self._touches
+        self._touches[start_ns] = Touch(start_ns, end_ns, geometry, keys)
+        return is_new
+
+    def parts(self, world: GrowingMap | None) -> tuple[Part, ...]:
+        """The known bodies, and all elements that are listed or that contacts have touched (``world``)."""
+        if not self._poses:
+            return self.bodies
+        poses, elements, touches = Poses.join(self._poses), dict(self._listed), [*self._touches.values()]
+        if world is not None:
+            touched = _elements_of(world)
+            elements |= touched
+            touches += [
+                Touch(start_ns, end_ns, ContactGeometry(touched[ours][2], touched[theirs][2]), (ours, theirs))
+                for start_ns, end_ns, (ours, theirs) in world.touches
+                if ours in touched and theirs in touched
+            ]
+        extent = self.object_extent or _extent([one for side, _, one in elements.values() if side == 0])
+        places: dict[Hashable, list[Array]] = {}
+        for touch in touches:
+            for key, where in zip(touch.keys, _touched(touch, poses, extent), strict=True):
+                places.setdefault(key, []).append(where)
+        centres = poses.rotation @ extent.centre_m + poses.position_m
+        about = extent.centre_m, np.median(centres, axis=0)
+        found = [
+            _of_element(side, name, one, places.get(key) or [_own(one, about[side], extent)], extent)
+            for key, (side, name, one) in elements.items()
+        ]
+        return (*self.bodies, *found)
+
+
+def known_parts(
+    world: GrowingMap | None,
+    poses: Poses,
+    segments: Iterable[Segment],
+    known_map: Map = EMPTY_MAP,
+    vertices_m: Array | None = None,
+) -> tuple[Part, ...]:
+    """All that is known after a recording; ``known_map`` and ``vertices_m`` as of ``KnownParts``."""
+    known = KnownParts(known_map, vertices_m)
+    known.add_poses(poses)
+    for one in segments:
+        known.add_contact(one.start_ns, one.end_ns, one.geometry)
+    return known.parts(world)
+
+
+def _bodies(known_map: Map) -> Iterator[tuple[int, str, Hull]]:
+    """Known boxes and meshes: side, name and hull."""
+    for side, known in enumerate((known_map.object, known_map.environment)):
+        for number in dict.fromkeys(one.solid for one in known if one.solid is not None):
+            corners = [one for one in known if one.solid == number and isinstance(one.element, Point)]
+            solid = hull(np.array([one.element.point_m for one in corners if isinstance(one.element, Point)]))
+            if solid is not None:
+                yield side, _body_name(corners[0]) or SIDES[side], solid
+
+
+def _body_name(corner: NamedElement) -> str:
+    return corner.name.rpartition(KINDS["v"])[0].strip()
+
+
+def _elements_of(world: GrowingMap) -> dict[Hashable, tuple[int, str, Element]]:
+    learned = world.learned
+    covariance, slots = learned.covariance(), learned.slots
+    return {
+        key: (
+            key[0],
+            f"{KINDS[one.kind]} {key[1]}",
+            one.with_covariance(covariance[slots[key], slots[key]]),
+        )
+        for key, one in learned.elements.items()
+    }
+
+
+def _extent(elements: Sequence[Element]) -> Extent:
+    """The size of an object of which these elements are known (in the body frame)."""
+    feet = [_foot(one, np.zeros(3)) for one in elements if not _is_open(one)]
+    if len(feet) < 2:
+        return UNKNOWN_EXTENT
+    centre = 0.5 * (np.min(feet, axis=0) + np.max(feet, axis=0))
+    radius_m = float(np.max(np.linalg.norm(feet - centre, axis=1)))
+    return Extent(centre, radius_m) if radius_m > 0.0 else UNKNOWN_EXTENT
+
+
+def _is_open(element: Element) -> bool:
+    """Whether the place of an element is less known than an object of unknown size is large."""
+    if element.covariance is None:
+        return False
+    own = element.covariance[3:, 3:] if isinstance(element, Plane | Line) else element.covariance
+    return float(np.sqrt(np.max(np.diag(own)))) > UNKNOWN_EXTENT.radius_m
+
+
+def _foot(element: Element, near_m: Array) -> Array:
+    """The point (3,) of an element nearest to a point."""
+    match element:
+        case Plane(normal, offset_m):
+            return np.asarray(near_m + (offset_m - near_m @ normal) * normal)
+        case Line(direction, point_m):
+            return np.asarray(point_m + direction * (direction @ (near_m - point_m)))
+        case Point(point_m):
+            return point_m
+
+
+def _own(element: Element, near_m: Array, extent: Extent) -> Array:
+    """Points (N, 3) about the part of an element within the object's radius of ``near_m``."""
+    foot, radius_m = _foot(element, near_m), extent.radius_m
+    match element:
+        case Plane(normal):
+            return foot + radius_m * np.stack([np.cos(_RING), np.sin(_RING)], axis=-1) @ across(normal).T
+        case Line(direction):
+            return foot + radius_m * np.array([[-1.0], [1.0]]) * direction
+        case Point():
+            return foot[None]
+
+
+def _touched(touch: Touch, poses: Poses, extent: Extent) -> tuple[Array, Array]:
+    """Where two elements touched: points (N, 3) in the body frame, and the same in the world frame."""
+    within = poses_within(poses, touch.start_ns, touch.end_ns)
+    within = within[:: 1 + len(within) // MOST_POSES]
+    rotation, position_m = within.rotation, within.position_m
+    ours, theirs = touch.geometry.object, touch.geometry.environment
+    if isinstance(ours, Line) and isinstance(theirs, Line):
+        in_body = np.stack(
+            [_crossing(ours, theirs, *pose) for pose in zip(rotation, position_m, strict=True)]
+        )
+        return in_body, np.einsum("nij,nj->ni", rotation, in_body) + position_m
+    if _RANK[type(ours)] <= _RANK[type(theirs)]:
+        own = _own(ours, extent.centre_m, extent)
+        return own, (np.einsum("nij,kj->nki", rotation, own) + position_m[:, None]).reshape(-1, 3)
+    centres = rotation @ extent.centre_m + position_m
+    in_world = np.stack([_own(theirs, centre, extent) for centre in centres])
+    in_body = np.einsum("nij,nki->nkj", rotation, in_world - position_m[:, None])
+    return in_body.reshape(-1, 3), in_world.reshape(-1, 3)
+
+
+def _crossing(ours: Line, theirs: Line, rotation: Array, position_m: Array) -> Array:
+    """The point (3,) of the object's line, in the body frame, nearest to another line."""
+    direction = rotation.T @ theirs.direction
+    arm = rotation.T @ (theirs.point_m - position_m) - ours.point_m
+    along = ours.direction - (ours.direction @ direction) * direction
+    square = float(along @ along)
+    return ours.point_m + ours.direction * (float(along @ arm) / square if square > 0.0 else 0.0)
+
+
+def _of_body(side: int, name: str, solid: Hull) -> Part:
+    mesh = Mesh(solid.vertices, solid.triangles, np.zeros_like(solid.vertices))
+    return Part(side, name, mesh, tuple(np.asarray(solid.edges, float)), solid.extent.centre_m)
+
+
+def _of_element(side: int, name: str, element: Element, touched: Sequence[Array], extent: Extent) -> Part:
+    """The part of an element about the places, (N, 3) each, where it was touched."""
+    places, margin_m = np.concatenate(touched), _MARGIN * extent.radius_m
+    if _is_open(element):
+        name = f"{name} (place not known)"
+    match element:
+        case Plane(normal):
+            rim = _rim(element, places, margin_m)
+            mesh = EMPTY if _is_open(element) else patch(rim, normal)
+            return Part(side, name, mesh, (np.concatenate([rim, rim[:1]]),), rim.mean(axis=0))
+        case Line(direction, point_m):
+            along = (places - point_m) @ direction
+            ends = point_m + direction * np.array([[along.min() - margin_m], [along.max() + margin_m]])
+            middle = ends.mean(axis=0)
+            half_m = 0.5 * float(along.max() - along.min()) + margin_m
+            return Part(side, name, rod(direction, middle, half_m, 0.2 * margin_m), (ends,), middle)
+        case Point(point_m):
+            return Part(side, name, point(side == 0, point_m, 0.5 * margin_m), (), point_m)
+
+
+def _rim(plane: Plane, places: Array, margin_m: float) -> Array:
+    """The convex polygon (N, 3) in a plane about places, which need not lie in it."""
+    basis = across(plane.normal)
+    ring = margin_m * np.stack([np.cos(_RING), np.sin(_RING)], axis=-1)
+    flat = ((places @ basis)[:, None] + ring).reshape(-1, 2)
+    try:
+        flat = flat[ConvexHull(flat).vertices]
+    except QhullError:  # far away, where the margin is lost in rounding
+        flat = flat[: len(ring)]
+    return np.asarray(flat @ basis.T + plane.offset_m * plane.normal)
