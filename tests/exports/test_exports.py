@@ -331,7 +331,7 @@ def test_csv_has_a_row_per_segment(folder: Path, result: contact_tracker.Result)
 def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result) -> None:
     pytest.importorskip("matplotlib").use("Agg")
     pyplot = pytest.importorskip("matplotlib.pyplot")
-    posterior, paper, *known = result.plot(curves=True).axes
+    *known, posterior, paper = result.plot(curves=True).axes
     assert [len(one.texts) for one in known] == [
         sum(part.side == side for part in result.parts) for side in (0, 1)
     ]

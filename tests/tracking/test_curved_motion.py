@@ -41,7 +41,7 @@ def test_a_rolling_disc_is_not_surely_free():
     """The rim is hard to find in most pieces of the motion; one found in a piece is used in others."""
     poses = gate(poses_of(MOTIONS["disc of 0.1 m that rolls on a face"], np.random.default_rng(1)))
     found = segment(poses, MODEL)
-    assert np.mean(found.beliefs.probability[20:, FREE] > 0.9) < 0.1
+    assert np.mean(found.beliefs.probability[20:, FREE] > 0.9) < 0.15
     assert any(set(one.inseparable) == set(CONTACTS) for one in found.segments)
 
 
