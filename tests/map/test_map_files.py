@@ -100,7 +100,7 @@ def test_the_file_of_the_documentation_is_read(tmp_path):
 def test_the_python_of_the_documentation_runs():
     names = {}
     exec(block("python"), names)
-    assert len(names["tracker"]._state.trackers.known_map.object) == 26
+    assert len(names["tracker"]._tracker.filters.known_map.object) == 26
 
 
 def test_an_empty_file_is_an_empty_map(tmp_path):
