@@ -172,9 +172,9 @@ def test_of_many_pairs_the_most_probable_begin():
     kept = evidence.proposals
     certain = kept.rows.elements_known
     assert certain.sum() == MOST_BIRTHS
-    known = [number for number, pair in enumerate(pairs) if pair.certain]
+    known = [number for number, pair in enumerate(pairs) if pair.is_certain]
     assert kept.rows.known_pair_index[certain].tolist() == known[:MOST_BIRTHS]  # the nearest ones
-    assert (~certain).sum() == sum(not pair.certain for pair in pairs) > 0
+    assert (~certain).sum() == sum(not pair.is_certain for pair in pairs) > 0
     assert log_sum_exp(kept.log_share) == pytest.approx(0.0, abs=1e-12)
 
 
