@@ -18,7 +18,7 @@ from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.offline import Shown, write_rrd
-from contact_tracker.viewer.parts import known_parts
+from contact_tracker.viewer.parts import MOST_KEPT, KnownParts, known_parts
 from contact_tracker.viewer.sinks import to_file
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -124,3 +124,19 @@ def test_live_elements_appear_as_they_become_known(tmp_path: Path, poses: Poses,
     static, later = static_and_first(path, f"{canvas.KNOWN[0]}/names", "Points3D:labels")
     assert static == []
     assert later == [(0, 0), (1_590_000_000, 1)]
+
+
+def test_long_streams_keep_few_poses_of_all_their_time() -> None:
+    count = 40_000
+    stamp_ns = np.arange(count, dtype=np.int64) * 100_000_000
+    quat_xyzw = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+    poses = Poses(stamp_ns, np.zeros((count, 3)), quat_xyzw)
+    at_once, one_by_one = KnownParts(), KnownParts()
+    at_once.add_poses(poses)
+    for first in range(0, count, 7):
+        one_by_one.add_poses(poses[first : first + 7])
+    for known in (at_once, one_by_one):
+        kept = Poses.join(known._poses)
+        assert MOST_KEPT // 2 <= len(kept) <= MOST_KEPT
+        assert np.diff(kept.stamp_ns).max() <= 4 * stamp_ns[-1] // MOST_KEPT
+        assert kept.stamp_ns[0] == 0

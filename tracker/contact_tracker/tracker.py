@@ -112,10 +112,10 @@ class Tracker:
         beliefs = list[Belief]()
         if len(poses):
             require_valid(poses, self.last_ns)
-            self.last_ns = int(poses.stamp_ns[-1])
         while len(poses):
             room = max(BATCH_POSES - self.many, 1)
             some, poses = poses[:room], poses[room:]
+            self.last_ns = int(some.stamp_ns[-1])
             self.uninspected.append(some)
             self.many += len(some)
             beliefs += self._update_all(detail)

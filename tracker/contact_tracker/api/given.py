@@ -111,7 +111,7 @@ def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | No
     if states is None:
         return found
     try:
-        return replace(found, states=states_from([states] if isinstance(states, str) else states))
+        return replace(found, states=states_from(states))
     except (TypeError, ValueError) as error:
         raise UsageError(f"states: {error}") from error
 

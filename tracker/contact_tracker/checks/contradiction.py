@@ -6,6 +6,7 @@ the evidence against the map.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Self
 
@@ -53,6 +54,10 @@ class ReferenceFilter:
     def start(cls, model: Model, known_map: Map = EMPTY_MAP) -> Self:
         """The filter before the first pose."""
         return cls(TickGrid(model), ContactFilter.start(model, known_map=known_map))
+
+    def copied(self) -> Self:
+        """A copy that is updated without a change of this one."""
+        return replace(self, grid=copy(self.grid), filter=copy(self.filter))
 
     def update(self, poses: Poses, detail: Detail = Detail.WEIGHTS) -> list[AfterTick]:
         """Update by poses; returns the evidence after each tick that they close, and a belief of this
@@ -109,8 +114,8 @@ class Contradiction(Check):
 
     def _compared(self, poses: Poses, stream: Stream) -> "Contradiction":
         assert stream.best is not None
-        first = self.with_map or ReferenceFilter.start(stream.best, stream.map)
-        second = self.without_map or ReferenceFilter.start(stream.best)
+        first = (self.with_map or ReferenceFilter.start(stream.best, stream.map)).copied()
+        second = (self.without_map or ReferenceFilter.start(stream.best)).copied()
         difference = second.filter.state.log_evidence - first.filter.state.log_evidence
         with_map, without_map = first.update(poses), second.update(poses, Detail.SHARED)
         lead, lost, is_found = self.lead, self.lost, self.is_found

@@ -186,7 +186,7 @@ def _states(text: str) -> "tuple[Contact, ...]":
     from contact_tracker.map.map import states_from
 
     try:
-        return states_from(filter(None, (name.strip() for name in text.split(","))))
+        return states_from(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 

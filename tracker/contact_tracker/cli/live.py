@@ -25,7 +25,7 @@ HELP: Final = "what holds now: a line per change while poses stream in"
 DESCRIPTION: Final = """\
 Follow the contacts in a recording or a stream of poses; each answer uses the data up to its
 time only. A line per change goes to stdout: time, contact, probability, onset and where the
-contact lies. Times are arguments.seconds since the recording's first pose."""
+contact lies. Times are seconds since the recording's first pose."""
 EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
 
 
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=arguments.seconds,
         default=0.0,
         metavar="S",
-        help="report the state of S arguments.seconds ago, using the poses since then (default: 0)",
+        help="report the state of S seconds ago, using the poses since then (default: 0)",
     )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument(

@@ -21,7 +21,7 @@ EVERY_S: Final = 10.0
 _SAVED: Final = ("initial", "state", "source", "first", "taken", "gate", "stamping", "span", "reported")
 """What is saved, between the arrivals of two poses: a hash of the initial state, which model, lag and prior
 map determine, and the tracker; topic, type and frames of the poses; the first pose of the log with its log
-time (ns), and how many were read, with the gate and the stamping (``recording.stamping``); the stamps of the
+time (ns), and how many were read, with the gate and the stamping (``sources.Stamping``); the stamps of the
 first pose, of the first and last that were used, and their number; what was reported (``Changes``)."""
 _WAIT_S: Final = 0.5
 """Longer than it takes to decode a pose, which must not be interrupted."""

@@ -98,8 +98,13 @@ class Map:
 EMPTY_MAP: Final = Map()
 
 
-def states_from(names: Iterable[str]) -> tuple[Contact, ...]:
-    """The states of these names, in the order of ``STATES``; raises ValueError for others, or without any."""
+def states_from(names: str | Iterable[str]) -> tuple[Contact, ...]:
+    """The states of these names, a list or separated by commas, in the order of ``STATES``; raises ValueError
+    for others, or without any."""
+    if isinstance(names, str):
+        names = filter(None, map(str.strip, names.split(",")))
+    elif isinstance(names, bytes) or not isinstance(names, Iterable):
+        raise ValueError(f"names of contacts, such as 'f-f,e-f', and not {names!r}")
     given = [*names]
     for name in given:
         if name not in STATES:

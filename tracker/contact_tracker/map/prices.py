@@ -1,8 +1,9 @@
 """The price of new elements: how probable it is that a contact touches one that no other has touched.
 
-On each side, one that n of N contacts touched is touched again with probability n / (N + a), and a new one
-with a / (N + a) (a Chinese restaurant process). Whether an element is new is decided before its kind: a new
-edge costs as much as a new face. The concentration a is that of the recording.
+On each side, a contact touches a new element with probability a / (N + a) after N contacts, or else a known
+one of its kind, each in proportion to how many have touched it (a Chinese restaurant process). Whether an
+element is new is decided before its kind: a new edge costs as much as a new face. The concentration a is that
+of the recording.
 """
 
 import math

@@ -29,9 +29,9 @@ SOLVER_ROUNDS: Final = 4
 LONGEST_TURN_RAD: Final = 0.3
 """Largest turn of an element in one step of the solver."""
 CONVERGED: Final = 1e-7
-DROPPED_NATS: Final = 8.0
+DROPPED_NATS: Final = 15.0
 """Evidence against a prior by which it is dropped: each contact that it does not explain costs the price of
-two new elements, 7 nats with ten contacts known and 3 with two, and one that it explains gains tens."""
+two new elements, 10 nats with ten contacts known and 5 with two, and one that it explains gains tens."""
 MARGIN_S: Final = 1.0
 """Time before and after a contact in which the next pass may begin or end the same contact."""
 

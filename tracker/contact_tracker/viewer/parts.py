@@ -33,6 +33,10 @@ from contact_tracker.viewer.scene import (
 SIDES: Final = ("object", "surroundings")
 MOST_POSES: Final = 40
 """Poses of one touch of which the places are drawn."""
+MOST_KEPT: Final = 3_000
+"""Poses that are kept; with more, every second one is dropped, and fewer are added from then on."""
+MOST_TOUCHES: Final = 200
+"""Latest contacts with listed elements of which the places are drawn."""
 _EVERY_NS: Final = 100_000_000
 _MARGIN: Final = 0.1
 """Margin about what was touched, and size of a vertex, by the object's radius."""
@@ -88,7 +92,7 @@ class KnownParts:
             for one in known
             if one.solid is None
         }
-        self._poses, self._next_ns = list[Poses](), -(2**62)
+        self._poses, self._every_ns, self._last_span = list[Poses](), _EVERY_NS, -(2**62)
         self._touches: dict[int, Touch] = {}
 
     @property
@@ -102,12 +106,16 @@ class KnownParts:
         return next((body.extent for side, _, body in self._bodies if side == 0), None)
 
     def add_poses(self, poses: Poses) -> None:
-        """Add poses, of which up to ten per second are kept."""
-        row = int(np.searchsorted(poses.stamp_ns, self._next_ns))
-        while row < len(poses):
-            self._poses.append(poses[row : row + 1])
-            self._next_ns = int(poses.stamp_ns[row]) + _EVERY_NS
-            row = int(np.searchsorted(poses.stamp_ns, self._next_ns))
+        """Add poses, of which up to ten per second are kept, and fewer of a long stream."""
+        span = poses.stamp_ns // self._every_ns
+        kept = poses[np.diff(span, prepend=self._last_span) > 0]
+        if not len(kept):
+            return
+        self._poses.append(kept)
+        self._last_span = int(span[-1])
+        while sum(map(len, self._poses)) > MOST_KEPT:
+            self._poses, self._every_ns = [Poses.join(self._poses)[::2]], 2 * self._every_ns
+            self._last_span //= 2
 
     def add_contact(self, start_ns: int, end_ns: int, geometry: ContactGeometry | None) -> bool:
         """Add a contact, or a later estimate of one; returns whether it is the first with a listed element
@@ -118,6 +126,8 @@ class KnownParts:
         if not any(key in self._listed for key in keys):
             return False
         is_new = start_ns not in self._touches
+        if is_new and len(self._touches) == MOST_TOUCHES:
+            del self._touches[min(self._touches)]
         self._touches[start_ns] = Touch(start_ns, end_ns, geometry, keys)
         return is_new
 
