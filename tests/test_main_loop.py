@@ -13,8 +13,8 @@ from contact_tracker_lab.trace_tick import traced_ticks
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
-MOST_CALLS, MOST_FILES = 575, 62
-"""The files of contacts, formations, motion and the gate are 40 of these."""
+MOST_CALLS, MOST_FILES = 640, 65
+"""The files of contacts, formations, motion and the gate are 40 of these; the list of checks has 60 calls."""
 
 
 def source(path: str, function: str) -> str:
