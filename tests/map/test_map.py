@@ -14,7 +14,6 @@ from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
 from contact_tracker.map.pairs import learned_pairs
 from contact_tracker.map.prices import (
     CONCENTRATION,
-    CONCENTRATIONS,
     log_prior_of_new,
     log_probabilities_of_new,
 )
@@ -200,15 +199,14 @@ def test_price_of_new_elements() -> None:
 def test_new_elements_get_cheap_where_all_are_new_and_dear_where_they_return() -> None:
     def p_new(objects: list[int], environments: list[int]) -> tuple[float, ...]:
         counts = {(side, i): n for side, ns in enumerate((objects, environments)) for i, n in enumerate(ns)}
-        return tuple(np.exp(log_probabilities_of_new(counts, 0, CONCENTRATIONS)))
+        return tuple(np.exp(log_probabilities_of_new(counts, None)))
 
     assert p_new([], []) == pytest.approx((1.0, 1.0))
     single, returning = p_new([1] * 5, [1] * 5), p_new([3, 2], [5])
     assert min(single) > 0.4
     assert max(returning) < 0.1
-    assert log_probabilities_of_new({}, 10, np.array([[0.5, 0.2]])) == pytest.approx(
-        np.log([0.5 / 10.5, 0.2 / 10.2])
-    )
+    expected = [np.log(a / (10.0 + a)) for a in CONCENTRATION]
+    assert log_probabilities_of_new({}, 10) == pytest.approx(expected)
 
 
 def unshared(count: int, unknown: tuple[int, ...] = ()) -> list[Sighting]:

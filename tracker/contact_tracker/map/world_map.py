@@ -16,7 +16,7 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.map.association import log_marginal, weigh_pairs
 from contact_tracker.map.elements import MapElement, prior_variance
 from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements, slots_of
-from contact_tracker.map.prices import CONCENTRATION, CONCENTRATIONS, log_probabilities_of_new
+from contact_tracker.map.prices import log_probabilities_of_new
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.map.view import Key, MapView
 
@@ -44,7 +44,7 @@ class GrowingMap:
     Parameters
     ----------
     reach_m : standard deviation of the places of elements that nothing is known of.
-    contacts : how many contacts there were, if that is more than the sightings.
+    contacts : how many contacts there were in the whole recording; None while the map grows.
     prior : what was known before.
     origin_m : (3,) of its coordinates in the world; None before it is known, with the prior in the world's.
     prior_log_odds : by first tick of each sighting, how much more probable it is with the prior than without.
@@ -55,9 +55,8 @@ class GrowingMap:
     sightings: tuple[Sighting, ...] = ()
     pairs: Mapping[int, tuple[Key, Key]] = field(default_factory=dict)
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
-    contacts: int = 0
+    contacts: int | None = None
     prior: LearnedElements = NOTHING_LEARNED
-    concentrations: Array = field(default_factory=CONCENTRATIONS.copy)
     origin_m: Array | None = None
     prior_log_odds: Mapping[int, float] = field(default_factory=dict)
     prior_is_dropped: bool = False
@@ -72,7 +71,7 @@ class GrowingMap:
     ) -> "GrowingMap":
         """The map of all sightings of a recording: associate greedily, then reconsider each."""
         by_information = sorted(sightings, key=lambda one: -one.gain(reach_m))[:MOST_SIGHTINGS]
-        start = cls(reach_m, contacts=contacts, concentrations=np.array([CONCENTRATION]))
+        start = cls(reach_m, contacts=contacts)
         mapper = _Mapper(start if prior is None else start.with_prior(prior))
         for sighting in by_information:
             mapper.insert(sighting)
@@ -196,7 +195,7 @@ class GrowingMap:
             dict(counts),
             slots,
             covariance,
-            log_probabilities_of_new(counts, self.contacts, self.concentrations),
+            log_probabilities_of_new(counts, self.contacts),
             self.pairs[max(used)] if used else None,
         )
 
