@@ -1,5 +1,6 @@
 """The seven contact states, their order in arrays, and their containment."""
 
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import Final
 
@@ -39,3 +40,19 @@ _CONTAINS: Final[dict[Contact, frozenset[Contact]]] = {
     Contact.EE: frozenset({Contact.EE, Contact.FREE}),
     Contact.FREE: frozenset({Contact.FREE}),
 }
+
+
+def states_from(names: str | Iterable[str]) -> tuple[Contact, ...]:
+    """The states of these names, a list or separated by commas, in the order of ``STATES``; raises ValueError
+    for others, or without any."""
+    if isinstance(names, str):
+        names = filter(None, map(str.strip, names.split(",")))
+    elif isinstance(names, bytes) or not isinstance(names, Iterable):
+        raise ValueError(f"names of contacts, such as 'f-f,e-f', and not {names!r}")
+    given = [*names]
+    for name in given:
+        if name not in STATES:
+            raise ValueError(f"{name!r} is no contact: choose from {', '.join(CONTACTS)}")
+    if not given:
+        raise ValueError(f"no contact is named: choose from {', '.join(CONTACTS)}")
+    return tuple(state for state in STATES if state in given)

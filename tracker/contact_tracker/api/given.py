@@ -15,8 +15,9 @@ from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.map.file import map_from, read_map
 from contact_tracker.map.learned import LearnedElements
-from contact_tracker.map.map import EMPTY_MAP, Map, states_from
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.real_numbers import real_number
+from contact_tracker.states import states_from
 
 
 @runtime_checkable

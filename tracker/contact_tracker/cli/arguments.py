@@ -183,7 +183,7 @@ def add_known(parser: argparse.ArgumentParser) -> None:
 
 
 def _states(text: str) -> "tuple[Contact, ...]":
-    from contact_tracker.map.map import states_from
+    from contact_tracker.states import states_from
 
     try:
         return states_from(text)

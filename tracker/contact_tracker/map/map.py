@@ -3,7 +3,7 @@
 A file lists elements with names and accuracies; those that contacts have touched are learned, without.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -13,7 +13,7 @@ import numpy as np
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
 from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
-from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.states import CONTACTS, Contact
 
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
 _KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
@@ -96,22 +96,6 @@ class Map:
 
 
 EMPTY_MAP: Final = Map()
-
-
-def states_from(names: str | Iterable[str]) -> tuple[Contact, ...]:
-    """The states of these names, a list or separated by commas, in the order of ``STATES``; raises ValueError
-    for others, or without any."""
-    if isinstance(names, str):
-        names = filter(None, map(str.strip, names.split(",")))
-    elif isinstance(names, bytes) or not isinstance(names, Iterable):
-        raise ValueError(f"names of contacts, such as 'f-f,e-f', and not {names!r}")
-    given = [*names]
-    for name in given:
-        if name not in STATES:
-            raise ValueError(f"{name!r} is no contact: choose from {', '.join(CONTACTS)}")
-    if not given:
-        raise ValueError(f"no contact is named: choose from {', '.join(CONTACTS)}")
-    return tuple(state for state in STATES if state in given)
 
 
 def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -> Element:
