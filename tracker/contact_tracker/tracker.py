@@ -134,8 +134,9 @@ class Tracker:
             return []
         poses, filters = Poses.join(self.uninspected[self.taken_in :]), self.filters.copied()
         beliefs = filters.add(poses, detail)
-        self.filters, self.taken_in = filters, len(self.uninspected)  # an interrupted call changes nothing
-        self.checks = self.checks.update(poses, self.stream, Conventions, Contradiction)
+        checks = self.checks.update(poses, self._stream(filters), Conventions, Contradiction)
+        self.filters, self.checks = filters, checks  # an interrupted call changes nothing
+        self.taken_in = len(self.uninspected)
         return self._in_doubt(beliefs)
 
     def _pass_time(self, until_ns: int, detail: Detail) -> list[Belief]:
@@ -180,8 +181,10 @@ class Tracker:
     @property
     def stream(self) -> Stream:
         """What the checks need to know of the stream."""
-        filters, best, grid = self.filters, self.best, self.filters.grid
-        sigma = None
+        return self._stream(self.filters)
+
+    def _stream(self, filters: FilterBank) -> Stream:
+        best, grid, sigma = filters.best, filters.grid, None
         if grid is not None and grid.stream is not None:
             sigma = grid.stream.noise.sigma_position_m, grid.stream.noise.sigma_rotation_rad
         return Stream(

@@ -20,8 +20,8 @@ class Stream(NamedTuple):
     ----------
     map : what was known before the stream.
     model : as asked for.
-    first, best : models of the first and of the most probable tracker; None before the rate is known.
-    sigma : noise of a pose (m, rad); None as long.
+    first, best : models of the first and of the most probable filter; None before the rate is known.
+    sigma : noise of a pose (m, rad); None before the rate is known.
     is_chosen : whether the choice of ticks and noise is final.
     is_at_rest : whether the object rests.
     inspection : of the poses alone.

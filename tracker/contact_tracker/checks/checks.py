@@ -15,7 +15,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment
 
 OF_POSES: Final = Clearance, Impacts
-"""Checks that are updated with the inspection of the poses; the others are with the trackers."""
+"""Checks that are updated with the inspection of the poses; the others with the filters."""
 
 
 class Checks(NamedTuple):
