@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from contact_tracker.outputs.colours import COLOURS
+from contact_tracker.outputs.colours import ANSI_LEVELS, COLOUR, COLOURS, ansi_of
 
 # Machado, Oliveira and Fernandes, 2009: severity 1, on linear RGB
 SIGHT = {
@@ -40,3 +40,11 @@ def test_any_two_states_differ(sight: str) -> None:
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     seen = lab(np.clip(linear @ np.transpose(SIGHT[sight]), 0.0, 1.0))
     assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 33.0
+
+
+def test_terminals_show_the_nearest_of_their_colours() -> None:
+    for contact, colour in COLOUR.items():
+        number = int(ansi_of(contact).rpartition(";")[2]) - 16
+        shown = np.array(ANSI_LEVELS)[[number // 36, number // 6 % 6, number % 6]]
+        assert np.abs(shown - colour).max() <= 48  # half the largest step of the levels
+    assert len({ansi_of(contact) for contact in COLOUR}) == len(COLOUR)

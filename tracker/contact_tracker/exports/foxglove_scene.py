@@ -136,11 +136,15 @@ def _frames(outcome: Outcome) -> Iterator[RawMessage]:
         yield RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
 
 
+def _object_extent(outcome: Outcome) -> Extent:
+    solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
+    return UNKNOWN_EXTENT if solid is None else solid.extent
+
+
 def _scene(outcome: Outcome) -> Iterator[RawMessage]:
     """The scene from each change on; each message replaces the previous one."""
     channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
-    solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
-    extent = UNKNOWN_EXTENT if solid is None else solid.extent
+    extent = _object_extent(outcome)
     for segment in outcome.found.segments:
         for part in segment.parts:
             deletion = fox.SceneEntityDeletion(
@@ -169,7 +173,7 @@ def _known(outcome: Outcome) -> Iterator[RawMessage]:
     replaces the previous one."""
     if not outcome.parts or not len(outcome.poses):
         return
-    stamp_ns, size_m = int(outcome.poses.stamp_ns[0]), _TEXT_SIZE * UNKNOWN_EXTENT.radius_m
+    stamp_ns, size_m = int(outcome.poses.stamp_ns[0]), _TEXT_SIZE * _object_extent(outcome).radius_m
     entities = [
         fox.SceneEntity(
             timestamp=_timestamp(stamp_ns),

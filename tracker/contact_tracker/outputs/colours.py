@@ -1,7 +1,8 @@
 """Colours of the states: one table for terminal, figures, viewer and reports.
 
 Any two of them differ by at least 33 in CIE L*a*b* (1976), for normal sight as for protanopes and
-deuteranopes (simulated as by Machado, Oliveira and Fernandes, 2009); tests/outputs/test_colours.py.
+deuteranopes (simulated as by Machado, Oliveira and Fernandes, 2009); tests/outputs/test_colours.py. Terminals
+show the nearest of 216 colours, which differ less (5.6 for protanopes): beside these the label is a word.
 """
 
 from typing import Final
@@ -19,10 +20,12 @@ COLOUR: Final[dict[Contact, Colour]] = {
     Contact.EE: (201, 94, 255),
     Contact.FREE: (117, 124, 143),
 }
+ANSI_LEVELS: Final = (0, 95, 135, 175, 215, 255)
+"""Levels of red, green and blue in the 216 colours of terminals."""
 COLOURS: Final = [COLOUR[state] for state in STATES]
 
 
 def ansi_of(contact: Contact) -> str:
     """The code of the colour for terminals, of 256 colours."""
-    red, green, blue = (round(part / 51) for part in COLOUR[contact])
+    red, green, blue = (min(range(6), key=lambda i: abs(ANSI_LEVELS[i] - part)) for part in COLOUR[contact])
     return f"38;5;{16 + 36 * red + 6 * green + blue}"
