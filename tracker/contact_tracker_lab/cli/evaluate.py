@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
 def _truth(name: str, args: argparse.Namespace) -> "Truth":
     """The truth in a recording, or the user's labels."""
     from contact_tracker.recording import need_truth, read_labels
-    from contact_tracker.recording.annotations import meanings_of
+    from contact_tracker.recording.labels import meanings_of
 
     if args.labels is None:
         return need_truth(name, args.topic, args.frame, args.table)
