@@ -2,8 +2,8 @@
 
     python tests/benchmarks/map_constants.py
 
-Shares of the scored time, means of the recordings: right offline, sure (0.9 or more) and wrong offline, and right
-online. First takes of everyday handling are without a map, later ones with that of the first.
+Shares of the scored time, means of the recordings: right offline, sure (0.9 or more) and wrong offline, and
+right online. First takes of everyday handling are without a map, later ones with that of the first.
 """
 
 import argparse
