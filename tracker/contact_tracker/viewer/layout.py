@@ -9,6 +9,8 @@ import rerun.blueprint as rrb
 from contact_tracker.viewer import camera, canvas
 
 PanelState = Literal["collapsed", "expanded"]
+BACKGROUND = (25, 28, 33)
+"""Dark in light themes as well, on which the object's white elements are not seen."""
 TRAIL_S = 4.0
 LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
@@ -89,6 +91,7 @@ def _space() -> rrb.View:
         origin=canvas.VIEW,
         contents="world/**",
         name="Object and contact",
+        background=BACKGROUND,
         line_grid=False,
         eye_controls=eye,
         overrides={canvas.TRAIL: rrb.VisibleTimeRanges(trail)},
