@@ -353,7 +353,7 @@ class FilterBank:
         return beliefs
 
     def _mixture(self, beliefs: Sequence[Belief], log_weight: Array) -> Belief:
-        return mixture(beliefs, log_weight, self.known_map.allowed)
+        return mixture(beliefs, log_weight, self.known_map.possible)
 
     def _details(self, detail: Detail) -> list[tuple[Detail, bool]]:
         """Of each filter, the detail of its beliefs, and whether it tests free motion for curved surfaces:

@@ -82,16 +82,20 @@ class Map:
         """Whether ``contact`` can occur, and there may be elements of the kinds that it needs."""
         return contact is Contact.FREE or contact in self.allowed
 
+    @property
+    def possible(self) -> tuple[Contact, ...]:
+        """The contacts that can occur, also with elements that are not listed."""
+        return CONTACTS if self.states is None else self.states
+
     @cached_property
     def allowed(self) -> tuple[Contact, ...]:
-        """The contacts that there may be."""
+        """The contacts that can occur, if no elements are missing where a side is complete."""
         sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
         kinds = [{known.kind for known in listed} if complete else set(KINDS) for listed, complete in sides]
-        possible = CONTACTS if self.states is None else self.states
         return tuple(
             one
             for one in CONTACTS
-            if one in possible and one.value[0] in kinds[0] and one.value[2] in kinds[1]
+            if one in self.possible and one.value[0] in kinds[0] and one.value[2] in kinds[1]
         )
 
 

@@ -107,7 +107,7 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
     probability = ambiguity.redistribute(probability, contact, inseparable, p_restricted, possible)
     probability = ambiguity.with_rivals(probability, contact, inseparable)
     if is_open:
-        probability = ambiguity.at_most(probability, contact, possible=possible)
+        probability = ambiguity.at_most(probability, contact, possible=state.known_map.possible)
     onset_ns = min(onset_ns, then.stamp_ns)
     return Belief(
         then.stamp_ns,
@@ -188,7 +188,7 @@ def with_rest(state: FilterState, tick: Tick, belief: Belief) -> tuple[FilterSta
         p_restricted = ambiguity.CHANGED_AT_REST
         belief = _shared(state, belief, others, p_restricted, state_posterior(state, belief.stamp_ns))
         if belief.is_open:
-            capped = ambiguity.at_most(belief.probability, belief.contact, possible=state.known_map.allowed)
+            capped = ambiguity.at_most(belief.probability, belief.contact, possible=state.known_map.possible)
             belief = replace(belief, probability=capped)
     if belief.inseparable:
         probability = ambiguity.with_rivals(belief.probability, belief.contact, belief.inseparable)
@@ -253,7 +253,7 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     state = state._replace(formation=formation)
     belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
     if formation.is_open:
-        capped = ambiguity.at_most(belief.probability, label, possible=state.known_map.allowed)
+        capped = ambiguity.at_most(belief.probability, label, possible=state.known_map.possible)
         belief = replace(belief, probability=capped, is_open=True)
     return state, belief
 

@@ -286,7 +286,7 @@ class FinishedSegment(NamedTuple):
             )
             shared = ambiguity.with_rivals(shared, contact, states)
             if fit.leaves_constraints_unnamed:
-                shared = ambiguity.at_most(shared, contact, possible=possible)
+                shared = ambiguity.at_most(shared, contact, possible=known_map.possible)
             belief["probability"] = shared
             belief["inseparable"] = [state in states for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
