@@ -188,6 +188,4 @@ def fitted_geometry(poses: Poses, contact: Contact, model: Model | None = None) 
     )
     kind, scales = CONTACT_MODELS[contact.column], scales_of(model)
     fitted, information = refine(fit_window(kind, window, scales), kind, window, scales)
-    return contact_geometry(
-        fitted, 0, kind, scales, window, closed[0].origin_m, model.systematic, information
-    )
+    return contact_geometry(fitted, 0, kind, scales, window, closed[0].origins, model.systematic, information)

@@ -15,7 +15,7 @@ import contact_tracker
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.geometry.elements import Line, Point
+from contact_tracker.geometry.elements import Line, Origins, Point
 from contact_tracker.hypotheses import compiled
 from contact_tracker.joints.evidence import find_joint
 from contact_tracker.joints.geometry import Joint, joint_of
@@ -291,7 +291,7 @@ def test_covariances_include_systematic_errors(kind: JointKind) -> None:
         for i, known in enumerate((model.systematic, errors)):
             found = find_joint(window, scales, [], 1, known)
             assert found is not None
-            joint = joint_of(found.fitted, 1.0, place, np.zeros(3))
+            joint = joint_of(found.fitted, 1.0, place, Origins.zero())
             true = (
                 Point(frames.world_point_m)
                 if kind is JointKind.BALL

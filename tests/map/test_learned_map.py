@@ -11,6 +11,7 @@ from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, 
 
 import contact_tracker as ct
 from contact_tracker.errors import KnowledgeError
+from contact_tracker.geometry.elements import Origins
 from contact_tracker.map.elements import MapElement
 from contact_tracker.map.file import map_from
 from contact_tracker.map.learned import LearnedElements
@@ -24,7 +25,7 @@ ORIGIN_M = np.array([100.0, -20.0, 3.0])
 
 def grown() -> GrowingMap:
     rng = np.random.default_rng(3)
-    world = GrowingMap(REACH_M).at_origin(ORIGIN_M)
+    world = GrowingMap(REACH_M).at_origins(Origins(ORIGIN_M, np.zeros(3)))
     for number, (contact, pair) in enumerate(
         [(Contact.FF, (BOTTOM, TABLE)), (Contact.VF, (CORNER, TABLE)), (Contact.EE, (EDGE, EDGE))]
     ):
@@ -48,9 +49,9 @@ def test_a_file_has_all_that_is_known(tmp_path: Path) -> None:
 def test_the_origin_of_a_recording_does_not_matter() -> None:
     """What is learned is in the world's coordinates, and a map that begins with it says the same."""
     world = grown()
-    again = GrowingMap(REACH_M).with_prior(world.learned).at_origin(ORIGIN_M)
+    again = GrowingMap(REACH_M).with_prior(world.learned).at_origins(Origins(ORIGIN_M, np.zeros(3)))
     np.testing.assert_allclose(again.whole.covariance, world.whole.covariance, rtol=1e-4, atol=1e-9)
-    elsewhere = GrowingMap(REACH_M).with_prior(world.learned).at_origin(np.zeros(3))
+    elsewhere = GrowingMap(REACH_M).with_prior(world.learned).at_origins(Origins.zero())
     table = next(one for key, one in elsewhere.elements.items() if key[0] == 1 and one.kind == "f")
     assert table.place_m[0] - table.direction @ ORIGIN_M == pytest.approx(0.2, abs=5e-3)
     np.testing.assert_allclose(
@@ -61,12 +62,12 @@ def test_the_origin_of_a_recording_does_not_matter() -> None:
 def test_what_is_known_is_touched_again_and_another_world_is_noticed() -> None:
     learned = grown().learned
     rng = np.random.default_rng(4)
-    same = GrowingMap(REACH_M).with_prior(learned).at_origin(ORIGIN_M)
+    same = GrowingMap(REACH_M).with_prior(learned).at_origins(Origins(ORIGIN_M, np.zeros(3)))
     same = same.insert(seen(Contact.VF, (CORNER, TABLE), 0, rng=rng))
     assert set(same.pairs[0]) <= set(learned.elements)
     assert not same.prior_is_dropped
     often = replace(learned, counts={key: 10 * count for key, count in learned.counts.items()})
-    other = GrowingMap(REACH_M).with_prior(often).at_origin(ORIGIN_M)
+    other = GrowingMap(REACH_M).with_prior(often).at_origins(Origins(ORIGIN_M, np.zeros(3)))
     turn = Rotation.from_rotvec([0.7, 0.3, 0.0])
     for number, corner in enumerate((CORNER, OTHER_CORNER) * 3):
         wall = MapElement("f", turn.apply(SHELF.direction), SHELF.place_m + 0.1 * number)

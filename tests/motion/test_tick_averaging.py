@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from contact_motions import point_of, touching
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry.elements import Origins
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import ONE, R, T, lift
@@ -363,7 +364,7 @@ def test_turning_the_sign_of_quaternions_changes_nothing():
 
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():
-    noise = TickGrid.begun(MODEL, 0, np.zeros(3)).stream.noise
+    noise = TickGrid.begun(MODEL, 0, Origins.zero()).stream.noise
     position, rotation = tick_variances(noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
     floor = MODEL.noise.floor_position_m**2
     assert position[0] == position[1] == pytest.approx(MODEL.noise.sigma_position_m**2 + floor)

@@ -16,7 +16,7 @@ from contact_motions import touching
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.exports.formats import json_line, write_csv
-from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
+from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point, Unobserved
 from contact_tracker.hypotheses import observability, refit
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
@@ -82,7 +82,7 @@ def found(contact, window):
     """Geometry of one contact fitted to all ticks."""
     model = CONTACT_MODELS[contact.column]
     bank = fit_window(model, window, SCALES)
-    return contact_geometry(bank, 0, model, SCALES, window, np.zeros(3), SystematicErrors())
+    return contact_geometry(bank, 0, model, SCALES, window, Origins.zero(), SystematicErrors())
 
 
 def ways(element, how):

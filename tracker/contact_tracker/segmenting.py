@@ -18,6 +18,7 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches
+from contact_tracker.motion.tracked_point import independent_point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import BATCH_POSES, Tracker
 from contact_tracker.tracking.belief import Belief, Detail, Segment
@@ -81,7 +82,7 @@ class OfflineTracker:
             yield Segmentation()
             return
         one = ContactFilter.start(self._model, known_map=self._known_map)
-        ticks = ticks_of(_Stream(stream), self._model, progress)
+        ticks = ticks_of(_Stream(stream), self._model, progress, self._tracker.filters.body_m)
         segmenter = Segmenter(self._executor, self._wrenches, self._record)
         found = pieces(ticks, one, segmenter, detail)  # filter, smooth, decode, fit each segment
         if self._record is not None:
@@ -112,12 +113,15 @@ class OfflineTracker:
         return _with_initial_autocorrelation(model) if may_begin_free else model
 
     def _with_usual_period(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """The same stream, after the ticks have been chosen by its first ``AHEAD_POSES``."""
+        """The same stream, after the ticks and the tracked point have been chosen by its first
+        ``AHEAD_POSES``."""
         ahead = _read_ahead(stream)
         if ahead:
             filters = self._tracker.filters
-            stamp_ns = np.concatenate([some.stamp_ns for some in ahead])
-            filters.period_s = period_for_all_s(stamp_ns, filters.model)
+            first = Poses.join(ahead)
+            filters.period_s = period_for_all_s(first.stamp_ns, filters.model)
+            if self._wrenches is None:  # moments are about the body's origin
+                filters.body_m = independent_point(first)
         return chain(_released(ahead), stream)
 
     def _choose_noise(self, stream: Iterator[Poses], detail: Detail) -> tuple[Iterator[Poses], Beliefs]:

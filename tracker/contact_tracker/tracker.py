@@ -193,6 +193,7 @@ class Tracker:
             None if grid is None else grid.model,
             None if best is None else best.model,
             sigma,
+            filters.body_m,
             filters.is_decided,
             filters.rest.ticks_at_rest > 0,
             self.inspection,

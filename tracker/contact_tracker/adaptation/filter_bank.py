@@ -37,7 +37,8 @@ from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_grid import ORIGIN_M, TickGrid
+from contact_tracker.motion.tracked_point import independent_point
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -82,6 +83,8 @@ class FilterBank:
     rest : whether the object rests, and the ticks by which the others are not updated yet.
     latest_ns : stamps of the latest poses, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
+    body_m : (3,) point of the body that is tracked, in the body frame; by the first poses where the period is
+        not known in advance.
     map : that of before the rate has changed; None if it has not.
     earlier_outliers : number of outliers from before.
     changed_since_ns : time since which the rate is another one; None if it is not.
@@ -100,6 +103,7 @@ class FilterBank:
     rest: Rest = NO_REST
     latest_ns: NDArray[np.int64] = field(default_factory=lambda: NO_POSES.stamp_ns)
     period_s: float | None = None
+    body_m: Array = field(default_factory=ORIGIN_M.copy)
     map: GrowingMap | None = None
     earlier_outliers: int = 0
     changed_since_ns: int | None = None
@@ -204,7 +208,7 @@ class FilterBank:
         before = [self._mixture(some, self.log_weight) for some in lagging]
         assert self.best is not None
         assert self.grid is not None
-        assert self.grid.origin_m is not None
+        assert self.grid.origins is not None
         frames, world = self.grid.frames, self.best.map.before_onsets()
         first = ContactFilter.start(model, self.lag_s, self.known_map)
         first.state = first.state._replace(map=world)
@@ -212,9 +216,10 @@ class FilterBank:
             self.model,
             self.lag_s,
             self.known_map,
-            TickGrid.begun(model, int(frames.stamp_ns[0]), self.grid.origin_m),
+            TickGrid.begun(model, int(frames.stamp_ns[0]), self.grid.origins),
             [first],
             pending=frames[-RATIO_POSES + 1 :],
+            body_m=self.body_m,
             latest_ns=self.latest_ns,
             map=world,
             earlier_outliers=self.outliers,
@@ -228,13 +233,32 @@ class FilterBank:
         assert self.pending is not None
         period_s = usual_period_s(self.pending.stamp_ns) if self.period_s is None else self.period_s
         model = with_ticks_for(self.model, period_s)
-        self.grid, self.filters = TickGrid(model), [ContactFilter.start(model, self.lag_s, self.known_map)]
+        if self.period_s is None:
+            self.body_m = independent_point(self.pending)
+        return self._begin(model, detail)
+
+    def _begin(self, model: Model, detail: Detail) -> list[Belief]:
+        """Begin with the first filter and all poses so far; its beliefs."""
+        assert self.pending is not None
+        self.grid, self.first = TickGrid(model, self.body_m), []
+        self.filters = [ContactFilter.start(model, self.lag_s, self.known_map)]
         return self._update(self.grid.add(self.pending), detail)
+
+    def _settle_point(self, detail: Detail) -> None:
+        """Choose the tracked point by all poses so far, and if it is another one begin again with it."""
+        assert self.pending is not None
+        point_m = independent_point(self.pending)
+        if (point_m != self.body_m).any():
+            self.body_m, self.moved_s, self.rest = point_m, 0.0, NO_REST
+            self._begin(self.filters[0].state.model, detail)  # its beliefs were reported already
 
     def _start_others(self, detail: Detail) -> None:
         """Start the other filters and update them by the ticks so far, which were reported already."""
         assert self.pending is not None
-        chosen, first = candidates(self.filters[0].state.model, self.pending), self.first
+        if self.period_s is None and self.map is None:
+            self._settle_point(detail)
+        model, poses = self.filters[0].state.model, self.pending.of_point(self.body_m)
+        chosen, first = candidates(model, poses), self.first
         others = [ContactFilter.start(one.model, self.lag_s, self.known_map) for one in chosen[1:]]
         seen = list[list[TrackedTick]]()
         for one in others:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple, Self
 
 from contact_tracker.config.parameters import Model
+from contact_tracker.geometry.elements import Array
 from contact_tracker.inspection.stream_checks import Finding, Inspection
 from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import Poses
@@ -22,6 +23,7 @@ class Stream(NamedTuple):
     model : as asked for.
     first, best : models of the first and of the most probable filter; None before the rate is known.
     sigma : noise of a pose (m, rad); None before the rate is known.
+    body_m : (3,) point of the body that is tracked.
     is_chosen : whether the choice of ticks and noise is final.
     is_at_rest : whether the object rests.
     inspection : of the poses alone.
@@ -32,6 +34,7 @@ class Stream(NamedTuple):
     first: Model | None
     best: Model | None
     sigma: tuple[float, float] | None
+    body_m: Array
     is_chosen: bool
     is_at_rest: bool
     inspection: Inspection

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, Self
 
 from contact_tracker.checks.check import Check, Stream, has_doubts
 from contact_tracker.config.parameters import Model
+from contact_tracker.geometry.elements import Array
 from contact_tracker.hypotheses.evidence import AS_WELL
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -51,9 +52,9 @@ class ReferenceFilter:
     moved_s: float = 0.0
 
     @classmethod
-    def start(cls, model: Model, known_map: Map = EMPTY_MAP) -> Self:
+    def start(cls, model: Model, body_m: Array, known_map: Map = EMPTY_MAP) -> Self:
         """The filter before the first pose."""
-        return cls(TickGrid(model), ContactFilter.start(model, known_map=known_map))
+        return cls(TickGrid(model, body_m), ContactFilter.start(model, known_map=known_map))
 
     def copied(self) -> Self:
         """A copy that is updated without a change of this one."""
@@ -114,8 +115,8 @@ class Contradiction(Check):
 
     def _compared(self, poses: Poses, stream: Stream) -> "Contradiction":
         assert stream.best is not None
-        first = (self.with_map or ReferenceFilter.start(stream.best, stream.map)).copied()
-        second = (self.without_map or ReferenceFilter.start(stream.best)).copied()
+        first = (self.with_map or ReferenceFilter.start(stream.best, stream.body_m, stream.map)).copied()
+        second = (self.without_map or ReferenceFilter.start(stream.best, stream.body_m)).copied()
         difference = second.filter.state.log_evidence - first.filter.state.log_evidence
         with_map, without_map = first.update(poses), second.update(poses, Detail.SHARED)
         lead, lost, is_found = self.lead, self.lost, self.is_found

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import ContactModel
-from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.elements import ContactGeometry, Origins
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.evidence import EvidenceParameters
@@ -33,11 +33,11 @@ class FittedElements(NamedTuple):
         return np.asarray(self.bank.x[0])
 
     def geometry(
-        self, scales: EvidenceParameters, origin_m: Array, errors: SystematicErrors
+        self, scales: EvidenceParameters, origins: Origins, errors: SystematicErrors
     ) -> ContactGeometry:
-        """The elements with covariance; ``origin_m`` and ``errors`` as of ``contact_geometry``."""
+        """The elements with covariance; ``origins`` and ``errors`` as of ``contact_geometry``."""
         fit = self.bank, 0, self.model, scales, self.window
-        return contact_geometry(*fit, origin_m, errors, self.information)
+        return contact_geometry(*fit, origins, errors, self.information)
 
 
 def fit_elements(model: ContactModel, x: Array, window: Window, scales: EvidenceParameters) -> FittedElements:

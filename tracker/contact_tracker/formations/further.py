@@ -14,7 +14,7 @@ from contact_tracker.formations.elements import FittedElements, fit_elements
 from contact_tracker.formations.naming import named_by
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
-from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.elements import ContactGeometry, Origins
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
@@ -107,7 +107,7 @@ class FormationTicks(NamedTuple):
     window: Window
     scales: EvidenceParameters
     leave_per_s: float
-    origin_m: Array
+    origins: Origins
     known_map: Map = EMPTY_MAP
     systematic: SystematicErrors = SystematicErrors()
     """Errors of the poses that are not noise."""
@@ -120,7 +120,7 @@ class FormationTicks(NamedTuple):
     def geometry_of(self, elements: FittedElements) -> ContactGeometry | None:
         """Elements with covariance in the user's frames, named as in the map; None where a complete map
         lacks them."""
-        named = named_by(self.known_map, elements.geometry(self.scales, self.origin_m, self.systematic))
+        named = named_by(self.known_map, elements.geometry(self.scales, self.origins, self.systematic))
         complete = self.known_map.object_complete, self.known_map.environment_complete
         unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
         return None if unlisted else named

@@ -7,7 +7,7 @@ name of an element that is not in the map.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,6 +205,23 @@ def canonical(element: Element) -> Element:
             moved = None if covariance is None else flip[:, None] * covariance * flip
             return replace(element, direction=-direction, covariance=moved)
     return element
+
+
+class Origins(NamedTuple):
+    """Origins of coordinates: ``world_m`` (3,) in the world frame, and ``body_m`` (3,) in the body frame."""
+
+    world_m: Array
+    body_m: Array
+
+    @classmethod
+    def zero(cls) -> "Origins":
+        """Those of the world and the body frame themselves."""
+        return cls(np.zeros(3), np.zeros(3))
+
+    @property
+    def reversed(self) -> "Origins":
+        """The origins of the frames in these coordinates."""
+        return Origins(-self.world_m, -self.body_m)
 
 
 def shifted(element: Element, origin_m: Array) -> Element:

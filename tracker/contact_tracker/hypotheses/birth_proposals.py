@@ -6,7 +6,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Pair, Plane, canonical
+from contact_tracker.geometry.elements import (
+    Array,
+    ContactGeometry,
+    Element,
+    Origins,
+    Pair,
+    Plane,
+    canonical,
+)
 from contact_tracker.hypotheses.birth import (
     BirthProposals,
     make_proposals,
@@ -24,17 +32,18 @@ CELL_M: Final = 0.25
 
 
 class Frame(NamedTuple):
-    """Origin of the hypotheses' coordinates in the world, and the cell in which the body is from there
-    (m)."""
+    """Origins of the hypotheses' coordinates in the world and in the body frame, and the cell in which the
+    body is from the first (m)."""
 
-    origin_m: tuple[float, ...]
+    world_m: tuple[float, ...]
+    body_m: tuple[float, ...]
     near_m: tuple[float, ...]
 
     @classmethod
-    def around(cls, origin_m: Array, place_m: Array) -> "Frame":
+    def around(cls, origins: Origins, place_m: Array) -> "Frame":
         """The frame with the body at ``place_m`` from the origin."""
         cell_m = [CELL_M * round(coordinate / CELL_M) for coordinate in place_m.tolist()]
-        return cls(tuple(origin_m.tolist()), tuple(cell_m))
+        return cls(tuple(origins.world_m.tolist()), tuple(origins.body_m.tolist()), tuple(cell_m))
 
 
 class CachedProposals(NamedTuple):
@@ -62,7 +71,10 @@ def propose_births(
     if not known:
         return uninformed_proposal(model).pick(np.zeros(0, np.int64))
     near_m = np.array(frame.near_m)
-    pairs, log_share = [one.pair(frame.origin_m) for one in known], [one.log_share for one in known]
+    pairs, log_share = (
+        [one.pair(frame.world_m, frame.body_m) for one in known],
+        [one.log_share for one in known],
+    )
     number, is_known = list(range(len(known))), [one.is_certain for one in known]
     found: LearnedPairs | None = None
     is_open = [one.object is None and one.environment is None for one in known]
@@ -107,7 +119,7 @@ def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame:
     known, near_m = named_pairs(known_map, model), _near_lines(model, frame)
     return make_proposals(
         model,
-        [_with(one, ours, theirs).pair(frame.origin_m) for one in known],
+        [_with(one, ours, theirs).pair(frame.world_m, frame.body_m) for one in known],
         None if near_m is None else np.array(near_m),
         [one.log_share for one in known],
         range(len(known)),

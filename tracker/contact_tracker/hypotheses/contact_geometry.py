@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.parameter_layout import directions
-from contact_tracker.geometry.elements import ContactGeometry, by_foot, shifted
+from contact_tracker.geometry.elements import ContactGeometry, Origins, by_foot, shifted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import NOISE_MARGIN, information_spectrum, observed_geometry
@@ -26,14 +26,14 @@ def contact_geometry(
     model: ContactModel,
     scales: EvidenceParameters,
     window: Window,
-    origin_m: Array,
+    origins: Origins,
     errors: SystematicErrors,
     information: Array | None = None,
 ) -> ContactGeometry:
     """Elements of hypothesis ``row``, with covariance and unobserved directions.
 
-    ``window`` has the ticks and their noise, ``errors`` are those that are not noise; ``origin_m`` (3,) is
-    the origin of the bank's coordinates in the world; ``information`` as in ``observed_geometry``.
+    ``window`` has the ticks and their noise, ``errors`` are those that are not noise; ``origins`` are
+    those of the bank's coordinates; ``information`` as in ``observed_geometry``.
     """
     one, systematic = bank.single(row), np.zeros(())
     if errors.are_given:
@@ -44,7 +44,7 @@ def contact_geometry(
     if not np.isnan(one.line_anchor).all():  # other lines have their point near the body already
         body_m = one.weighted_position_sum[0] / one.weight[0]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
-    return ContactGeometry(found.object, shifted(found.environment, origin_m))
+    return ContactGeometry(shifted(found.object, origins.body_m), shifted(found.environment, origins.world_m))
 
 
 def element_estimate(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import Element, Line, Point, by_foot, shifted
+from contact_tracker.geometry.elements import Element, Line, Origins, Point, by_foot, shifted
 from contact_tracker.joints.evidence import FittedJoint
 from contact_tracker.joints.models import BODY_POINT, BODY_TURN, PITCH, WORLD_POINT, WORLD_TURN, JointKind
 
@@ -45,13 +45,13 @@ class Joint:
         }
 
 
-def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origin_m: Array) -> Joint:
+def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origins: Origins) -> Joint:
     """The joint with its elements in the user's frames.
 
     Parameters
     ----------
     near_m : (3,) mean position of the body's origin; the world axis is given by its nearest point.
-    origin_m : (3,) origin of the ticks' coordinates in the world.
+    origins : of the ticks' coordinates.
     """
     frames, kind = fitted.frames, fitted.model.kind
     whole = np.zeros((PITCH + 1, PITCH + 1))
@@ -63,8 +63,8 @@ def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origin_m: A
     return Joint(
         kind,
         probability,
-        by_foot(body, np.zeros(3)),
-        shifted(by_foot(world, near_m), origin_m),
+        shifted(by_foot(body, np.zeros(3)), origins.body_m),
+        shifted(by_foot(world, near_m), origins.world_m),
         pitch,
         deviation,
     )

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, Origins
 from contact_tracker.geometry.vectors import sphere_tangent
 from contact_tracker.map.elements import MapElement, prior_variance
 from contact_tracker.map.view import Key
@@ -59,13 +59,11 @@ class LearnedElements:
         sound = (axes * np.maximum(values, 0.0)) @ axes.T
         return replace(self, information=sound / (sd[:, None] * sd))
 
-    def shifted(self, by_m: Array) -> "LearnedElements":
-        """The same with the environment moved by ``by_m`` (3,), as for another origin of the world."""
+    def shifted(self, origins: Origins) -> "LearnedElements":
+        """The same in frames in which the present origins are at ``origins``."""
         elements, back = dict(self.elements), np.eye(len(self.information))
         for (side, number), rows in self.slots.items():
-            one = self.elements[side, number]
-            if side == 0:
-                continue
+            one, by_m = self.elements[side, number], origins.world_m if side else origins.body_m
             if one.kind != "f":
                 elements[side, number] = replace(one, place_m=one.place_m + by_m)
                 continue

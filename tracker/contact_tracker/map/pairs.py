@@ -40,21 +40,21 @@ class NamedPair(NamedTuple):
         """Whether both elements are known completely."""
         return self.object is not None and self.environment is not None
 
-    def pair(self, origin_m: tuple[float, ...]) -> Pair:
-        """The elements in the frames of x, whose world has its origin at ``origin_m``.
+    def pair(self, world_m: tuple[float, ...], body_m: tuple[float, ...]) -> Pair:
+        """The elements in the frames of x, whose origins are at ``world_m`` and ``body_m``.
 
-        A line of the object gets the point nearest to the body's origin, which is least correlated with its
+        A line of the object gets the point nearest to the origin, which is least correlated with its
         direction.
         """
-        ours = None if self.object is None else _of_body(self.object.element)
+        ours = None if self.object is None else _of_body(self.object.element, body_m)
         if self.environment is not None:
-            return ours, _relative_to_origin(self.environment.element, origin_m)
+            return ours, _relative_to_origin(self.environment.element, world_m)
         return ours, None if self.up is None else _facing(self.up)
 
 
 @lru_cache(maxsize=512)
-def _of_body(element: Element) -> Element:
-    return by_foot(element, np.zeros(3))
+def _of_body(element: Element, body_m: tuple[float, ...]) -> Element:
+    return by_foot(_relative_to_origin(element, body_m), np.zeros(3))
 
 
 @lru_cache(maxsize=512)

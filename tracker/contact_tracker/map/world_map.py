@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, Origins
 from contact_tracker.map.association import log_marginal, weigh_pairs
 from contact_tracker.map.elements import MapElement, prior_variance
 from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements, slots_of
@@ -46,7 +46,7 @@ class GrowingMap:
     reach_m : standard deviation of the places of elements that nothing is known of.
     contacts : how many contacts there were in the whole recording; None while the map grows.
     prior : what was known before.
-    origin_m : (3,) of its coordinates in the world; None before it is known, with the prior in the world's.
+    origins : of its coordinates; None before they are known, with the prior in those of the world and body.
     prior_log_odds : by first tick of each sighting, how much more probable it is with the prior than without.
     prior_is_dropped : whether a prior was not used any more, as it explains nothing.
     """
@@ -57,7 +57,7 @@ class GrowingMap:
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
     contacts: int | None = None
     prior: LearnedElements = NOTHING_LEARNED
-    origin_m: Array | None = None
+    origins: Origins | None = None
     prior_log_odds: Mapping[int, float] = field(default_factory=dict)
     prior_is_dropped: bool = False
 
@@ -89,16 +89,16 @@ class GrowingMap:
         """An empty map with what is known before."""
         return replace(self, prior=prior, elements=dict(prior.elements))
 
-    def at_origin(self, origin_m: Array) -> "GrowingMap":
-        """The map in coordinates with this origin (3,), if it has none yet."""
-        if self.origin_m is not None:
+    def at_origins(self, origins: Origins) -> "GrowingMap":
+        """The map in coordinates with these origins, if it has none yet."""
+        if self.origins is not None:
             return self
-        return replace(self, origin_m=origin_m).with_prior(self.prior.shifted(-origin_m))
+        return replace(self, origins=origins).with_prior(self.prior.shifted(origins.reversed))
 
     @property
     def learned(self) -> LearnedElements:
-        """What is known now of the elements that were touched most, in the coordinates of the world, for
-        another recording."""
+        """What is known now of the elements that were touched most, in the coordinates of the world and the
+        body, for another recording."""
         view = self.whole
         often = sorted(view.counts, key=lambda key: (-view.counts[key], key))
         keys = sorted(often[:MOST_LEARNED])
@@ -109,7 +109,7 @@ class GrowingMap:
             {key: view.counts[key] for key in keys},
             np.linalg.inv(view.covariance[np.ix_(rows, rows)]),
         ).without_weak(self.reach_m)
-        return found if self.origin_m is None else found.shifted(self.origin_m)
+        return found if self.origins is None else found.shifted(self.origins)
 
     def insert(self, sighting: Sighting) -> "GrowingMap":
         """The map with one more sighting, which replaces an earlier one with the same first tick.

@@ -81,6 +81,12 @@ class Poses:
         for stamp, position, quat in zip(*columns, strict=True):
             yield Pose(stamp, tuple(position), tuple(quat))
 
+    def of_point(self, point_m: Array) -> "Poses":
+        """The poses of a frame with the same axes at ``point_m`` (3,) of the body frame."""
+        if not point_m.any():
+            return self
+        return Poses(self.stamp_ns, self.position_m + (self.rotation * point_m).sum(axis=-1), self.quat_xyzw)
+
     def __getitem__(self, rows: slice | NDArray[np.generic]) -> "Poses":
         return Poses(self.stamp_ns[rows], self.position_m[rows], self.quat_xyzw[rows])
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
+from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.motion import free_motion, sensor_noise
 from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion, InnovationExcess
@@ -35,7 +36,7 @@ class Tick:
     mean_ns: int
     """Mean of the stamps of the frames used."""
     zeta: Array
-    """(25,) mean lifted pose; the world's origin is at the first pose."""
+    """(25,) mean lifted pose, of the point ``origins.body_m``; the world's origin is at the first one."""
     count: int
     """Number of frames used; 0 in a gap."""
     outliers: int
@@ -44,8 +45,8 @@ class Tick:
     """Innovation excess of free motion."""
     noise: NoiseEstimate
     """Noise of one frame, as estimated after the tick."""
-    origin_m: Array
-    """(3,) origin of the lifted poses in the world."""
+    origins: Origins
+    """Origins of the lifted poses in the world and in the body frame."""
     is_rest: bool = False
     """Whether it is the rest of a tick that was closed early. It does not count for the strength of motion,
     since it is not a whole tick away from its neighbours."""
@@ -67,11 +68,11 @@ class TickRun(NamedTuple):
     """Consecutive ticks, none of them empty."""
 
     frames: Poses
-    """Frames of all of them."""
+    """Frames of all of them, of the point ``origins.body_m``."""
     ends: Index
     """(n,) index of the frame after the last one of each tick."""
-    origin_m: Array
-    """(3,) origin of the lifted poses in the world."""
+    origins: Origins
+    """Origins of the lifted poses in the world and in the body frame."""
     is_rest: bool
     """Whether the first is the rest of a tick that was closed early."""
     last: Tick | None
@@ -90,7 +91,7 @@ def average_run(stream: StreamState, run: TickRun, model: Model) -> tuple[Stream
         if last is not None and not len(new) and _is_stuck(frames, stream, model):
             last = empty_tick(last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), is_rest)
         else:
-            stream, last = _average_tick(stream, frames, new, run.origin_m, model, is_rest)
+            stream, last = _average_tick(stream, frames, new, run.origins, model, is_rest)
         closed.append(last)
         first = end
     return stream, closed
@@ -110,13 +111,13 @@ def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) 
 
 
 def _average_tick(
-    stream: StreamState, frames: Poses, new: Poses, origin_m: Array, model: Model, is_rest: bool
+    stream: StreamState, frames: Poses, new: Poses, origins: Origins, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
     """One tick from its ``new`` frames; without any, from the repeated pose."""
     start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), stream.noise
     frames = new if len(new) else frames[:1]
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
-    good = _plausible(frames, stream.free_motion, origin_m, sigma_sq, model)
+    good = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
     some = frames if good.all() else frames[good]
     buffer, estimate = stream.noise_buffer, before
     if model.noise.estimated:
@@ -124,10 +125,10 @@ def _average_tick(
         # outliers do not count as noise, unless most frames are outliers
         typical = some if 2 * len(some) > len(frames) else frames
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
-    zeta = mean_lift(some.rotation, some.position_m - origin_m)
+    zeta = mean_lift(some.rotation, some.position_m - origins.world_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
     counts, stamps_ns = (len(some), len(frames) - len(some)), (start_ns, stamp_ns, mean_ns)
-    tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origin_m, is_rest)
+    tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origins, is_rest)
     motion, tick = with_excess(stream.free_motion, tick, model)
     return stream._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick
 

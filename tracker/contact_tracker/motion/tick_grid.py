@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
+from contact_tracker.geometry.elements import Origins
 from contact_tracker.motion import sensor_noise
 from contact_tracker.motion.free_motion import FreeMotion
 from contact_tracker.motion.poses import NO_POSES, Poses
@@ -21,6 +22,7 @@ from contact_tracker.motion.tick_averaging import (
 
 LONGEST_GAP_S: Final = 5.0
 """A gap in the stream is filled with empty ticks up to this time; a longer rest is skipped."""
+ORIGIN_M: Final = np.zeros(3)
 EMPTY_TICKS: Final = 1000
 EMPTY_PER_TICK: Final = 10
 """Gaps are filled with so many empty ticks in any case, and with so many for each tick with frames: a small
@@ -34,7 +36,8 @@ class TickGrid:
     Parameters
     ----------
     model : has the length of a tick, and the noise of the filter whose free motion gates frames.
-    origin_ns, origin_m : time and place of the first pose; None before it.
+    body_m : (3,) point of the body that is tracked, in the body frame.
+    origin_ns, origins : time of the first pose, and origins of the ticks' coordinates; None before it.
     number : of the current tick on the grid; ``frames`` are its poses so far.
     last : the tick before it.
     stream : estimates of the stream.
@@ -42,8 +45,9 @@ class TickGrid:
     """
 
     model: Model
+    body_m: Array = field(default_factory=ORIGIN_M.copy)
     origin_ns: int | None = None
-    origin_m: Array | None = None
+    origins: Origins | None = None
     number: int = 0
     frames: Poses = field(default_factory=lambda: NO_POSES)
     last: Tick | None = None
@@ -51,11 +55,11 @@ class TickGrid:
     empty: int = 0
 
     @classmethod
-    def begun(cls, model: Model, origin_ns: int, origin_m: Array) -> "TickGrid":
-        """A grid that begins at this time, and has the world's origin at this place."""
+    def begun(cls, model: Model, origin_ns: int, origins: Origins) -> "TickGrid":
+        """A grid that begins at this time, with these origins of its coordinates."""
         estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
         learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
-        return cls(model, origin_ns, origin_m, stream=learnt)
+        return cls(model, origins.body_m, origin_ns, origins, stream=learnt)
 
     def goes_on(self, stamp_ns: int) -> bool:
         """Whether a pose belongs to the current tick."""
@@ -73,7 +77,8 @@ class TickGrid:
     def add(self, poses: Poses) -> list[Tick]:
         """Add one pose or more; returns the ticks that they close, several after a gap."""
         if self.origin_ns is None:
-            begun = TickGrid.begun(self.model, int(poses.stamp_ns[0]), poses.position_m[0].copy())
+            origins = Origins(poses[:1].of_point(self.body_m).position_m[0].copy(), self.body_m)
+            begun = TickGrid.begun(self.model, int(poses.stamp_ns[0]), origins)
             vars(self).update(vars(begun))
         assert self.origin_ns is not None
         left, closed = Poses.join((self.frames, poses)) if len(self.frames) else poses, list[Tick]()
@@ -117,9 +122,9 @@ class TickGrid:
 
     def _close(self, frames: Poses, ends: NDArray[np.int64]) -> list[Tick]:
         """Close the current tick and those that follow without a gap, see ``TickRun``."""
-        assert self.origin_m is not None
+        assert self.origins is not None
         assert self.stream is not None
-        run = TickRun(frames, ends, self.origin_m, self._has_closed_early, self.last)
+        run = TickRun(frames.of_point(self.body_m), ends, self.origins, self._has_closed_early, self.last)
         self.stream, closed = average_run(self.stream, run, self.model)
         self.number, self.last = self.number + len(ends) - 1, closed[-1]
         return closed

@@ -114,7 +114,7 @@ class ContactFilter:
 
 def begun(state: FilterState, tick: Tick) -> FilterState:
     """The state before the first tick, in the coordinates of the ticks."""
-    return state._replace(origin_m=tick.origin_m, map=state.map.at_origin(tick.origin_m))
+    return state._replace(origins=tick.origins, map=state.map.at_origins(tick.origins))
 
 
 def is_uninformative(state: FilterState, tick: Tick, sliding: SlidingWindow) -> bool:

@@ -15,7 +15,7 @@ from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_grid import ORIGIN_M, TickGrid
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -40,7 +40,10 @@ class FilteredTick(NamedTuple):
 
 
 def ticks_of(
-    poses: Iterable[Pose], model: Model, progress: Callable[[int], None] | None = None
+    poses: Iterable[Pose],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    body_m: Array = ORIGIN_M,
 ) -> Iterator[Tick]:
     """The ticks of a recording, each as soon as it is over.
 
@@ -48,8 +51,9 @@ def ticks_of(
     ----------
     poses : validated poses in order of time.
     progress : called after each batch of poses with the number of those read so far.
+    body_m : (3,) point of the body that is tracked, see ``tracked_point``.
     """
-    grid, count = TickGrid(model), 0
+    grid, count = TickGrid(model, body_m), 0
     for batch in batches(poses):
         yield from grid.add(batch) if len(batch) else ()
         count += len(batch)

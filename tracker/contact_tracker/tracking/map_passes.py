@@ -90,7 +90,7 @@ def _pass(
     assert first.state is not None
     possible = Map(states=first.state.known_map.states)
     start = ContactFilter.start(first.state.model, known_map=possible)
-    world = replace(world, origin_m=first.state.origin_m)
+    world = replace(world, origins=first.state.origins)
     start.state = start.state._replace(map=world, uses_later_contacts=True)
     return Segmentation.join(list(pieces(first.ticks, start, Segmenter(executor, record=record))))
 

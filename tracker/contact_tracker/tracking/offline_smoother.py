@@ -324,7 +324,7 @@ class Segmenter:
         wrenches = None
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
-        return SegmentTicks(window, STATES[column], state.model, state.known_map, state.origin_m, wrenches)
+        return SegmentTicks(window, STATES[column], state.model, state.known_map, state.origins, wrenches)
 
     def _next_piece(self, count: int) -> Segmentation:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""

@@ -36,7 +36,7 @@ class PassRecord:
         if self.is_full:
             return start
         world = GrowingMap.learn(self.best.sightings, start.reach_m, prior=start.prior)
-        return replace(world, origin_m=start.origin_m, prior_is_dropped=start.prior_is_dropped)
+        return replace(world, origins=start.origins, prior_is_dropped=start.prior_is_dropped)
 
     @property
     def log_evidence(self) -> float:

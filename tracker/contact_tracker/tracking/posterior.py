@@ -213,10 +213,10 @@ def label_geometry(state: FilterState, label: Contact) -> ContactGeometry | None
         return None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row = int(state.best_rows[label.column])
-    scales, origin_m = scales_of(state.model), state.origin_m
+    scales, origins = scales_of(state.model), state.origins
     pair = named_pairs(state.known_map, contact)[bank.known_pair_index[row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
-    where = contact_geometry(bank, row, contact, scales, window, origin_m, state.model.systematic)
+    where = contact_geometry(bank, row, contact, scales, window, origins, state.model.systematic)
     return named(where, pair)
 
 
@@ -244,9 +244,9 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
         return state._replace(formation=online.suspend(state.formation)), belief
     some = window.cut(max(first_row, len(window) - online.WINDOW_TICKS), None)
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
-    leave_per_s, origin_m = state.model.transitions.leave_per_s, state.origin_m
+    leave_per_s, origins = state.model.transitions.leave_per_s, state.origins
     ticks = FormationTicks(
-        some, scales_of(state.model), leave_per_s, origin_m, state.known_map, state.model.systematic
+        some, scales_of(state.model), leave_per_s, origins, state.known_map, state.model.systematic
     )
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
     formation = online.advance(state.formation, ticks, first)

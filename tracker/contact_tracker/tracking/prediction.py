@@ -48,7 +48,7 @@ class TransitionPrediction(NamedTuple):
 def predict_transitions(state: FilterState, sliding: SlidingWindow) -> TransitionPrediction:
     """The prediction for the newest tick of ``window``, by which ``state`` has not been updated."""
     window, model = sliding.window, state.model
-    cached = _proposals(state, Frame.around(state.origin_m, window.zeta[-1, T]))
+    cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
     proposals, log_odds = [one.proposals for one in cached], np.zeros(len(STATES))
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
     if state.known_map:  # known elements come into contact by any displacement, however smooth

@@ -12,7 +12,7 @@ from scipy.special import expit
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.formations.further import FormationTicks, KnownContact, Ranks, find_formation
-from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.elements import ContactGeometry, Origins
 from contact_tracker.geometry.packing import pack
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births, propose_measured
@@ -53,7 +53,7 @@ class SegmentTicks:
     contact: Contact
     model: Model
     known_map: Map
-    origin_m: Array
+    origins: Origins
     wrenches: WindowEvidence | None = None
     """The evidence of measured wrenches."""
 
@@ -138,7 +138,7 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         return fit
     probability = float(expit(segment.model.certainty.posterior_power * found.log_odds))
     near_m = window.zeta[:, T].mean(axis=0)
-    fit = replace(fit, joint=joint_of(found.fitted, probability, near_m, segment.origin_m))
+    fit = replace(fit, joint=joint_of(found.fitted, probability, near_m, segment.origins))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
     others = tuple(other for other in STATES if other is not fit.contact and segment.known_map.allows(other))
@@ -172,7 +172,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     fitted, information = refine(fit, contact, window, scales)
     pair = named_pairs(known_map, contact)[fitted.known_pair_index[0]]
     where = contact_geometry(
-        fitted, 0, contact, scales, window, segment.origin_m, model.systematic, information
+        fitted, 0, contact, scales, window, segment.origins, model.systematic, information
     )
     formation = _formation(segment, window, KnownContact(contact, fitted.x[0]))
     alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
@@ -201,14 +201,14 @@ def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, 
 
 
 def _frame(segment: SegmentTicks, window: Window) -> Frame:
-    return Frame.around(segment.origin_m, window.zeta[:, T].mean(axis=0))
+    return Frame.around(segment.origins, window.zeta[:, T].mean(axis=0))
 
 
 def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> FittedFormation:
     """The contacts beside the ``first``, which lasts through the ``window``."""
     model, scales = segment.model, scales_of(segment.model)
     leave_per_s = model.transitions.leave_per_s
-    ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.known_map, model.systematic)
+    ticks = FormationTicks(window, scales, leave_per_s, segment.origins, segment.known_map, model.systematic)
     found = find_formation(ticks, first)
     power = model.certainty.posterior_power
     further = []

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.online import EMPTY_FORMATION, FormationState
+from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.birth import uninformed_proposal
@@ -36,7 +37,7 @@ class FilterState(NamedTuple):
     model: Model
     known_map: Map
     """Known elements."""
-    origin_m: Array
+    origins: Origins
     """(3,) origin of the ticks in the world, once there is one."""
     free_motion: FreeMotion | None
     """Free motion as this filter sees it, if its ticks have been averaged for another one."""
@@ -131,7 +132,7 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Filte
     return FilterState(
         model=model,
         known_map=known_map,
-        origin_m=np.zeros(3),
+        origins=Origins.zero(),
         free_motion=None,
         sliding_window=EMPTY_WINDOW,
         banks=banks,
