@@ -8,7 +8,7 @@ import pytest
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS, face_face
-from contact_tracker.geometry.elements import Line, by_foot, canonical, numbers
+from contact_tracker.geometry.elements import Line, Origins, by_foot, canonical, numbers
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.pruning import Birth, add
@@ -60,7 +60,7 @@ def test_a_known_face_determines_the_normal_of_the_other(side):
     reversed_ = both.mean.copy()
     reversed_[face_face.M if side == "environment" else face_face.N] *= -1.0
     known_map = Map(**{side: (NamedElement("table", elements[side == "environment"]),)})
-    begins = propose_births(model, known_map, None, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
+    begins = propose_births(model, known_map, None, 0.0, Frame.around(Origins.zero(), np.zeros(3)))
     turn = poses.rotation[0]
     bank = add(
         blank(model, 1).replace_columns(x=reversed_),
@@ -169,7 +169,7 @@ def test_nothing_known_is_one_unknown_pair():
     for model in CONTACT_MODELS:
         (pair,) = named_pairs(EMPTY_MAP, model)
         assert (pair.touching, pair.log_share, pair.is_certain) == ((None, None), 0.0, False)
-        known = pair_priors(model, [pair.pair((0.0, 0.0, 0.0))])
+        known = pair_priors(model, [pair.pair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
         assert not known.information.any()
         assert np.isnan(known.line_points_m).all()
 
@@ -182,7 +182,7 @@ def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
     (pair,) = named_pairs(Map(up=up), v_f)
-    known = pair_priors(v_f, [pair.pair((5.0, 6.0, 7.0))])
+    known = pair_priors(v_f, [pair.pair((5.0, 6.0, 7.0), (0.0, 0.0, 0.0))])
     mean, information = known.mean[0], known.information[0]
     np.testing.assert_allclose(mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
@@ -222,7 +222,7 @@ def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model
 def test_births_depend_on_the_bodys_position_only_by_an_edge_of_the_surroundings(model):
     _, ours, theirs = touching(model.contact)
     known = Map(environment=(NamedElement("theirs", theirs),), object=(NamedElement("ours", ours),))
-    frames = (Frame.around(np.zeros(3), place_m) for place_m in np.diag([1.0, 2.0]) @ np.ones((2, 3)))
+    frames = (Frame.around(Origins.zero(), place_m) for place_m in np.diag([1.0, 2.0]) @ np.ones((2, 3)))
     here, there = (propose_births(model, known, None, 0.0, frame) for frame in frames)
     same = np.array_equal(here.rows.words, there.rows.words, equal_nan=True)
     assert same == (not model.contact.value.endswith("e"))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, seen, unshared
 
@@ -23,9 +24,10 @@ from short_recordings import recorded, true_contacts
 ORIGIN_M = np.array([100.0, -20.0, 3.0])
 
 
-def grown() -> GrowingMap:
+def grown(body_m: NDArray[np.float64] | None = None) -> GrowingMap:
     rng = np.random.default_rng(3)
-    world = GrowingMap(REACH_M).at_origins(Origins(ORIGIN_M, np.zeros(3)))
+    body_m = np.zeros(3) if body_m is None else body_m
+    world = GrowingMap(REACH_M).at_origins(Origins(ORIGIN_M, body_m))
     for number, (contact, pair) in enumerate(
         [(Contact.FF, (BOTTOM, TABLE)), (Contact.VF, (CORNER, TABLE)), (Contact.EE, (EDGE, EDGE))]
     ):
@@ -46,10 +48,12 @@ def test_a_file_has_all_that_is_known(tmp_path: Path) -> None:
         np.testing.assert_allclose(one.place_m, other.place_m, atol=1e-12)
 
 
-def test_the_origin_of_a_recording_does_not_matter() -> None:
-    """What is learned is in the world's coordinates, and a map that begins with it says the same."""
-    world = grown()
-    again = GrowingMap(REACH_M).with_prior(world.learned).at_origins(Origins(ORIGIN_M, np.zeros(3)))
+@pytest.mark.parametrize("body_m", [np.zeros(3), np.array([0.3, -2.0, 1.0])])
+def test_the_origins_of_a_recording_do_not_matter(body_m: NDArray[np.float64]) -> None:
+    """What is learned is in the frames of the world and the body, and a map that begins with it says the
+    same."""
+    world = grown(body_m)
+    again = GrowingMap(REACH_M).with_prior(world.learned).at_origins(Origins(ORIGIN_M, body_m))
     np.testing.assert_allclose(again.whole.covariance, world.whole.covariance, rtol=1e-4, atol=1e-9)
     elsewhere = GrowingMap(REACH_M).with_prior(world.learned).at_origins(Origins.zero())
     table = next(one for key, one in elsewhere.elements.items() if key[0] == 1 and one.kind == "f")

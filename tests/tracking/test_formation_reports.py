@@ -11,7 +11,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, allowed
 from contact_tracker.formations.presence import Presence
-from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
+from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
 from contact_tracker.motion.lifted_pose import lift
@@ -52,7 +52,7 @@ def finished(contact: Contact, first: int, count: int) -> FinishedSegment:
     rows["stamp_ns"] = rows["start_ns"] + 99
     posterior = np.full((count, 7), 0.01)
     posterior[:, contact.column] = 0.94
-    ticks = SegmentTicks(window(first, count), contact, MODEL, EMPTY_MAP, np.zeros(3))
+    ticks = SegmentTicks(window(first, count), contact, MODEL, EMPTY_MAP, Origins.zero())
     return FinishedSegment(contact.column, rows, int(rows["stamp_ns"][-1]), posterior, ticks)
 
 
@@ -149,7 +149,7 @@ def test_kinds_excluded_by_the_map_are_not_reported() -> None:
     line = NamedElement("edge", Line(np.array([1.0, 0.0, 0.0]), np.zeros(3)))
     face = NamedElement("face", Plane(np.array([1.0, 0.0, 0.0]), 0.0))
     ticks = FormationTicks(
-        window(0, 5), scales, 0.1, np.zeros(3), Map(object=(line, face), object_complete=True)
+        window(0, 5), scales, 0.1, Origins.zero(), Map(object=(line, face), object_complete=True)
     )
     found = allowed(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
     assert [one.known.model.contact for one in found] == [Contact.FV]

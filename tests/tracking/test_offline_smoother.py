@@ -9,7 +9,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from contact_tracker.geometry.elements import numbers
+from contact_tracker.geometry.elements import Origins, numbers
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.poses import BATCH, Poses
 from contact_tracker.motion.window import Window
@@ -263,7 +263,7 @@ def test_of_a_very_long_segment_the_moving_parts_are_fitted(monkeypatch):
     rest = replace(window, innovation_excess=np.full_like(window.innovation_excess, 1e-12))
     long = Window.join([rest, window, rest])
     long = replace(long, index=np.arange(len(long)))
-    stretch = SegmentTicks(long, Contact.FF, MODEL, EMPTY_MAP, np.zeros(3))
+    stretch = SegmentTicks(long, Contact.FF, MODEL, EMPTY_MAP, Origins.zero())
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.PIECE_TICKS", 5)
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 35)
     some = fit_segments([stretch])[0]

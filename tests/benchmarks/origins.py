@@ -1,0 +1,59 @@
+"""How far labels depend on where the origin of the body frame is.
+
+    python tests/benchmarks/origins.py [RECORDING ...]
+
+Share of the ticks whose label changes if the origin is moved by some distance: offline, and online while the
+noise is that of the whole recording. Without arguments, the three shipped recordings of single contacts.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.evaluation.tables import number, table
+
+DISTANCES_M: Final = (0.3, 1.0, 10.0)
+DIRECTION: Final = np.array([0.6, -0.48, 0.64])
+SHIPPED: Final = Path(__file__).parents[2] / "recordings"
+NAMES: Final = ("paper_experiment", "robot_1khz", "vision_30hz")
+
+
+def rows_of(poses: Poses) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Beliefs of all ticks, offline and online."""
+    found = Segmentation.join(list(OfflineTracker(load_model()).pieces(poses)))
+    return found.beliefs.rows, found.filtered.rows
+
+
+def changed(before: NDArray[Any], after: NDArray[Any]) -> float:
+    """Share of the ticks of both whose labels differ."""
+    _, rows, others = np.intersect1d(before["stamp_ns"], after["stamp_ns"], return_indices=True)
+    return float((before["contact"][rows] != after["contact"][others]).mean())
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    shipped = [SHIPPED / f"{name}.mcap" for name in NAMES]
+    parser.add_argument("recordings", type=Path, nargs="*", default=shipped)
+    rows = list[tuple[str, ...]]()
+    for path in parser.parse_args().recordings:
+        poses = Poses.collect(open_log(str(path)))
+        as_recorded = rows_of(poses)
+        for away_m in DISTANCES_M:
+            moved = rows_of(poses.of_point(away_m * DIRECTION))
+            shares = (changed(*pair) for pair in zip(as_recorded, moved, strict=True))
+            rows.append((path.stem, f"{away_m:g}", *map(number, shares)))
+    print(table(("recording", "moved m", "offline", "online"), rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,95 @@
+"""The tracked point, and that results do not depend on where the body's origin is."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import contact_tracker as ct
+from contact_tracker.geometry.elements import Line, shifted
+from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.tracked_point import independent_point
+from short_recordings import FACE_TO_EDGE, recorded
+
+Array = NDArray[np.float64]
+POSITION_M, ROTATION_RAD, COUNT = 3e-4, 3e-3, 400
+
+
+def noisy_poses(point_m: Array, rng: np.random.Generator) -> Poses:
+    """Poses of a body whose point ``point_m`` has noise that is independent of the orientation's."""
+    t = np.arange(COUNT) / 100.0
+    angles = np.array([0.7 * np.sin(2.0 * t), 0.5 * np.cos(1.3 * t), 0.3 * t]).T
+    error = Rotation.from_rotvec(rng.normal(scale=ROTATION_RAD, size=(COUNT, 3)))
+    turn = Rotation.from_rotvec(angles) * error
+    place_m = np.array([0.3 * np.sin(t), 0.2 * t, 0.1 * np.cos(3.0 * t)]).T
+    position_m = place_m + rng.normal(scale=POSITION_M, size=(COUNT, 3)) - turn.apply(point_m)
+    return Poses((1e7 * np.arange(COUNT)).astype(np.int64), position_m, turn.as_quat())
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.3, 10.0]))
+def test_the_point_is_found_wherever_the_origin_is(seed: int, away_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    point_m = away_m * Rotation.random(random_state=rng).as_matrix()[0]
+    found = independent_point(noisy_poses(point_m, rng))
+    np.testing.assert_allclose(found, point_m, atol=8.0 * POSITION_M / ROTATION_RAD / np.sqrt(COUNT))
+
+
+def test_it_is_the_origin_where_no_noise_shows_another() -> None:
+    rng = np.random.default_rng(1)
+    zero = [independent_point(noisy_poses(np.zeros(3), rng)) for _ in range(20)]
+    assert np.mean([not one.any() for one in zero]) > 0.9
+    clean = noisy_poses(np.array([0.5, 0.0, 0.0]), rng)
+    same = Poses(clean.stamp_ns, np.ones((COUNT, 3)), np.tile(clean.quat_xyzw[0], (COUNT, 1)))
+    for few in (NO_POSES, clean[:6], same):
+        np.testing.assert_array_equal(independent_point(few), 0.0)
+
+
+@pytest.fixture(scope="module")
+def expected() -> ct.Result:
+    return ct.segment(ct.Trajectory(recorded(FACE_TO_EDGE).poses))
+
+
+@pytest.mark.parametrize("away_m", [0.3, 10.0])
+def test_elements_are_in_the_users_body_frame(expected: ct.Result, away_m: float) -> None:
+    """With another origin of the body the labels stay, and its elements move by as much."""
+    aside = away_m * np.array([0.6, -0.48, 0.64])
+    poses = recorded(FACE_TO_EDGE).poses.of_point(aside)
+    found = ct.segment(ct.Trajectory(poses))
+    assert [one.contact for one in found.segments] == [one.contact for one in expected.segments]
+    same = found.beliefs.rows["contact"] == expected.beliefs.rows["contact"]
+    assert same.mean() > 0.99
+    before, after = (one.segments[-1].geometry for one in (expected, found))
+    assert before is not None
+    assert after is not None
+    edge, again = shifted(before.object, -aside), after.object
+    assert isinstance(edge, Line)
+    assert isinstance(again, Line)
+    off = again.point_m - edge.point_m
+    assert np.linalg.norm(off - edge.direction * (edge.direction @ off)) < 0.004
+    assert abs(before.environment.normal @ after.environment.normal) > np.cos(np.radians(1.0))
+
+
+def test_online_it_is_found_within_the_first_poses() -> None:
+    """Also where elements of the object are given, which are in the user's body frame."""
+    aside = np.array([0.5, -0.4, 0.3])
+    truth = recorded(FACE_TO_EDGE).truth.intervals[-1].geometry
+    assert truth is not None
+    assert isinstance(truth.object, Line)
+    labels = list[list[str]]()
+    for away_m in (np.zeros(3), aside):
+        edge = shifted(truth.object, -away_m)
+        assert isinstance(edge, Line)
+        line = {"point_m": edge.point_m.tolist(), "direction": edge.direction.tolist()}
+        tracker = ct.Tracker(known={"object": {"line": [line]}})
+        beliefs = [tracker.update(*pose) for pose in recorded(FACE_TO_EDGE).poses.of_point(away_m)]
+        known_ticks = [one for one in beliefs if one is not None]
+        labels.append([one.contact.value for one in known_ticks])
+        assert all(a.stamp_ns < b.stamp_ns for a, b in pairwise(known_ticks))
+        last = known_ticks[-1]
+        assert last.geometry is not None
+        assert last.geometry.object.name == "line 1"
+    assert np.mean([a == b for a, b in zip(*labels, strict=True)]) > 0.95
