@@ -1,5 +1,6 @@
 """Shared fixtures, and settings of all property tests."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from shared_recordings import SHARED_RECORDINGS
+
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each process that tests start would compile all modules
 
 settings.register_profile(
     "busy", deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow]

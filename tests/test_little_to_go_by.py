@@ -44,15 +44,14 @@ def far_away(poses: Poses) -> Poses:
 MOTIONS: dict[str, Callable[[], Poses]] = {
     "one pose": lambda: smooth_poses(1),
     "two poses": lambda: smooth_poses(2),
-    "three poses": lambda: smooth_poses(3),
     "four poses": lambda: smooth_poses(4),
     "a tick and a pose": lambda: smooth_poses(21),
     "held, longer than a window of the paper": lambda: held(smooth_poses(520)),
     "at the origin": lambda: Poses(
-        smooth_poses(400).stamp_ns, np.zeros((400, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (400, 1))
+        smooth_poses(300).stamp_ns, np.zeros((300, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (300, 1))
     ),
-    "only moving": lambda: only_moving(smooth_poses(520)),
-    "only turning": lambda: only_turning(smooth_poses(520)),
+    "only moving": lambda: only_moving(smooth_poses(300)),
+    "only turning": lambda: only_turning(smooth_poses(300)),
     "far away": lambda: far_away(smooth_poses(100)),
     "10 kHz": lambda: smooth_poses(300, 10_000.0),
     "1 Hz": lambda: smooth_poses(4, 1.0),
@@ -83,9 +82,9 @@ def test_little_motion_is_segmented(make: Callable[[], Poses], tmp_path: Path, c
     assert run(["live", str(log), "--json"]) == 0
     online = [json.loads(line, parse_constant=refuse) for line in capsys.readouterr().out.splitlines()]
     assert [b["stamp_ns"] for b in online] == [b["stamp_ns"] for b in beliefs]
-    assert run(["info", str(log)]) == 0
-    assert f"poses     {len(poses)}\n" in capsys.readouterr().out
     if len(poses) < 30:
+        assert run(["info", str(log)]) == 0
+        assert f"poses     {len(poses)}\n" in capsys.readouterr().out
         assert run(["segment", str(log)]) == 0
         assert capsys.readouterr().out.splitlines()[1].split()[2] in NAMES
         assert run(["view", str(log), "--save", str(tmp_path / "a.rrd")]) == 0

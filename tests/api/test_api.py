@@ -129,13 +129,6 @@ def test_dates_of_the_standard_library_and_zones_are_stamps() -> None:
         assert not found.notes
 
 
-def test_stamps_of_an_impossible_rate_are_a_warning(poses: Poses) -> None:
-    seconds = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
-    with pytest.warns(ContactTrackerWarning, match="they look like seconds"):
-        trajectory = Trajectory.from_arrays(seconds, poses.position_m, poses.quat_xyzw, unit="us")
-    assert "they look like seconds" in trajectory.notes[0]
-
-
 def test_invalid_poses_are_counted(poses: Poses) -> None:
     stamps, places, turns = (column[:600].astype(float) for column in arrays(poses))
     stamps = (stamps - stamps[0]) * 1e-9
@@ -174,7 +167,8 @@ def test_names_of_columns_have_units_as_in_files(poses: Poses) -> None:
     np.testing.assert_allclose(trajectory.stamp_ns, poses.stamp_ns, rtol=0, atol=1000)
     assert not trajectory.notes
     with pytest.warns(ContactTrackerWarning, match="they look like seconds"):
-        Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
+        seconds = Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
+    assert "they look like seconds" in seconds.notes[0]
     with pytest.raises(UsageError, match=r"no column 'x'; did you mean 'x \[mm\]'"):
         Trajectory.from_dataframe(columns, "time [ms]", ("x", "y", "z"))
     columns["x [inch]"] = columns["x [mm]"]
@@ -243,7 +237,7 @@ def test_times_choose_poses_and_segments(result: contact_tracker.Result, poses: 
 
 
 def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses, tmp_path: Path) -> None:
-    poses = poses[:800]
+    poses = poses[:400]
     state, passed, expected = start(load_model()), PoseGate(), []
     for pose in poses:
         state, new = take(state, passed.arrive(pose))
@@ -252,7 +246,7 @@ def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses,
     tracker, beliefs = contact_tracker.Tracker(), []
     for number, pose in enumerate(poses):
         beliefs += filter(None, [tracker.update(*pose)])
-        if number == 500:
+        if number == 250:
             tracker.save(tmp_path / "state")
             tracker = contact_tracker.Tracker.load(tmp_path / "state")
     beliefs += tracker.finish()
@@ -387,14 +381,3 @@ def test_wrenches_have_the_clock_of_the_poses(
     assert trajectory.counts["log_time_as_stamp"] > 0.5 * len(trajectory)
     ((of_poses, of_wrenches),) = seen
     assert of_poses.tolist() == of_wrenches.tolist()
-
-
-def test_the_unit_of_times_in_a_table(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{5 * i},{i * 1e-4},0,0,0,0,0,1\n" for i in range(50)))
-    with pytest.warns(ContactTrackerWarning, match="taken as milliseconds"):
-        guessed = contact_tracker.read(path)
-    assert guessed.duration_s == pytest.approx(0.245)
-    assert contact_tracker.read(path, time_unit="us").duration_s == pytest.approx(245e-6)
-    with pytest.raises(UsageError, match=r"time_unit is s, ms, us, ns, .*, not 'min'"):
-        contact_tracker.read(path, time_unit="min")

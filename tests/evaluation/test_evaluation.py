@@ -25,7 +25,6 @@ from contact_tracker_lab.evaluation.report import Report
 
 Array = NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
-ELEMENTS = {"f": Plane, "e": Line, "v": Point}
 STEP_NS = 10_000_000
 
 

@@ -29,7 +29,7 @@ from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
-from contact_tracker_lab.simulate import Phase, Scenario, Simulated, simulate
+from contact_tracker_lab.simulate import Phase, Scenario, Simulated, named_scenario, simulate
 
 SECOND = 10**9
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -38,7 +38,10 @@ needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in nu
 
 @cache
 def made(name: str) -> Simulated:
-    return simulate(name, 1)
+    scenario = named_scenario(name, 1)
+    if scenario.further and scenario.further.start_s is None:  # it lasts all the time: 14 s of 24 will do
+        scenario = replace(scenario, phases=tuple(one._replace(duration_s=14.0) for one in scenario.phases))
+    return simulate(scenario, 1)
 
 
 @cache

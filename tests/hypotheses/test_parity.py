@@ -31,15 +31,6 @@ from short_recordings import FACE_TO_EDGE, MODEL, recorded
 compiled_kernels = pytest.importorskip("contact_tracker.hypotheses.compiled.kernels")
 kernels = pytest.importorskip("kernel_parts")
 both = kernels.both
-ACCUMULATED = (
-    "onset_row",
-    "second_moment",
-    "weighted_position_sum",
-    "weight",
-    "effective_ticks",
-    "log_prior",
-    "x",
-)
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
 INFORMATION = np.random.default_rng(5).normal(size=(9, 12)) * 10.0 ** np.linspace(0.0, 4.0, 9)[:, None]

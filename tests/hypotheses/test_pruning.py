@@ -60,16 +60,6 @@ def test_pruning_does_not_change_the_beliefs(path: Path) -> None:
     assert apart.max() < 1e-3
 
 
-@pytest.mark.long
-@pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
-def test_pruning_does_not_change_the_beliefs_of_other_recordings(shared_recordings: Path) -> None:
-    model, path = load_model(), min((shared_recordings / "physics" / "hard").glob("*.mcap"))
-    poses = Poses.collect(open_log(str(path)))
-    same, apart = compared(*(pruning.track(poses, m) for m in (model, pruning.with_margin(model, np.inf))))
-    assert same.all()
-    assert apart.max() < 1e-3
-
-
 def compared(own: pruning.Run, other: pruning.Run) -> tuple[Bools, Array]:
     """Whether the labels of each tick are equal, and the largest difference of its probabilities."""
     tied = np.diff(np.sort(own.probability, axis=1)[:, -2:], axis=1)[:, 0] < 1e-6  # decided by rounding

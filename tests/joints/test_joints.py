@@ -3,7 +3,7 @@
 import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -11,10 +11,10 @@ from benchmarks.simulated_fits import with_systematic_errors
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-import contact_tracker
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
+from contact_tracker.exports.formats import write_csv, write_jsonl
 from contact_tracker.geometry.elements import Line, Origins, Point
 from contact_tracker.hypotheses import compiled
 from contact_tracker.joints.evidence import find_joint
@@ -23,6 +23,7 @@ from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, Join
 from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
+from contact_tracker.outputs.text import table
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.state import scales_of
@@ -219,14 +220,14 @@ def test_a_slider_is_no_screw_of_metres_per_radian() -> None:
 
 
 @needs_kernels
-def test_outputs_contain_the_joint(tmp_path: Path) -> None:
-    result = contact_tracker.segment(contact_tracker.Trajectory(moved(JointKind.HINGE, 1)[1]))
-    assert "= hinge" in str(result)
-    result.save(tmp_path / "a.jsonl")
-    last = json.loads((tmp_path / "a.jsonl").read_text().splitlines()[-1])
-    assert last["joint"]["kind"] == "hinge"
-    result.save(tmp_path / "a.csv")
-    header, row = (tmp_path / "a.csv").read_text().splitlines()[:2]
+def test_outputs_contain_the_joint() -> None:
+    found = segmented(JointKind.HINGE, 1)
+    assert any("= hinge" in line for line in table(found.segments, found.segments[0].start_ns))
+    ticks, rows = StringIO(), StringIO(newline="")
+    write_jsonl(found.beliefs, ticks)
+    assert json.loads(ticks.getvalue().splitlines()[-1])["joint"]["kind"] == "hinge"
+    write_csv(found.segments, rows)
+    header, row = rows.getvalue().splitlines()[:2]
     assert header.endswith(",joint,decided")
     assert '""kind"": ""hinge""' in row
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, by_foot, numbers
+from contact_tracker.geometry.elements import Element, Line, Plane, Point, by_foot, numbers
 from contact_tracker.map.map import Accuracy, known_to
 from contact_tracker.map.same_element import is_same_element
 
@@ -16,7 +16,6 @@ ORIGIN = np.zeros(3)
 ALONG = np.array([0.0, 0.6, 0.8])
 EDGE = Line(ALONG, np.array([0.1, 0.0, 0.0]), 1e-8 * np.eye(6))
 TABLE = Plane(np.array([0.0, 0.0, 1.0]), -0.1, 1e-8 * np.eye(4))
-ON_THE_TABLE = ContactGeometry(EDGE, TABLE)
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,9 @@ def test_stamps_that_no_column_holds_are_dropped() -> None:
     ("norm", "counted", "passes"),
     [
         (1.0 + 3e-5, {}, True),
+        (1.0009, {}, True),
+        (1.0015, {"renormalised": 1}, True),
+        (0.9985, {"renormalised": 1}, True),
         (1.02, {"renormalised": 1}, True),
         (0.97, {"renormalised": 1}, True),
         (1.06, {"bad_quaternion": 1}, False),
@@ -95,13 +98,6 @@ def test_quaternions_become_unit_or_are_dropped(norm: float, counted: dict[str, 
     assert len(kept) == passes
     for p in kept:
         assert sqrt(sum(c * c for c in p.quat_xyzw)) == pytest.approx(1.0, abs=1e-15)
-
-
-def test_signs_of_quaternions_become_continuous() -> None:
-    flipped = tuple(-c for c in UNIT)
-    kept, counts = pass_through([pose(0), Pose(1, (1.0, 0.0, 0.0), flipped), pose(2, 2.0)])
-    assert len({p.quat_xyzw for p in kept}) == 1
-    assert counts == {}
 
 
 def test_repeated_and_late_stamps_are_dropped() -> None:
@@ -358,22 +354,6 @@ def test_columns_pass_and_count_like_single_poses(poses: list[Pose], batch: int)
         assert state(gate) == state(one_by_one)
     assert gate.finish() == one_by_one.finish()
     assert gate.counts == one_by_one.counts
-
-
-@pytest.mark.parametrize("jitter", [0.0, 0.4])
-def test_valid_poses_pass_in_columns(jitter: float) -> None:
-    turn = np.linspace(0.0, 1.0, 200)
-    sign = np.where(np.arange(200) % 7 < 3, -1.0, 1.0)
-    quat = np.array([np.sin(turn), 0 * turn, 0 * turn, np.cos(turn)]).T * sign[:, None]
-    stamps = 5 * MS * (np.arange(200) + jitter * np.sin(np.arange(200) ** 2))
-    poses = Poses(stamps.astype(np.int64), np.ones((200, 3)), quat)
-    gate = PoseGate()
-    for p in poses[:50]:
-        gate.admit(p)
-    columns = gate.admit_all(poses[50:])
-    assert columns is not None
-    kept, _ = pass_through(list(poses))
-    assert list(columns) == kept[50:]
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2])

@@ -356,13 +356,6 @@ def test_an_object_that_rests_through_a_gap_is_known_to_rest():
     assert np.mean([tick.innovation_excess == NO_EXCESS for tick in found]) > 0.95
 
 
-def test_turning_the_sign_of_quaternions_changes_nothing():
-    poses = moving(np.random.default_rng(12), 3.0, 200.0, 3e-4, 2e-3)
-    sign = np.random.default_rng(12).choice([-1.0, 1.0], size=(len(poses), 1))
-    for a, b in zip(averaged(poses), averaged(replace(poses, quat_xyzw=sign * poses.quat_xyzw)), strict=True):
-        np.testing.assert_allclose(a.zeta, b.zeta, atol=1e-12)
-
-
 def test_noise_of_means_falls_with_their_frames_to_the_floor():
     noise = TickGrid.begun(MODEL, 0, Origins.zero()).stream.noise
     position, rotation = tick_variances(noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T

@@ -117,7 +117,7 @@ def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> No
     writer = Writer(file, chunk_size=chunk)
     writer.start()
     channels, log_time = [writer.register_channel(f"/{i}", "cdr", 0) for i in range(3)], 0
-    for _ in range(rng.integers(1, 40)):
+    for _ in range(rng.integers(1, 20)):
         channel, size = rng.choice(channels), rng.choice([0, 7, 92])
         for _ in range(rng.choice([1, 1, 2, 5, 300])):
             log_time += int(rng.integers(2**40))
@@ -171,6 +171,10 @@ def test_a_folder_of_separate_recordings_is_refused(tmp_path: Path, named: bool)
         open_log(str(tmp_path))
     with pytest.raises(AmbiguousSource, match="name one"):
         summarise(str(tmp_path))
+    for i in range(1, 6):
+        (tmp_path / f"take_{i}.mcap").rename(tmp_path / f"take_{i}.db3")
+    with pytest.raises(AmbiguousSource, match=r"recordings of different formats \(\.db3, \.mcap\): take_0"):
+        open_log(str(tmp_path))
 
 
 def test_parts_that_follow_each_other_are_one_recording(tmp_path: Path) -> None:

@@ -147,7 +147,6 @@ def test_json_lines(tmp_path: Path) -> None:
     assert str(log.damage).startswith("1 row has no time that is a number or a date ('{")
 
 
-EULER = ["--euler", "XYZ:deg"]
 PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
     "UR": (
         "timestamp," + ",".join(f"actual_TCP_pose_{i}" for i in range(6)),

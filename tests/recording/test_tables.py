@@ -4,6 +4,7 @@ import csv
 import subprocess
 import sys
 import time
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -82,8 +83,7 @@ SPELLINGS = (
 )
 
 
-@pytest.mark.parametrize("names", SPELLINGS)
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize(("names", "separator"), list(zip(SPELLINGS, cycle(",;\t"))))
 def test_named_columns(tmp_path: Path, names: str, separator: str) -> None:
     path = tmp_path / "a.csv"
     with path.open("w", newline="") as file:
@@ -112,13 +112,6 @@ def test_a_table_named_mcap_is_refused_with_the_remedy(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        *(
-            (
-                f"t,x [{unit}],y [{unit}],z [{unit}]",
-                rf"the unit '{unit}' of column 'x \[{unit}\]' is not known: m",
-            )
-            for unit in ("inch", "in", "foo")
-        ),
         (
             "t,Pos X (ft),Pos Y (ft),Pos Z (ft)",
             r"the unit 'ft' of column 'Pos X \(ft\)' is not known: m, cm, mm",
@@ -260,7 +253,7 @@ def test_a_row_of_zero_seconds_has_a_stamp(tmp_path: Path, first_s: float, digit
     """Also where times are rounded to seconds: a table has no other times."""
     path = tmp_path / "a.csv"
     names = ",".join(f"{body}_{role}" for body in ("cup", "table") for role in NAMES[-7:])
-    rows = np.hstack([columns(POSES)[:, 1:], columns(OTHER)[:, 1:]]).tolist()
+    rows = np.hstack([columns(POSES)[:40, 1:], columns(OTHER)[:40, 1:]]).tolist()
     times = [f"{round(first_s + i * 0.5, digits):.{digits}f}" for i in range(len(rows))]
     lines = [",".join([time, *map(repr, row)]) for time, row in zip(times, rows, strict=True)]
     path.write_text("\n".join([f"time [s],{names}", *lines]) + "\n")
@@ -374,13 +367,11 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
             "t,x,y,z,qx,qy,qz\n1,2,3,0,0,0,1\n",
             "among t, x, y, z, qx, qy, qz: missing is qw: say which .* or rename columns, as in",
         ),
-        ("t,x,y,z,qx,qy,qz,qw\n", "it has a header but no rows"),
         ("t,x,y,z,qx,qy,qz,qw\n\n# end\n", "it has a header but no rows"),
         (
             "t,x,y,z,qx,qy,qz,qw\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n",
             "row 1 has 1 value, the header has 8: separate",
         ),
-        ("t x y z qx qy qz qw\n0,0,0,0,0,0,0,1\n", "row 1 has 1 value, the header has 8: separate"),
         ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "no column of times among x, y, z"),
         ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
         ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),
@@ -388,7 +379,6 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
         (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
         ("t,x,y,z,qx,qy,qz,qw\n" + "1," * 400_000, "its rows have 5000 values or more"),
         ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
-        ("hello\n", "no columns of a pose among hello"),
         ("0, 1, 2, 3, 0, 0, 0, 1\n", "time=c0,x=c1,y=c2,z=c3,qx=c4,qy=c5,qz=c6,qw=c7"),
         ("0,5;1,5;2;3;0;0;0;1\n", "no names: if they are meant so, read them by contact"),
     ],
@@ -489,7 +479,7 @@ ROWS_OF_SEVEN = "t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{i / 10},1,2,3,0,0,0,1\n" fo
     "last", ["0.7", "0.7,1,2,3", "0.7,1,2,3,0,0,0", "0.7,1,2,3,0,0,0,", "0.7,1,2,3,0,0,0,-"]
 )
 def test_a_last_line_that_is_cut_off_inside_a_row_is_damage(
-    tmp_path: Path, separator: str, last: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, separator: str, last: str
 ) -> None:
     path = tmp_path / "a.csv"
     rows = ROWS_OF_SEVEN.partition("\n")[2] if separator == " " else ROWS_OF_SEVEN  # TUM
@@ -502,8 +492,6 @@ def test_a_last_line_that_is_cut_off_inside_a_row_is_damage(
         )
         assert "nonfinite" not in log.counts
     assert summarise(str(path)).damage is not None
-    assert run(["segment", str(path)]) == 3
-    assert "cut off inside a row" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -643,9 +631,10 @@ def write_groups(path: Path, rows_of_group: int, poses: Poses = POSES) -> Path:
     return path
 
 
-@pytest.mark.parametrize("rows_of_group", [1, 7, 299, 300])
+@pytest.mark.parametrize("rows_of_group", [1, 7, 59, 60])
 def test_all_groups_of_parquet_are_read(tmp_path: Path, rows_of_group: int) -> None:
-    assert_read(write_groups(tmp_path / "a.parquet", rows_of_group), time_ns=1000)
+    poses = POSES[:60]
+    assert_read(write_groups(tmp_path / "a.parquet", rows_of_group, poses), poses, time_ns=1000)
 
 
 def test_one_group_of_parquet_may_be_long(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ QUIET = {
     "outlier_probability": 0.0,
     "drop_probability": 0.0,
 }
-RANDOM_SEEDS = range(8)
+RANDOM_SEEDS = range(3)
 
 
 @cache
@@ -186,7 +186,8 @@ def test_acceleration_is_continuous_where_contacts_change() -> None:
     """At twice the rate steps of acceleration between frames are half as large, unlike at a discontinuity."""
     steps = []
     for rate in (1000.0, 2000.0):
-        scenario = replace(named_scenario("all_states", 0), rate_hz=rate, **QUIET)
+        whole = named_scenario("all_states", 0)
+        scenario = replace(whole, phases=whole.phases[:6], rate_hz=rate, **QUIET)
         simulated = simulate(scenario, 5)
         acceleration = np.diff(twist(simulated.poses, middle(simulated))[:, 3:], axis=0) * rate
         steps.append(np.linalg.norm(np.diff(acceleration, axis=0), axis=1).max())
@@ -306,13 +307,14 @@ def test_outliers_drops_repeated_poses_and_jitter_are_as_specified() -> None:
 
 
 def test_one_seed_is_one_recording() -> None:
-    first, second, other = simulate("vision_30hz", 6), simulate("vision_30hz", 6), simulate("vision_30hz", 7)
+    short = Scenario((Phase(Contact.VF, 2.0),), outlier_probability=0.01, drop_probability=0.05)
+    first, second, other = (simulate(short, seed) for seed in (6, 6, 7))
     assert first.metadata == second.metadata
     assert first.truth.to_json() == second.truth.to_json()
     np.testing.assert_array_equal(first.poses.position_m, second.poses.position_m)
     np.testing.assert_array_equal(first.poses.quat_xyzw, second.poses.quat_xyzw)
     assert first.metadata["object_vertices_m"] != other.metadata["object_vertices_m"]
-    assert simulate("random", 0).metadata["scenario"] == "random"
+    assert quiet("random", 0).metadata["scenario"] == "random"
 
 
 def test_body_frame_is_rigid_and_random() -> None:
@@ -409,10 +411,9 @@ def test_impossible_formations_are_refused(change: dict[str, object]) -> None:
 
 
 @pytest.mark.parametrize("name", JOINTS)
-@pytest.mark.parametrize("seed", [0, 1])
-def test_simulated_joints_constrain_the_motion(name: str, seed: int) -> None:
+def test_simulated_joints_constrain_the_motion(name: str) -> None:
     """The body's element coincides with that of the world, up to the free motion of the joint."""
-    simulated = quiet(name, seed)
+    simulated = quiet(name, 0)
     poses, joint = simulated.poses, simulated.joint
     assert joint is not None
     assert [interval.contact for interval in simulated.truth.intervals] == [None]
@@ -439,7 +440,7 @@ def test_simulated_joints_constrain_the_motion(name: str, seed: int) -> None:
 
 
 def test_a_joint_is_in_the_metadata_of_its_recording() -> None:
-    assert json.loads(simulate("screw", 4).metadata["joint"])["kind"] == "screw"
+    assert json.loads(quiet("screw", 0).metadata["joint"])["kind"] == "screw"
 
 
 def test_a_joint_beside_contacts_is_refused() -> None:

@@ -203,24 +203,15 @@ def still(count, rate_hz=200.0):
     return Poses(stamps, np.ones((count, 3)), np.tile([0.5, 0.5, 0.5, 0.5], (count, 1)))
 
 
-def with_gap():
-    poses = recorded(FACE_TO_EDGE).poses
-    return poses[(np.arange(len(poses)) < 300) | (np.arange(len(poses)) > 700)][:600]
-
-
 def with_a_jump():
     poses = recorded(FACE_TO_EDGE).poses[:400]
     return replace(poses, position_m=poses.position_m + np.where(np.arange(400) > 200, 30.0, 0.0)[:, None])
 
 
 STREAMS = {
-    "one pose": lambda: still(1),
     "without noise": lambda: moving(np.random.default_rng(1), 2.0, 200.0),
-    "never moves": lambda: still(400),
     "a frame per tick": lambda: moving(np.random.default_rng(1), 4.0, 9.0, 3e-4, 2e-3),
-    "a gap of two seconds": with_gap,
     "a jump of 30 m": with_a_jump,
-    "far away": lambda: replace(still(200), position_m=still(200).position_m * 1e6),
 }
 
 

@@ -88,12 +88,6 @@ def test_a_viewer_that_does_not_answer_is_ended(
         os.kill(int(note.read_text()), 0)
 
 
-@LINUX
-def test_a_viewer_has_no_analytics(windowless: None, at_home: Path, free_port: int) -> None:
-    LiveViewer(sink=to_viewer(free_port)).close()
-    assert list(at_home.rglob("*analytics*")) == []
-
-
 @pytest.mark.parametrize("asked", [{}, {"FORCE_RERUN_ANALYTICS": "1"}, {"CI": "1"}])
 def test_a_viewer_is_started_locally_with_the_users_choice_on_analytics(
     asked: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_home: Path, free_port: int
@@ -111,9 +105,12 @@ def test_a_viewer_is_started_locally_with_the_users_choice_on_analytics(
 
 
 @LINUX
-def test_a_viewer_is_reachable_from_this_machine_only(windowless: None, free_port: int) -> None:
+def test_a_viewer_has_no_analytics_and_is_reachable_from_this_machine_only(
+    windowless: None, at_home: Path, free_port: int
+) -> None:
     """It answers on the loopback address only."""
     LiveViewer(sink=to_viewer(free_port)).close()
+    assert list(at_home.rglob("*analytics*")) == []
     socket.create_connection(("127.0.0.1", free_port), timeout=5).close()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.2", free_port), timeout=5)

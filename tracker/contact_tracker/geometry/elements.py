@@ -5,7 +5,6 @@ environment's (docs/conventions.md). Units are metres and radians; an unknown co
 name of an element that is not in the map.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, NamedTuple
 
@@ -145,17 +144,6 @@ def face_towards(normal: Array, spread_rad: float) -> Plane:
     covariance[:3, :3] = spread_rad**2 * (np.eye(3) - np.outer(normal, normal))
     covariance[3, 3] = ANYWHERE_M**2
     return Plane(normal, 0.0, covariance)
-
-
-def element_from_json(data: Mapping[str, Any]) -> Element:
-    """Inverse of ``to_json`` (standard deviations are not read: they do not make a covariance)."""
-    if "plane" in data:
-        plane = data["plane"]
-        return Plane(np.asarray(plane["normal"], float), float(plane["offset_m"]))
-    if "line" in data:
-        line = data["line"]
-        return Line(np.asarray(line["direction"], float), np.asarray(line["point_m"], float))
-    return Point(np.asarray(data["point_m"], float))
 
 
 def _standard_deviations(covariance: Array | None, size: int) -> Array:

@@ -76,26 +76,6 @@ def _u_and_txr() -> Array:
 _U_AND_TXR: Final = _u_and_txr()
 
 
-def recentring(world_shift_m: Array, body_shift_m: Array) -> Array:
-    """Linear map C (25, 25) with ``lift(R, t') == C @ lift(R, t)``, ``t' = t - world_shift + R body_shift``.
-
-    It moves the origin of the world frame to ``world_shift_m`` and that of the body frame to
-    ``body_shift_m``, without the cancellation of recomputing moments far from the origin.
-    """
-    s, b = np.asarray(world_shift_m, float), np.asarray(body_shift_m, float)
-    c = np.eye(SIZE)
-    eye = np.eye(3)
-    # t' = t - s + R b
-    c[np.ix_(T, R)] += np.kron(eye, b)
-    c[np.ix_(T, ONE)] -= s[:, None]
-    # u' = R.T t' = u - R.T s + b
-    c[np.ix_(U, R)] -= np.kron(s, eye)
-    c[np.ix_(U, ONE)] += b[:, None]
-    # [t']x R = [t]x R - [s]x R + [R b]x R, and [R b]x R = R [b]x
-    c[np.ix_(TXR, R)] += np.kron(-cross_matrix(s), eye) + np.kron(eye, cross_matrix(b).T)
-    return c
-
-
 def perturbations() -> Array:
     """Six linear maps (6, 25, 25): the change of zeta by small perturbations of the pose.
 
