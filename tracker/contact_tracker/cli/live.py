@@ -125,6 +125,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             tracker = saved.tracker
 
         def report(beliefs: "list[Belief]") -> None:
+            if beliefs:
+                source.warn_of_news(tracker.report)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)

@@ -167,8 +167,8 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
     if unit not in fitting_units:
         return f"positions are too noisy or too fast for metres {figures}: check their unit and their source"
     return (
-        f"positions look like {name} {figures}: convert to metres, or in a table "
-        f"give the unit in the names of columns, as in x [{unit}]"
+        f"positions look like {name} {figures}: convert them to metres, or, if they are of a table, take "
+        f"--unit {unit}"
     )
 
 
@@ -177,8 +177,7 @@ def _too_small_text(inspection: Inspection) -> str:
     return (
         f"positions look too small for metres (noise {1e6 * position:.2g} um, "
         f"{180.0 / pi * rotation:.2g} deg; speed up to {1e3 * inspection.top_m_per_s:.2g} mm/s): check their "
-        "unit, which in a table is in the names of columns, as in x [m]; if that is right, orientations are "
-        "rounded: record more of their digits"
+        "unit (of a table: --unit); if that is right, orientations are rounded: record more of their digits"
     )
 
 
