@@ -105,6 +105,11 @@ def test_python_warns_of_what_the_command_warns_of(
     assert all(html.escape(text) in result._repr_html_() for text in expected)
 
 
+def plain(text: str) -> str:
+    """Without the numbers, which change while a stream goes on."""
+    return re.sub(r"[\d.e+-]+", "", text)
+
+
 def test_a_tracker_warns_of_what_live_warns_of_and_once(tmp_path: Path) -> None:
     """Of a unit and of times with few digits, although the state is saved and loaded in between."""
     smooth = smooth_poses(2 * MANY)
@@ -121,7 +126,7 @@ def test_a_tracker_warns_of_what_live_warns_of_and_once(tmp_path: Path) -> None:
                 tracker.save(tmp_path / "state")
                 tracker = ct.Tracker.load(tmp_path / "state")
         tracker.finish()
-    assert set(tracker.warnings) == expected
+    assert {plain(text) for text in tracker.warnings} == {plain(text) for text in expected}
     assert len(shown) == 2
     assert {one.filename for one in shown} == {__file__}
 

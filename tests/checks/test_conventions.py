@@ -13,12 +13,14 @@ import as_values
 from checked_stream import stream_of
 from contact_tracker.checks import conventions
 from contact_tracker.checks.conventions import Conventions
-from contact_tracker.checks.readings import READINGS, Given, read_turns
+from contact_tracker.checks.readings import Given, angles_in, read_turns, readings_of
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.hypotheses import compiled
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log
+from contact_tracker.recording.table_layouts import quaternions
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
 from short_recordings import MODEL
@@ -118,10 +120,13 @@ HARMLESS: dict[str, Callable[[Poses], Poses]] = {
 }
 
 
-def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA) -> str:
+def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA, table: TableReading = AS_NAMED) -> str:
+    stream = stream_of(
+        first=MODEL, sigma=sigma, inspection=NOTHING_INSPECTED._replace(read_as=ReadAs(table=table))
+    )
     known = Conventions()
     for some in poses.batches():
-        known = known.update(some, stream_of(first=MODEL, sigma=sigma))
+        known = known.update(some, stream)
     return known.found
 
 
@@ -129,6 +134,60 @@ def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA) -> str:
 def test_a_mistake_is_named_with_its_remedy(mistake: str) -> None:
     said, wrong = MISTAKES[mistake]
     assert said in mistake_in(wrong(recorded()))
+
+
+def as_numbers(poses: Poses, order: str) -> np.ndarray:
+    """The numbers (N, 3) by axis, or in the order itself if an axis occurs twice."""
+    angles = turns(poses).as_euler(order)
+    by_axis = ["xyz".index(axis) for axis in order.lower()]
+    return angles if len(set(by_axis)) < 3 else angles[:, np.argsort(by_axis)]
+
+
+STATED: dict[str, tuple[dict[str, str | bool], str, list[int], str]] = {
+    "about the body": ({"euler": "xyz:deg"}, "XYZ", [0, 1, 2], "take --euler XYZ:deg"),
+    "about fixed axes": ({"euler": "XYZ:deg"}, "xyz", [0, 1, 2], "take --euler ZYX:deg"),
+    "another order": ({"euler": "ZXY"}, "YXZ", [0, 1, 2], "take --euler YXZ"),
+    "proper": ({"euler": "XYZ:rad"}, "ZXZ", [0, 1, 2], "take --euler ZXZ:rad"),
+    "other columns": (
+        {"euler": "XYZ:deg"},
+        "ZYX",
+        [2, 1, 0],
+        "take --euler ZYX:deg, with the columns of rx, ry and rz as rz, ry, rx",
+    ),
+    "no vectors": ({"rotation_vector": True}, "ZYX", [0, 1, 2], "take --euler ZYX:rad"),
+    "vectors": ({"euler": "xyz:deg"}, "", [0, 1, 2], "take --rotation-vector"),
+    "transposed": ({"matrix": "rows"}, "inverse", [0, 1, 2], "take --matrix columns"),
+}
+
+
+@pytest.mark.parametrize("mistake", STATED)
+def test_a_wrong_statement_on_rotations_is_named_with_the_right_one(mistake: str) -> None:
+    stated, true, places, said = STATED[mistake]
+    table, poses = TableReading(**stated), recorded()
+    numbers = as_numbers(poses, true) if true not in ("", "inverse") else turns(poses).as_rotvec()
+    numbers = numbers[:, places]
+    if table.euler is not None:
+        read = quaternions("euler", numbers, f"{table.euler[:3]}:rad")
+    elif table.rotation_vector:
+        read = quaternions("rotation_vector", numbers, "rad")
+    else:
+        read = turns(poses).inv().as_quat()
+    found = mistake_in(replace(poses, quat_xyzw=read), table=table)
+    assert said in found
+    assert "quaternions" not in found
+
+
+@pytest.mark.parametrize("order", ["xyz", "XYZ", "zxy", "YXZ", "ZYX", "xzx", "ZYZ", "YXY"])
+def test_numbers_of_orientations_are_those_of_scipy(order: str) -> None:
+    poses = recorded()[::50]
+    made_of = angles_in(order)
+    for folds in (False, True):
+        numbers = Given(poses).numbers(made_of, folds).values
+        read = Rotation.from_quat(quaternions("euler", numbers, f"{order}:rad"))
+        assert (read * turns(poses).inv()).magnitude().max() < 1e-9
+    np.testing.assert_allclose(
+        Given(poses).numbers(made_of, False).values, as_numbers(poses, order), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("mistake", WITHOUT_REMEDY)
@@ -179,10 +238,10 @@ def test_while_a_mistake_is_found_no_label_is_certain() -> None:
 def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves: bool) -> None:
     """Those of a table in the cup's frame are the inverse of the cup's poses."""
     poses = inverse(recorded()[1000:3000])
-    state, _ = as_values.advance(as_values.start(MODEL, frame_moves=frame_moves), poses)
+    state, _ = as_values.advance(as_values.start(MODEL, read_as=ReadAs(frame_moves)), poses)
     assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
     assert state.is_in_doubt is not frame_moves
-    tracker = OfflineTracker(MODEL, frame_moves=frame_moves)
+    tracker = OfflineTracker(MODEL, read_as=ReadAs(frame_moves))
     found = Segmentation.join(list(tracker.pieces(poses)))
     is_certain = max(belief.probability.max() for belief in found.beliefs) > 0.9
     assert bool(is_certain) is frame_moves
@@ -217,7 +276,7 @@ def test_a_unit_fits_only_where_contacts_do_in_it_and_not_in_metres() -> None:
 def test_each_order_of_quaternions_undoes_its_mistake() -> None:
     rng = np.random.default_rng(1)
     clean = Poses(np.arange(5), rng.normal(size=(5, 3)), Rotation.random(5, random_state=2).as_quat())
-    orders = [one for one in READINGS if one.text.startswith("quaternions")]
+    orders = [one for one in readings_of() if one.text.startswith("quaternions")]
     for order, sign in (([3, 0, 1, 2], 1.0), ([1, 2, 3, 0], 1.0), ([0, 1, 2, 3], -1.0)):
         stored = with_quaternions(clean, order, sign)
         read = [read_turns(one, Given(stored)).quat_xyzw for one in orders]

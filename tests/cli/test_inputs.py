@@ -1,6 +1,8 @@
 """The commands on other inputs than MCAP with poses: tables, chains of transforms, other bodies."""
 
 import json
+import subprocess
+import sys
 from inspect import signature
 from io import BytesIO
 from pathlib import Path
@@ -182,6 +184,35 @@ def test_the_unit_of_times_in_a_table(tmp_path: Path, command: str) -> None:
     assert (
         "in 0.00 s" in done.stderr or "0.00 s of motion" in done.stderr or "time      0.00 s" in done.stdout
     )
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "info"])
+def test_the_command_that_was_typed_is_proposed_for_columns_that_may_be_meant_in_several_ways(
+    tmp_path: Path, command: str
+) -> None:
+    path = tmp_path / "a.csv"
+    numbers = np.column_stack([1e-9 * POSES.stamp_ns, POSES.position_m, POSES.quat_xyzw[:, :3]])
+    np.savetxt(path, numbers, "%.9g", ",", header="time [s],x,y,z,rx,ry,rz", comments="")
+    done = run(command, path, "--unit", "mm")
+    assert (
+        f"contact-tracker {command} {path} --unit mm --euler xyz:deg or contact-tracker {command} {path}"
+        in (done.stderr)
+    )
+
+
+SHIPPED = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
+
+
+def test_a_warning_comes_while_the_stream_goes_on_with_the_option_that_is_tried(tmp_path: Path) -> None:
+    path, poses = tmp_path / "a.csv", Poses.collect(open_log(str(SHIPPED)))[3000:6000:2]
+    numbers = np.column_stack([1e-9 * poses.stamp_ns, 1e3 * poses.position_m, poses.quat_xyzw])
+    np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
+    words = [sys.executable, "-m", "contact_tracker", "live", str(path), "--json"]
+    done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True)
+    lines = done.stdout.splitlines()
+    (warned,) = (i for i, line in enumerate(lines) if "positions look like millimetres" in line)
+    assert "take --unit mm" in lines[warned]
+    assert warned < len(lines) - 20
 
 
 def test_info_reports_why_no_pose_is_usable(tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_relative_to_a_frame(tmp_path: Path) -> None:
     mount, seen = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw)), by(OBJECT)
     assert_is(Poses.collect(log), OBJECT.stamp_ns, lambda i, t: interpolated(FLANGE, t) @ mount @ seen[i])
     assert str(log.source) == "/object/pose world (geometry_msgs/msg/PoseStamped)"
-    assert not log.source.frame_moves
+    assert not log.source.read_as.frame_moves
 
 
 def test_a_chain_on_a_clock_that_starts_at_zero(tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_relative_to_another_body(tmp_path: Path) -> None:
     path = str(write_log(tmp_path / "a.mcap", topics))
     seen = by(OBJECT)
     log = open_log(path, topic="/cup", relative_to="/tray")
-    assert log.source.frame_moves
+    assert log.source.read_as.frame_moves
     found = Poses.collect(log)
     assert_is(found, OBJECT.stamp_ns, lambda i, t: np.linalg.inv(interpolated(FLANGE, t)) @ seen[i])
 

@@ -17,7 +17,7 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
-from contact_tracker.motion.poses import Pose, Poses, batches
+from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs, batches
 from contact_tracker.motion.tracked_point import independent_point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import BATCH_POSES, Tracker
@@ -43,8 +43,8 @@ labels; it is not needed where a wrench shows a contact force at the start."""
 class OfflineTracker:
     """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise.
 
-    ``frame_moves``: poses are in the frame of a body that moves, as the user asked. ``uses_map``: whether
-    passes with a map of the recording follow the first one, where neither elements nor wrenches are given.
+    ``read_as``: how the poses were read, as the user asked. ``uses_map``: whether passes with a map of the
+    recording follow the first one, where neither elements nor wrenches are given.
     """
 
     def __init__(
@@ -53,13 +53,13 @@ class OfflineTracker:
         known_map: Map = EMPTY_MAP,
         executor: Executor | None = None,
         wrenches: WrenchEvidence | None = None,
-        frame_moves: bool = False,
+        read_as: ReadAs = AS_GIVEN,
         uses_map: bool = True,
     ) -> None:
         self._known_map = known_map
         self._wrenches = wrenches
         self._executor = executor
-        self._tracker = Tracker.start(model, known_map=known_map, frame_moves=frame_moves)
+        self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
         self._record = PassRecord() if uses_map and not known_map and wrenches is None else None
 
     def pieces(

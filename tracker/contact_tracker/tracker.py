@@ -15,7 +15,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
 from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.state import FilterState
 
@@ -51,16 +51,16 @@ class Tracker:
 
     @classmethod
     def start(
-        cls, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP, frame_moves: bool = False
+        cls, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP, read_as: ReadAs = AS_GIVEN
     ) -> Self:
         """The tracker before the first pose.
 
         Parameters
         ----------
         lag_s : with a fixed lag beliefs are later and more accurate.
-        frame_moves : whether poses are in the frame of a body that moves, as the user asked.
+        read_as : how the poses were read, as the user asked.
         """
-        return cls(FilterBank(model, lag_s, known_map), NOTHING_INSPECTED._replace(frame_moves=frame_moves))
+        return cls(FilterBank(model, lag_s, known_map), NOTHING_INSPECTED._replace(read_as=read_as))
 
     def update(self, arrival: Arrival, detail: Detail = Detail.FORMATION) -> list[Belief]:
         """Update by what a pose brings (``PoseGate.arrive``); returns the beliefs of the ticks it closes.

@@ -1,7 +1,6 @@
 """What is doubtful, as Python's own warnings, and counts, as messages of the logger ``contact_tracker``."""
 
 import logging
-import re
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
@@ -12,7 +11,6 @@ from contact_tracker.errors import ContactTrackerWarning, printable
 
 _PACKAGE: Final = __name__.partition(".")[0]
 _LOGGER: Final = logging.getLogger(_PACKAGE)
-_NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
 
 
 def warn_of(texts: Iterable[str]) -> None:
@@ -26,11 +24,6 @@ def warn_of(texts: Iterable[str]) -> None:
         module = str(caller.f_globals.get("__name__", "<unknown>"))
         place = caller.f_code.co_filename, caller.f_lineno
         warnings.warn_explicit(printable(text), ContactTrackerWarning, *place, module)
-
-
-def words_of(text: str) -> str:
-    """The text without its numbers, which change while a stream goes on."""
-    return _NUMBERS.sub("", text)
 
 
 def log_counts(name: str, counts: Mapping[str, int]) -> None:

@@ -330,8 +330,7 @@ def segment(
         notes += used.warnings
         if not used.is_warning:
             log_text(used.text)
-    frame_moves = poses.source is not None and poses.source.frame_moves
-    tracker = OfflineTracker(given, known_map, wrenches=evidence, frame_moves=frame_moves)
+    tracker = OfflineTracker(given, known_map, wrenches=evidence, read_as=poses.read_as)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
     world = tracker.map
     learned = None if world is None else world.learned

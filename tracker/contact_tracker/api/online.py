@@ -18,12 +18,12 @@ from contact_tracker.api.given import (
     path_from,
 )
 from contact_tracker.api.learned_map import Map
-from contact_tracker.api.notices import log_counts, warn_of, words_of
+from contact_tracker.api.notices import log_counts, warn_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.real_numbers import real_number
-from contact_tracker.outputs.adaptation import warnings
+from contact_tracker.outputs.adaptation import News, warnings
 from contact_tracker.saved_state import continued, load, save
 from contact_tracker.tracking.belief import Belief
 
@@ -67,7 +67,7 @@ class Tracker:
         self._gate = PoseGate()
         self._given = 0
         self._restored: Path | None = None
-        self._warned = set[str]()
+        self._news = News()
         self._warn_of_news(notes)
 
     def update(
@@ -155,7 +155,7 @@ class Tracker:
                 restored = cls.__new__(cls)
                 restored._tracker, restored._gate, restored._notes = state, gate, [*map(str, notes)]
                 restored._given, restored._restored = given, Path(name)
-                restored._warned = set(map(words_of, restored.warnings))
+                restored._news = News(restored.warnings)
                 return restored
         raise StateError(f"{name}: it is no state of a tracker")
 
@@ -168,10 +168,7 @@ class Tracker:
         return remarks_on(self._gate.counts, self._given) if loss is None else (loss,)
 
     def _warn_of_news(self, texts: Sequence[str]) -> None:
-        for text in texts:
-            if (words := words_of(text)) not in self._warned:
-                self._warned.add(words)
-                warn_of([text])
+        warn_of(self._news.of(texts))
 
 
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:

@@ -21,11 +21,11 @@ from contact_tracker.api.dataframes import columns_of, with_columns
 from contact_tracker.api.given import errors_as, name_from, path_from
 from contact_tracker.api.notices import log_counts, warn_of
 from contact_tracker.config.quantities import LENGTHS, TIMES_NS
-from contact_tracker.config.table_reading import AS_NAMED
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import first_refused, gate, remark_on_loss, remarks_on
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.table_times import doubt_of_unit
 from contact_tracker.viewer.scene import vertices_from_metadata
@@ -49,6 +49,7 @@ class Trajectory:
     vertices_m : (V, 3) of the object in the body frame, if the recording has them.
     notes : one line for each warning about the recording, except for the damage.
     by_log_time : whether the stamps are log times, as the headers have none.
+    read_as : how the poses were read.
     """
 
     poses: Poses
@@ -61,6 +62,7 @@ class Trajectory:
     vertices_m: Array | None = None
     notes: tuple[str, ...] = ()
     by_log_time: bool = False
+    read_as: ReadAs = AS_GIVEN
 
     def __post_init__(self) -> None:
         if not isinstance(self.poses, Poses) or not isinstance(self.counts, Mapping):
@@ -109,7 +111,7 @@ class Trajectory:
         reading = stated(unit, time_unit, euler=euler, rotation_vector=rotation_vector)
         place, turn = positions_and_quaternions(positions_m, quaternions, order, reading)
         time_ns = None if have_own_unit(stamps) else reading.time_ns or TIMES_NS["s"]
-        return cls._passed(stamps, time_ns, np.hstack([place * LENGTHS[reading.unit or "m"], turn]))
+        return cls._passed(stamps, time_ns, np.hstack([place * LENGTHS[reading.unit or "m"], turn]), reading)
 
     @classmethod
     def from_dataframe(
@@ -152,10 +154,12 @@ class Trajectory:
             table, stated(unit, time_unit, columns=columns, **kind), stamp, position_m, quat_xyzw
         )
         stamps, time_ns, poses = columns_of(table, reading)
-        return cls._passed(stamps, time_ns or (None if have_own_unit(stamps) else TIMES_NS["s"]), poses)
+        return cls._passed(
+            stamps, time_ns or (None if have_own_unit(stamps) else TIMES_NS["s"]), poses, reading
+        )
 
     @classmethod
-    def _passed(cls, stamps: ArrayLike, unit_ns: float | None, rows: Array) -> Self:
+    def _passed(cls, stamps: ArrayLike, unit_ns: float | None, rows: Array, reading: TableReading) -> Self:
         """The poses (N, 7), positions (m) and quaternions, that pass the gate; without a unit the stamps have
         their own."""
         stamp_ns, is_time, in_range = nanoseconds(stamps, unit_ns or 1)
@@ -174,7 +178,7 @@ class Trajectory:
         notes = (*filter(None, (doubt,)), *remarks_on(counts, len(rows)))
         warn_of((*filter(None, (loss,)), *notes))
         log_counts("poses", counts)
-        return cls(passed, counts, damage=loss, notes=notes)
+        return cls(passed, counts, damage=loss, notes=notes, read_as=ReadAs(table=reading))
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
@@ -311,4 +315,5 @@ def read(
         vertices_m=vertices_m,
         notes=(*(() if log.note is None else (log.note,)), *log.remarks),
         by_log_time=log.stamping.by_log_time,
+        read_as=log.source.read_as,
     )

@@ -131,7 +131,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     stream, tally = _Counted(log), Tally()
     evidence = None if wrenches is None else wrenches.evidence
     tracker = OfflineTracker(
-        settings.model, settings.known_map, wrenches=evidence, frame_moves=log.source.frame_moves
+        settings.model, settings.known_map, wrenches=evidence, read_as=log.source.read_as
     )
     outliers, file, recording = 0, rows.file_of(name), rows.shown(name)
     targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})

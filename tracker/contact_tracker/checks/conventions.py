@@ -2,7 +2,7 @@
 
 Positions and orientations in different conventions are valid, each alone, but contacts explain hardly any
 of their motion, and much of it in the right reading. So the motion is explained window by window in all
-``READINGS``. A remedy is a reading in which contacts explain most windows to the noise.
+readings. A remedy is a reading in which contacts explain most windows to the noise.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
-from contact_tracker.checks.readings import DELAYS_MS, READINGS, UNITS, Reading, with_delay
+from contact_tracker.checks.readings import AS_THEY_ARE, DELAYS_MS, UNITS, Reading, readings_of, with_delay
 from contact_tracker.checks.window_scores import TICKS, explain
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
@@ -77,14 +77,14 @@ class Conventions(Check):
 
     waiting: Poses = NO_POSES
     kept: tuple[tuple[Poses, NDArray[np.int64]], ...] = ()
-    nats: Array = field(default_factory=lambda: np.zeros(len(READINGS)))
-    fitting: Array = field(default_factory=lambda: np.zeros(len(READINGS)))
+    nats: Array = field(default_factory=lambda: np.zeros(0))
+    fitting: Array = field(default_factory=lambda: np.zeros(0))
     units: Array = field(default_factory=lambda: np.zeros((3, len(UNITS))))
     is_settled: bool = False
     found: str = ""
 
     def is_likely(self, stream: Stream) -> bool:
-        may_be = not self.is_settled and float(self.nats.max()) > LIKELY_NATS
+        may_be = not self.is_settled and float(self.nats.max(initial=0.0)) > LIKELY_NATS
         return bool(self.found) or may_be
 
     @property
@@ -112,7 +112,7 @@ class Conventions(Check):
                 return replace(known, waiting=waiting)
             window = waiting[: np.searchsorted(tick_of, TICKS + 2)]
             waiting = waiting[np.searchsorted(tick_of, TICKS) :]
-            known = _after_window(known, model, stream.sigma, window, tick_ns, stream.inspection.units)
+            known = _after_window(known, stream, window, tick_ns)
         return replace(known, waiting=NO_POSES, is_settled=True)
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
@@ -121,14 +121,13 @@ class Conventions(Check):
         return [Finding("conventions", self.found, True)]
 
 
-def _after_window(
-    known: Conventions,
-    model: Model,
-    sigma: tuple[float, float],
-    window: Poses,
-    tick_ns: int,
-    has_odd_unit: bool,
-) -> Conventions:
+def _after_window(known: Conventions, stream: Stream, window: Poses, tick_ns: int) -> Conventions:
+    model, sigma, has_odd_unit = stream.first, stream.sigma, stream.inspection.units
+    if model is None or sigma is None:
+        return known
+    readings = readings_of(stream.inspection.read_as.table)
+    if not len(known.nats):
+        known = replace(known, nats=np.zeros(len(readings)), fitting=np.zeros(len(readings)))
     tick_of = (window.stamp_ns - window.stamp_ns[0]) // tick_ns
     usual = np.median(np.bincount(tick_of, minlength=TICKS + 2))
     thinned = slice(None, None, max(int(usual) // POSES_PER_TICK, 1))
@@ -138,8 +137,8 @@ def _after_window(
     compared = known.nats > known.nats.max() - ODD_NATS
     compared[0] = True
     left = compared.nonzero()[0]
-    readings = UNITS if has_odd_unit else [READINGS[i] for i in left]
-    explained = explain(window, tick_of, sigma, model, readings)
+    some = UNITS if has_odd_unit else [readings[i] for i in left]
+    explained = explain(window, tick_of, sigma, model, some)
     if explained is None:
         return known
     known, fits = replace(known, kept=(*known.kept, (window, tick_of))), explained.misfit < FITS
@@ -155,11 +154,11 @@ def _after_window(
     has_doubled = count & (count - 1) == 0 or not known.found  # it takes some time
     is_refuted = bool(known.nats.max() < BETTER_NATS)
     if has_doubled or is_refuted or count == MOST_WINDOWS:
-        return replace(known, found=_found(known, model, sigma))
+        return replace(known, found=_found(known, readings, model, sigma))
     return known
 
 
-def _found(known: Conventions, model: Model, sigma: tuple[float, float]) -> str:
+def _found(known: Conventions, readings: Sequence[Reading], model: Model, sigma: tuple[float, float]) -> str:
     """The mistake, with a remedy if one fits."""
     nats, fitting = known.nats, known.fitting
     if nats.max() < BETTER_NATS or len(known.kept) < FEWEST_WINDOWS:
@@ -167,11 +166,11 @@ def _found(known: Conventions, model: Model, sigma: tuple[float, float]) -> str:
     needed = FITTING_SHARE * len(known.kept)
     near = (nats > nats.max() - TIED_NATS).nonzero()[0]  # in order of how usual they are, the best one first
     near = np.append(nats.argmax(), near[near != nats.argmax()])
-    readings, fit = [READINGS[i] for i in near], fitting[near] >= needed
-    if READINGS[nats.argmax()].delay_ms:
-        readings, fit = _refined(known, model, sigma, READINGS[nats.argmax()].delay_ms)
+    named, fit = [readings[i] for i in near], fitting[near] >= needed
+    if named[0].delay_ms:
+        named, fit = _refined(known, model, sigma, named[0].delay_ms)
     if fit.any():
-        texts = [reading.text for reading, one in zip(readings, fit, strict=True) if one]
+        texts = [reading.text for reading, one in zip(named, fit, strict=True) if one]
         return "; or ".join(texts[:MOST_NAMED]) + ("; or others" if len(texts) > MOST_NAMED else "")
     return NAMELESS if nats.max() > ODD_NATS else ""
 
@@ -188,7 +187,7 @@ def _refined(
     first, last = DELAYS_MS[at - 1], DELAYS_MS[at + 1]
     while True:
         step = max(round((last - first) / 8), 1)
-        readings = [READINGS[0], *map(with_delay, range(first, last + 1, step))]
+        readings = [AS_THEY_ARE, *map(with_delay, range(first, last + 1, step))]
         nats, fitting = np.sum([_explained(*one, sigma, model, readings) for one in latest], axis=0)
         best = int(nats.argmax())
         if step == 1 or not best:

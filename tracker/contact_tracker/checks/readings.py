@@ -5,7 +5,7 @@ positions that are not those of orientations, orientations that are later or ear
 """
 
 from collections.abc import Callable, Iterator
-from functools import cached_property, partial
+from functools import cache, partial
 from itertools import permutations, product
 from math import pi
 from typing import Final, NamedTuple
@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.geometry import rotation
 from contact_tracker.motion.poses import Poses
 
@@ -32,43 +33,103 @@ class Turns(NamedTuple):
     log_volume: Array
 
 
+class Angles(NamedTuple):
+    """Three angles about axes of the body in turn.
+
+    Parameters
+    ----------
+    axes : three letters, the first and the third may be the same.
+    places : of the angles among three numbers. These are those about x, y and z, if each has one.
+    """
+
+    axes: str
+    places: tuple[int, int, int]
+
+    @property
+    def is_proper(self) -> bool:
+        """Whether the first and the third axis are one."""
+        return self.axes[0] == self.axes[2]
+
+    @property
+    def is_by_axis(self) -> bool:
+        """Whether each number is the angle about its axis, or the axes are no three."""
+        return self.is_proper or all("xyz"[place] == axis for axis, place in zip(*self, strict=True))
+
+
+def angles_in(order: str) -> Angles:
+    """Angles in an order of SciPy: ``xyz`` about fixed axes, ``XYZ`` about those of the body."""
+    axes = order.lower()
+    places = ("xyz".index(axes[0]), "xyz".index(axes[1]), "xyz".index(axes[2]))
+    if axes[0] == axes[2]:
+        places = 0, 1, 2
+    return Angles(axes, places) if order.isupper() else Angles(axes[::-1], places[::-1])
+
+
+FIXED: Final = angles_in("xyz")
+
+
+class Numbers(NamedTuple):
+    """Three numbers (N, 3) of which orientations were made, and the log density (N,) of orientations per
+    volume of them."""
+
+    values: Array
+    log_volume: Array
+
+
 class Given:
-    """The orientations of poses as they are, and as angles."""
+    """The orientations of poses as they are, and the three numbers of which they may have been made."""
 
     def __init__(self, poses: Poses) -> None:
         self.quat_xyzw = poses.quat_xyzw
         self.time_s = 1e-9 * (poses.stamp_ns - poses.stamp_ns[0])
-        self._about = dict[tuple[str, int, bool], Array]()
+        self._numbers = dict[tuple[Angles | None, bool], Numbers]()
+        self._about = dict[tuple[Angles | None, str, int, bool], Array]()
 
-    @cached_property
-    def angles(self) -> Array:
-        """(N, 3) about the fixed axes x, y, z, the middle one of at most a quarter turn."""
-        matrix = rotation.matrices(self.quat_xyzw)
-        middle = -np.arcsin(np.clip(matrix[:, 2, 0], -1.0, 1.0))
-        first = np.arctan2(matrix[:, 2, 1], matrix[:, 2, 2])
-        return np.stack([first, middle, np.arctan2(matrix[:, 1, 0], matrix[:, 0, 0])], axis=1)
+    def numbers(self, made_of: Angles | None, folds: bool) -> Numbers:
+        """Those of ``made_of``, None for rotation vectors. Each orientation has two triples: the usual one,
+        and one which numbers that were no such angles may have been."""
+        if (made_of, folds) not in self._numbers:
+            self._numbers[made_of, folds] = self._angles(made_of, folds) if made_of else self._vectors(folds)
+        return self._numbers[made_of, folds]
 
-    @cached_property
-    def other_angles(self) -> Array:
-        """The same rotations by a middle angle of more than a quarter turn, which numbers that were no angles
-        in this order may have been."""
-        turned = np.array([pi, pi, pi]) + self.angles * [1.0, -1.0, 1.0]
-        return np.asarray((turned + pi) % (2.0 * pi) - pi)
-
-    def about(self, axis: str, place: int, folds: bool) -> Array:
-        """Rotations (N, 4) about an axis by one of ``angles`` or ``other_angles``."""
-        key = axis, place, folds
+    def about(self, made_of: Angles | None, axis: str, place: int, folds: bool) -> Array:
+        """Rotations (N, 4) about an axis by one of the numbers."""
+        key = made_of, axis, place, folds
         if key not in self._about:
-            half = 0.5 * (self.other_angles if folds else self.angles)[:, place]
+            half = 0.5 * self.numbers(made_of, folds).values[:, place]
             quat = np.zeros((len(half), 4))
             quat[:, "xyz".index(axis)], quat[:, 3] = np.sin(half), np.cos(half)
             self._about[key] = quat
         return self._about[key]
 
-    @cached_property
-    def log_volume(self) -> Array:
-        """(N,) log density of orientations per volume of ``angles``."""
-        return _log(np.cos(self.angles[:, 1]))
+    def _angles(self, made_of: Angles, folds: bool) -> Numbers:
+        matrix = rotation.matrices(self.quat_xyzw)
+        i, j = ("xyz".index(axis) for axis in made_of.axes[:2])
+        k = 3 - i - j
+        sign = 1.0 if (j - i) % 3 == 1 else -1.0
+        if made_of.is_proper:
+            middle = np.arccos(np.clip(matrix[:, i, i], -1.0, 1.0))
+            first = np.arctan2(matrix[:, j, i], -sign * matrix[:, k, i])
+            third = np.arctan2(matrix[:, i, j], sign * matrix[:, i, k])
+        else:
+            middle = np.arcsin(np.clip(sign * matrix[:, i, k], -1.0, 1.0))
+            first = np.arctan2(-sign * matrix[:, j, k], matrix[:, k, k])
+            third = np.arctan2(-sign * matrix[:, i, j], matrix[:, i, i])
+        log_volume = _log(np.sin(middle) if made_of.is_proper else np.cos(middle))
+        angles = np.stack([first, middle, third], axis=1)
+        if folds:
+            turned = np.array([pi, 0.0 if made_of.is_proper else pi, pi]) + angles * [1.0, -1.0, 1.0]
+            angles = (turned + pi) % (2.0 * pi) - pi
+        values = np.empty_like(angles)
+        values[:, made_of.places] = angles
+        return Numbers(values, log_volume)
+
+    def _vectors(self, folds: bool) -> Numbers:
+        vector = rotation.rotation_vectors(self.quat_xyzw)
+        angle = np.linalg.norm(vector, axis=1, keepdims=True) + rotation.TINY
+        if folds:
+            vector, angle = vector * (1.0 - 2.0 * pi / angle), 2.0 * pi - angle
+        return Numbers(vector, _log_sinc(angle[:, 0]))
 
 
 class Reading(NamedTuple):
@@ -125,23 +186,28 @@ def _log(volume: Array) -> Array:
     return np.asarray(np.log(np.maximum(np.abs(volume), LEAST_VOLUME)))
 
 
-def _by_angles(order: str, places: tuple[int, int, int], folds: bool, given: Given) -> Turns:
-    """Rotations about the body's axes in this order, of the angles at ``places``."""
-    first, second, third = (given.about(*one, folds) for one in zip(order, places, strict=True))
-    quat = rotation.product(rotation.product(first, second), third)
-    angle = (given.other_angles if folds else given.angles)[:, places[1]]
-    middle = np.sin(angle) if order[0] == order[2] else np.cos(angle)
-    return Turns(quat, _log(middle) - given.log_volume)
+def _log_sinc(angle: Array) -> Array:
+    """(N,) log density of orientations per volume of rotation vectors of these lengths."""
+    return _log(np.square(np.sinc(0.5 * angle / pi)))
 
 
-def _by_vector(folds: bool, given: Given) -> Turns:
-    """Rotation vectors: those of the two that are of at most half a turn."""
-    vector, other = (given.other_angles, given.angles) if folds else (given.angles, given.other_angles)
-    is_long = np.linalg.norm(vector, axis=1) > pi
-    vector = np.where(is_long[:, None], other, vector)
-    angle = np.linalg.norm(vector, axis=1)
-    volume = np.square(np.sinc(0.5 * angle / pi))
-    return Turns(rotation.from_rotation_vectors(vector), _log(volume) - given.log_volume)
+def _by_angles(angles: Angles, made_of: Angles | None, folds: bool, given: Given) -> Turns:
+    """Rotations by the numbers of ``made_of`` as other angles."""
+    parts = (given.about(made_of, axis, place, folds) for axis, place in zip(*angles, strict=True))
+    first, second, third = parts
+    numbers = given.numbers(made_of, folds)
+    middle = numbers.values[:, angles.places[1]]
+    volume = np.sin(middle) if angles.is_proper else np.cos(middle)
+    return Turns(rotation.product(rotation.product(first, second), third), _log(volume) - numbers.log_volume)
+
+
+def _by_vector(made_of: Angles, folds: bool, given: Given) -> Turns:
+    """Rotations by the numbers as vectors: those of the two that are of at most half a turn."""
+    numbers, other = given.numbers(made_of, folds), given.numbers(made_of, not folds)
+    is_long = np.linalg.norm(numbers.values, axis=1) > pi
+    vector = np.where(is_long[:, None], other.values, numbers.values)
+    log_volume = _log_sinc(np.linalg.norm(vector, axis=1))
+    return Turns(rotation.from_rotation_vectors(vector), log_volume - numbers.log_volume)
 
 
 def _of_quaternions(order: tuple[int, ...], sign: float, given: Given) -> Turns:
@@ -153,7 +219,6 @@ _W_FIRST: Final = "like w x y z in fields that are x y z w"
 _W_LAST: Final = "like x y z w in fields that are w x y z"
 _INVERTED: Final = "and inverted (rotation of the world in the body): reorder and conjugate them"
 _QUATERNIONS: Final = (
-    ("inverted (rotation of the world in the body): conjugate them", (0, 1, 2, 3), -1.0),
     (f"{_W_FIRST}: reorder them", (1, 2, 3, 0), 1.0),
     (f"{_W_FIRST}, {_INVERTED}", (1, 2, 3, 0), -1.0),
     (f"{_W_LAST}: reorder them", (3, 0, 1, 2), 1.0),
@@ -161,39 +226,69 @@ _QUATERNIONS: Final = (
 )
 
 
-def _by_quaternions() -> Iterator[Reading]:
-    for text, order, sign in _QUATERNIONS:
+def _by_quaternions(table: TableReading) -> Iterator[Reading]:
+    """Other orders of quaternions, if orientations are quaternions, and inverse ones."""
+    inverted = "inverted (rotation of the world in the body)"
+    other = "rows" if table.matrix == "columns" else "columns"
+    texts = {
+        None: f"quaternions look {inverted}: conjugate them",
+        "matrix": f"matrices look transposed: take --matrix {other}",
+    }
+    whole = texts.get(table.kind, f"orientations look {inverted}: invert them")
+    yield Reading(whole, turns=partial(_of_quaternions, (0, 1, 2, 3), -1.0))
+    for text, order, sign in _QUATERNIONS if table.kind is None else ():
         yield Reading(f"quaternions look {text}", turns=partial(_of_quaternions, order, sign))
 
 
-def _orders() -> Iterator[tuple[str, str, tuple[int, int, int]]]:
-    """Code that makes rotations of three numbers, the order of the body's axes, and the places of their
-    angles: the 24 orders of Euler angles, and angles named after their axes in the four orders beside."""
+def _all_angles() -> Iterator[tuple[str, Angles]]:
+    """All angles of three numbers a, b, c, and code that makes rotations of them: the 24 orders of Euler
+    angles, and angles named after their axes in the four orders beside."""
     axes = "xyz"
     for first, second, third in permutations(axes):
         for order in (first + second + third, first + second + first):
-            yield f'from_euler("{order.upper()}", [a, b, c])', order, (0, 1, 2)
-            yield f'from_euler("{order}", [a, b, c])', order[::-1], (2, 1, 0)
-        places = axes.index(first), axes.index(second), axes.index(third)
+            yield f'from_euler("{order.upper()}", [a, b, c])', Angles(order, (0, 1, 2))
+            yield f'from_euler("{order}", [a, b, c])', Angles(order[::-1], (2, 1, 0))
+        named = angles_in((first + second + third).upper())
         if second != "y":
-            numbers = ", ".join("abc"[i] for i in places)
-            yield (
-                f'from_euler("{(first + second + third).upper()}", [{numbers}])',
-                first + second + third,
-                places,
-            )
+            numbers = ", ".join("abc"[i] for i in named.places)
+            yield f'from_euler("{named.axes.upper()}", [{numbers}])', named
 
 
-def _by_three_numbers() -> Iterator[Reading]:
+def _by_three_numbers(table: TableReading) -> Iterator[Reading]:
+    """Other readings of three numbers: of those that the user named, or else of angles about fixed axes."""
+    order, _, unit = (table.euler or "xyz").partition(":")
+    made_of = None if table.rotation_vector else angles_in(order)
+    name = partial(_as_option, table.euler, order, unit)
     what = "orientations look like three numbers a, b, c that were taken for angles about fixed x, y, z: take"
     for folds in (False, True):
-        for code, order, places in _orders():
-            keeps_fold = places[1] == 1 and order[0] != order[2]
-            if (order, places) != ("zyx", (2, 1, 0)) and not (folds and keeps_fold):
-                yield Reading(
-                    f"{what} Rotation.{code} of SciPy", turns=partial(_by_angles, order, places, folds)
-                )
-        yield Reading(f"{what} Rotation.from_rotvec([a, b, c]) of SciPy", turns=partial(_by_vector, folds))
+        for code, angles in _all_angles():
+            if angles != made_of and not (folds and made_of and _folds_alike(angles, made_of)):
+                text = f"{what} Rotation.{code} of SciPy" if table.kind in (None, "matrix") else name(angles)
+                yield Reading(text, turns=partial(_by_angles, angles, made_of, folds))
+        if made_of is not None:
+            text = f"{what} Rotation.from_rotvec([a, b, c]) of SciPy"
+            if table.euler is not None:
+                text = "orientations look like rotation vectors, not like angles: take --rotation-vector"
+            yield Reading(text, turns=partial(_by_vector, made_of, folds))
+
+
+def _folds_alike(one: Angles, other: Angles) -> bool:
+    """Whether both triples of an orientation are of one in the other angles, too."""
+    return one.is_proper == other.is_proper and one.places[1] == other.places[1]
+
+
+def _as_option(stated: str | None, order: str, unit: str, angles: Angles) -> str:
+    """What is likely wrong with angles in this order, and the option for others."""
+    what = f"angles look like those of another order than {order}"
+    if stated is None:
+        what, unit = "orientations look like angles, not like rotation vectors", "rad"
+    is_about_body = not angles.is_proper or angles.places == (0, 1, 2)
+    name = angles.axes.upper() if is_about_body else angles.axes[::-1]
+    text = f"{what}: take --euler {name}{unit and ':'}{unit}"
+    if angles.is_by_axis:
+        return text
+    role = {place: axis for axis, place in zip(*angles, strict=True)}
+    return f"{text}, with the columns of rx, ry and rz as {', '.join(f'r{role[i]}' for i in range(3))}"
 
 
 def _by_axes() -> Iterator[Reading]:
@@ -212,14 +307,21 @@ def _named(order: tuple[int, ...], signs: Array) -> str:
     return f"({', '.join(parts)})"
 
 
-READINGS: Final = (
-    Reading(""),
-    *_by_quaternions(),
-    *_by_three_numbers(),
-    *_by_axes(),
-    *map(with_delay, DELAYS_MS),
-)
-"""The first leaves poses as they are."""
+AS_THEY_ARE: Final = Reading("")
+
+
+@cache
+def readings_of(table: TableReading = AS_NAMED) -> tuple[Reading, ...]:
+    """All readings of poses from a table that was read so; the first leaves them as they are."""
+    return (
+        AS_THEY_ARE,
+        *_by_quaternions(table),
+        *_by_three_numbers(table),
+        *_by_axes(),
+        *map(with_delay, DELAYS_MS),
+    )
+
+
 UNITS: Final = (
     Reading("m"),
     Reading("cm", axes=1e-2 * np.eye(3)),

@@ -65,11 +65,13 @@ class _Stated(argparse.Action):
 
 def _add_table_reading(parser: argparse.ArgumentParser) -> None:
     """What the columns of a table are, where their names do not say it."""
+    verb = parser.prog.rpartition(" ")[2]
+    as_named = AS_NAMED if verb == "batch" else replace(AS_NAMED, verb=verb)  # which reads whole folders
     group = parser.add_argument_group("columns of a table, where their names do not say what they are")
 
     def add(name: str, text: str, metavar: str | None = None) -> None:
         words: dict[str, Any] = {"nargs": 0} if metavar is None else {"metavar": metavar}
-        group.add_argument(name, action=_Stated, dest="table", default=AS_NAMED, help=text, **words)
+        group.add_argument(name, action=_Stated, dest="table", default=as_named, help=text, **words)
 
     add("--unit", f"positions are in {', '.join(LENGTHS)}", "UNIT")
     add("--time-unit", f"times are in {TIME_UNIT_HELP}", "UNIT")

@@ -111,7 +111,7 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
     reports, left = dict["PoseSource", "Report | None"](), MOST_UPDATES
     for number, source in enumerate(sources):
         share = left // (len(sources) - number)
-        tracker, used = Tracker.start(load_model(), frame_moves=source.source.frame_moves), 0
+        tracker, used = Tracker.start(load_model(), read_as=source.source.read_as), 0
         first = 0
         for first in range(0, len(source.beginning), BATCH_POSES):
             some = source.beginning[first : first + BATCH_POSES]

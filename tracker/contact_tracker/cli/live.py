@@ -109,7 +109,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         require_library(args.output)
     follow = Follow() if args.follow else None
     log = arguments.open_poses(args, args.log, follow, True)
-    tracker = Tracker.start(model, args.lag, known_map, log.source.frame_moves)
+    tracker = Tracker.start(model, args.lag, known_map, log.source.read_as)
     source = Source(log, args.log, args)
     with (
         _viewer(args, known_map, source, sink) as viewer,
@@ -125,6 +125,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             tracker = saved.tracker
 
         def report(beliefs: "list[Belief]") -> None:
+            if beliefs:
+                source.warn_of_news(tracker.report)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)

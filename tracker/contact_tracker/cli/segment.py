@@ -197,7 +197,7 @@ def _segment(
     wrenches = arguments.load_wrenches(args.log, args, model, known_map, _noting(notes))
     log = arguments.open_poses(args, args.log)
     source = Source(log, args.log, args)
-    tracker = OfflineTracker(model, known_map, executor, wrenches, log.source.frame_moves)
+    tracker = OfflineTracker(model, known_map, executor, wrenches, log.source.read_as)
     with progress("segment", "poses", source.expected) as set_done:
         if args.output is None:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))

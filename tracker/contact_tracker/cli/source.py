@@ -12,7 +12,7 @@ from contact_tracker.errors import ChoiceError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE
 from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.adaptation import noise_text, warnings
+from contact_tracker.outputs.adaptation import News, noise_text, warnings
 from contact_tracker.recording import PoseLog
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ class Source:
         self.used = 0
         self.outliers = 0
         self.late = 0
+        self._news = News()
 
     def __iter__(self) -> Iterator[Pose]:
         """The poses of the interval; raises NoPoses or ChoiceError at the end if there were none."""
@@ -194,11 +195,15 @@ class Source:
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if adapted is not None:
             say(noise_text(adapted))
-            for line in warnings(adapted):
-                warn(line)
+        self.warn_of_news(adapted)
         for line in self._log.remarks:
             warn(f"{self._name}: {line}")
         return DONE if self._log.damage is None else DAMAGED
+
+    def warn_of_news(self, adapted: "Report | None") -> None:
+        """Warn of the problems of the stream of which it was not warned before."""
+        for line in self._news.of(() if adapted is None else warnings(adapted)):
+            warn(line)
 
     def _noted(self) -> str:
         counts = ", ".join(f"{kind} {count}" for kind, count in self.counts.items())

@@ -92,7 +92,7 @@ def _view(
     from contact_tracker.viewer.scene import vertices_from_metadata
 
     poses = arguments.open_poses(args, log)
-    tracker = OfflineTracker(model, known_map, frame_moves=poses.source.frame_moves)
+    tracker = OfflineTracker(model, known_map, read_as=poses.source.read_as)
     source = Source(poses, log, args)
     truth, vertices_m = read_truth(log), vertices_from_metadata(read_metadata(log))
     with progress("segment", "poses", source.expected) as set_done:

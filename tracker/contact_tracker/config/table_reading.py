@@ -3,7 +3,7 @@
 import re
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, Final
 
 from contact_tracker.config.quantities import LENGTHS, TIMES_NS
@@ -45,6 +45,7 @@ class TableReading:
     matrix : rotations are matrices whose numbered values go along ``rows`` or ``columns``.
     columns : names of columns by role, one of ``ROLES`` or ``GROUPS``; columns without names are
         ``c0``, ``c1``, ... ``state[3:7]`` are values 3 to 6 of a list, or of columns ``state_0``, ...
+    verb : the command that reads the table, and that is proposed with other options.
 
     Raises
     ------
@@ -58,6 +59,7 @@ class TableReading:
     rotation_vector: bool = False
     matrix: str | None = None
     columns: tuple[tuple[str, str], ...] = ()
+    verb: str = field(default="segment", compare=False)
 
     def __post_init__(self) -> None:
         for name, value in (("unit", self.unit), ("time_unit", self.time_unit), ("euler", self.euler)):
@@ -108,7 +110,7 @@ class TableReading:
     def words(self) -> list[str]:
         """The options of the command line."""
         words = list[str]()
-        for option in fields(self):
+        for option in _options():
             value, name = getattr(self, option.name), f"--{option.name.replace('_', '-')}"
             if option.name == "columns" and value:
                 words += [name, ",".join(f"{role}={column}" for role, column in value)]
@@ -119,19 +121,23 @@ class TableReading:
     def command(self, path: str) -> str:
         """A whole command that reads a file in this way; without a path, the call for a table in memory."""
         if not path:
-            given = {option.name: getattr(self, option.name) for option in fields(self)}
+            given = {option.name: getattr(self, option.name) for option in _options()}
             given["columns"] = dict(self.columns)
             words = [f"{name}={value!r}" for name, value in given.items() if value]
             return f"Trajectory.from_dataframe(table, {', '.join(words)})"
-        return shlex.join(["contact-tracker", "segment", path, *self.words()])
+        return shlex.join(["contact-tracker", self.verb, path, *self.words()])
 
     def with_(self, other: "TableReading") -> "TableReading":
         """This reading, with what another one states in addition or instead."""
-        stated = {f.name: value for f in fields(other) if (value := getattr(other, f.name))}
+        stated = {f.name: value for f in _options() if (value := getattr(other, f.name))}
         if other.columns:
             stated["columns"] = tuple({**dict(self.columns), **dict(other.columns)}.items())
         own = replace(self, euler=None, rotation_vector=False, matrix=None) if other.kind else self
         return replace(own, **stated)
+
+
+def _options() -> "list[Field[Any]]":
+    return [option for option in fields(TableReading) if option.compare]
 
 
 AS_NAMED: Final = TableReading()

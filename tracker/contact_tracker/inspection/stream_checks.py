@@ -16,7 +16,7 @@ from contact_tracker.inspection import turning_point
 from contact_tracker.inspection.turning_point import NO_TURNING_POINTS, TurningPoints
 from contact_tracker.inspection.two_bodies import ALARM, BACK, is_of_two_bodies, page_sum, returned
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
-from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE
 
 Array = NDArray[np.float64]
@@ -72,8 +72,7 @@ class Inspection(NamedTuple):
     ``noise`` (2, BINS) is a histogram of squared third differences of both; ``top_m_per_s`` the speed of the
     fastest block. ``page`` is the sum of Page's test, ``share`` the share of returns in the last block.
     ``turning`` has the points of rotation. ``units``, ``bodies`` and ``filtered`` say what was found at any
-    time. ``frame_moves``: the poses are in the frame of a body that moves, as the user asked; then they look
-    like inverse poses of that body, and are right.
+    time. ``read_as``: how the poses were read, as the user asked.
     """
 
     recent: Poses = NO_POSES
@@ -91,7 +90,7 @@ class Inspection(NamedTuple):
     units: bool = False
     bodies: bool = False
     filtered: bool = False
-    frame_moves: bool = False
+    read_as: ReadAs = AS_GIVEN
 
 
 NOTHING_INSPECTED: Final = Inspection()
@@ -137,7 +136,7 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
         # With known elements (--known) either half of the poses alone gives labels that are sure and wrong.
         what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
         found.append(Finding("orientation", f"the {what} never changes: is it recorded? {hint}", True))
-    if inspection.turning.are_inverse and not inspection.frame_moves:
+    if inspection.turning.are_inverse and not inspection.read_as.frame_moves:
         from_body_m, from_world_m = inspection.turning.median_m
         text = (
             f"poses look inverse, of the world in the body (they turn about points {from_body_m:.1f} m from "
@@ -168,8 +167,8 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
     if unit not in fitting_units:
         return f"positions are too noisy or too fast for metres {figures}: check their unit and their source"
     return (
-        f"positions look like {name} {figures}: convert to metres, or in a table "
-        f"give the unit in the names of columns, as in x [{unit}]"
+        f"positions look like {name} {figures}: convert them to metres, or, if they are of a table, take "
+        f"--unit {unit}"
     )
 
 
@@ -178,8 +177,7 @@ def _too_small_text(inspection: Inspection) -> str:
     return (
         f"positions look too small for metres (noise {1e6 * position:.2g} um, "
         f"{180.0 / pi * rotation:.2g} deg; speed up to {1e3 * inspection.top_m_per_s:.2g} mm/s): check their "
-        "unit, which in a table is in the names of columns, as in x [m]; if that is right, orientations are "
-        "rounded: record more of their digits"
+        "unit (of a table: --unit); if that is right, orientations are rounded: record more of their digits"
     )
 
 

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import InvalidPose
 from contact_tracker.geometry.rotation import matrices
 
@@ -29,6 +30,23 @@ class Pose(NamedTuple):
     stamp_ns: int
     position_m: tuple[float, float, float]
     quat_xyzw: tuple[float, float, float, float]
+
+
+class ReadAs(NamedTuple):
+    """How the poses of a stream were read, as the user asked.
+
+    Parameters
+    ----------
+    frame_moves : whether they are in the frame of a body that moves. Then they look like inverse poses of
+        that body, and are right.
+    table : what the columns of their table are.
+    """
+
+    frame_moves: bool = False
+    table: TableReading = AS_NAMED
+
+
+AS_GIVEN: Final = ReadAs()
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,36 @@
 """Formatting of a tracker's adaptation report: text, warnings and JSON."""
 
 import math
-from collections.abc import Iterator
-from typing import Any
+import re
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
 
 from contact_tracker.adaptation.report import Report
 from contact_tracker.inspection.stream_checks import STILL
+
+_NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
+
+
+class News:
+    """Those warnings of a stream that it has not given yet; their numbers change while it goes on.
+
+    Parameters
+    ----------
+    given : warnings that were given before.
+    """
+
+    def __init__(self, given: Iterable[str] = ()) -> None:
+        self._words = {_words(text) for text in given}
+
+    def of(self, texts: Iterable[str]) -> list[str]:
+        """The new ones of these, which count as given from now on."""
+        new = {words: text for text in texts if (words := _words(text)) not in self._words}
+        self._words.update(new)
+        return [*new.values()]
+
+
+def _words(text: str) -> str:
+    return _NUMBERS.sub("", text)
 
 
 def noise_text(report: Report) -> str:

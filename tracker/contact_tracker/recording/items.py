@@ -6,7 +6,7 @@ from heapq import heappop, heappush
 from itertools import count
 from typing import Final, NamedTuple
 
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
 
 BELIEF_TOPIC: Final = "/contact/belief"
 FRAMES_TOPIC: Final = "/contact/frames"
@@ -36,17 +36,14 @@ class Channel:
 
 @dataclass(frozen=True, order=True)
 class PoseSource:
-    """One stream of poses; ``messages`` is their number on its topic, where the index has it.
-
-    ``frame_moves``: poses are composed in a frame that itself moves in the recording, as the user asked.
-    """
+    """One stream of poses; ``messages`` is their number on its topic, where the index has it."""
 
     topic: str
     type: str
     frame_id: str
     child_frame_id: str
     messages: int | None = field(default=None, compare=False)
-    frame_moves: bool = field(default=False, compare=False)
+    read_as: ReadAs = field(default=AS_GIVEN, compare=False)
 
     @property
     def frames(self) -> str:

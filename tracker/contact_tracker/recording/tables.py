@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, ROWS_AT_ONCE, Channel, PoseSource, Rows
 from contact_tracker.recording.other_formats import is_other_format, what_it_is
@@ -107,7 +107,8 @@ def read_table(
         is_named = path.lower().endswith(TABLE_ENDINGS)
         raise error if is_named else UnreadableRecording(_no_table(error)) from error
     layout, topic = table.layout, os.path.basename(path)
-    sources = tuple(PoseSource(topic, layout.kind, "", body.name) for body in layout.bodies)
+    read_as = ReadAs(table=reading)
+    sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_wanted = wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, lost, why = TableTimes(path, layout, reading, assume), 0, ""
     for columns in table if is_wanted else ():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from contact_tracker.errors import AmbiguousSource
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import Pose, Poses, ReadAs
 from contact_tracker.recording.decoding import LoggedPose
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import Channel, PoseSource
@@ -211,7 +211,7 @@ def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
     """The source name of the poses of a chain."""
     body = chain[chain.body].source
     frame_moves = any(step.inverted and not is_static(step.source) for step in chain)
-    return PoseSource(body.topic, body.type, parent, child, frame_moves=frame_moves)
+    return PoseSource(body.topic, body.type, parent, child, read_as=ReadAs(frame_moves))
 
 
 def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:

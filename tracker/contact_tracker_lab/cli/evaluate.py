@@ -108,9 +108,9 @@ def _evaluate(
     evaluator = Evaluator(truth)
     wrenches = arguments.load_wrenches(name, args, model, known_map)
     log = arguments.open_poses(args, name)
-    answering = Answering(model, known_map, log.source.frame_moves)
+    answering = Answering(model, known_map, log.source.read_as)
     with progress(name, "poses", log.source.messages) as set_done:
-        tracker = OfflineTracker(model, known_map, wrenches=wrenches, frame_moves=log.source.frame_moves)
+        tracker = OfflineTracker(model, known_map, wrenches=wrenches, read_as=log.source.read_as)
         for piece in with_pose_callback(
             answering.through(log.arrivals()),
             lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.pose_validation import Arrival, PoseGate
-from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.poses import AS_GIVEN, Pose, ReadAs
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.segmentation import Beliefs
@@ -30,11 +30,11 @@ class Answering:
 
     Parameters
     ----------
-    frame_moves : whether poses are in the frame of a body that moves, as the user asked.
+    read_as : how poses were read, as the user asked.
     """
 
-    def __init__(self, model: Model, known_map: Map = EMPTY_MAP, frame_moves: bool = False) -> None:
-        self._tracker = Tracker.start(model, known_map=known_map, frame_moves=frame_moves)
+    def __init__(self, model: Model, known_map: Map = EMPTY_MAP, read_as: ReadAs = AS_GIVEN) -> None:
+        self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
         self._parts: list[Beliefs] = []
         self._arrival_ns = array("q")
 
