@@ -52,13 +52,10 @@ _TEXT_SIZE: Final = 0.2
 """Size relative to the object's radius."""
 
 
-def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int = 0) -> None:
-    """Write a copy of the recording ``log`` with beliefs, frames and scene added.
+def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
+    """Write a copy of the recording with beliefs, frames and scene added, at the log times of its poses.
 
-    Parameters
-    ----------
-    log : None if it cannot be read again or does not exist; then only the result is written.
-    log_offset_ns : delay from a pose's stamp to its log time, applied to the result's log times.
+    Of a recording that cannot be read again only these are written.
 
     Raises
     ------
@@ -67,7 +64,7 @@ def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int
     OSError
         The file cannot be written.
     """
-    stamps_ns = outcome.poses.stamp_ns
+    stamps_ns, log_offset_ns = outcome.poses.stamp_ns, outcome.log_offset_ns
     if len(stamps_ns) and not 0 <= stamps_ns[0] + min(log_offset_ns, 0) <= stamps_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
     added = merge(
@@ -78,7 +75,7 @@ def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int
         key=lambda message: message.log_time_ns,
     )
     shifted = (message._replace(log_time_ns=message.log_time_ns + log_offset_ns) for message in added)
-    write_beside(path, log, shifted)
+    write_beside(path, outcome.log, shifted)
 
 
 def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:

@@ -25,6 +25,8 @@ class Outcome:
     vertices_m : (V, 3) of the object in the body frame, if known.
     parts : all that is known of the object and its surroundings, to draw.
     truth : returns that of the recording, if it has one.
+    log : the recording, if it can be read again.
+    log_offset_ns : delay from a pose's stamp to its log time.
     """
 
     name: str
@@ -39,3 +41,5 @@ class Outcome:
     vertices_m: Array | None = None
     parts: tuple[Part, ...] = ()
     truth: Callable[[], Truth | None] = lambda: None
+    log: str | None = None
+    log_offset_ns: int = 0
