@@ -14,11 +14,17 @@ SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
 """Signals by which users and systems end a command."""
 _SIGNALLED: Final = 128
 """Added to the number of a signal, it is the exit code of a process that is ended by it."""
+_AGAIN_S: Final = 0.02
+_IMPORTS: Final = "<frozen importlib."
 _has_come = False
 
 
 def end_in_order(*names: str) -> None:
-    """Make SIGINT a ``KeyboardInterrupt`` and other signals a ``SystemExit``, unless they are ignored."""
+    """Make SIGINT a ``KeyboardInterrupt`` and other signals a ``SystemExit``, unless they are ignored.
+
+    An interrupt waits for imports: extension modules that are interrupted in theirs raise other errors, or stay
+    incomplete.
+    """
     for number in _numbers(names):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in background jobs, and by nohup
             signal.signal(number, _end)
@@ -79,10 +85,15 @@ def _numbers(names: tuple[str, ...]) -> list[int]:
     return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
-def _end(number: int, _: FrameType | None) -> None:
+def _end(number: int, frame: FrameType | None) -> None:
     global _has_come
     sys.unraisablehook = lambda _: None  # objects that are left incomplete end silently
     if number != signal.SIGINT:
         sys.exit(_SIGNALLED + number)
     _has_come = True
+    while frame is not None:
+        if frame.f_code.co_filename.startswith(_IMPORTS):
+            repeat_unless(number, lambda: False, _AGAIN_S)
+            return
+        frame = frame.f_back
     raise KeyboardInterrupt

@@ -30,11 +30,8 @@ from contact_tracker.viewer.parts import SIDES
 from contact_tracker.viewer.scene import (
     GREY,
     OBJECT,
-    UNKNOWN_EXTENT,
-    Extent,
     Mesh,
     draw_all,
-    hull,
     poses_within,
 )
 
@@ -133,26 +130,20 @@ def _frames(outcome: Outcome) -> Iterator[RawMessage]:
         yield RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
 
 
-def _object_extent(outcome: Outcome) -> Extent:
-    solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
-    return UNKNOWN_EXTENT if solid is None else solid.extent
-
-
 def _scene(outcome: Outcome) -> Iterator[RawMessage]:
     """The scene from each change on; each message replaces the previous one."""
     channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
-    extent = _object_extent(outcome)
     for segment in outcome.found.segments:
         for part in segment.parts:
             deletion = fox.SceneEntityDeletion(
                 timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
             )
-            update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, part, extent))
+            update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, part))
             yield RawMessage(channel, part.start_ns, update.encode())
 
 
-def _entities(outcome: Outcome, segment: Segment, part: SegmentPart, extent: Extent) -> list[fox.SceneEntity]:
-    entities = []
+def _entities(outcome: Outcome, segment: Segment, part: SegmentPart) -> list[fox.SceneEntity]:
+    entities, extent = [], outcome.extent
     drawing = draw_all(part.geometries, poses_within(outcome.poses, part.start_ns, part.end_ns), extent)
     if drawing is not None:
         colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
@@ -170,7 +161,7 @@ def _known(outcome: Outcome) -> Iterator[RawMessage]:
     replaces the previous one."""
     if not outcome.parts or not len(outcome.poses):
         return
-    stamp_ns, size_m = int(outcome.poses.stamp_ns[0]), _TEXT_SIZE * _object_extent(outcome).radius_m
+    stamp_ns, size_m = int(outcome.poses.stamp_ns[0]), _TEXT_SIZE * outcome.extent.radius_m
     entities = [
         fox.SceneEntity(
             timestamp=_timestamp(stamp_ns),

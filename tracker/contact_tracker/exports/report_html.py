@@ -23,14 +23,7 @@ from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.camera import Eye, Upward
 from contact_tracker.viewer.parts import SIDES, Part
-from contact_tracker.viewer.scene import (
-    GREY,
-    UNKNOWN_EXTENT,
-    Drawing,
-    draw_all,
-    hull,
-    poses_within,
-)
+from contact_tracker.viewer.scene import GREY, Drawing, draw_all, poses_within
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
@@ -124,10 +117,8 @@ def _posteriors(outcome: Outcome) -> Figure:
 def _geometry(outcome: Outcome) -> Figure:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.poses, outcome.found.segments
-    solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
-    extent = UNKNOWN_EXTENT if solid is None else solid.extent
     figure = Figure([*_path(outcome), *_known(outcome.parts, 1)])
-    upward = Upward(extent)
+    extent, upward = outcome.extent, Upward(outcome.extent)
     longest = sorted(segments, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
     for segment in sorted(longest, key=lambda s: s.start_ns):
         if segment.geometry is not None:
