@@ -22,8 +22,8 @@ _has_come = False
 def end_in_order(*names: str) -> None:
     """Make SIGINT a ``KeyboardInterrupt`` and other signals a ``SystemExit``, unless they are ignored.
 
-    An interrupt waits for imports: extension modules that are interrupted in theirs raise other errors, or stay
-    incomplete.
+    An interrupt waits for imports: extension modules that are interrupted in theirs raise other errors, or
+    stay incomplete.
     """
     for number in _numbers(names):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in background jobs, and by nohup
