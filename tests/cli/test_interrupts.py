@@ -115,7 +115,25 @@ def run_interruptible(program: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_errors_after_an_interrupt_are_silent() -> None:
+def test_an_interrupt_that_python_cannot_raise_is_repeated() -> None:
+    program = """
+import signal, time
+from contact_tracker.interrupts import end_in_order
+end_in_order("SIGINT")
+class Held:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+try:
+    Held()
+    time.sleep(10)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    done = run_interruptible(program)
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+
+
+def test_errors_after_an_interrupt_that_python_cannot_raise_are_silent() -> None:
     program = """
 import signal, sys
 from contact_tracker.__main__ import main
@@ -133,6 +151,24 @@ sys.exit(main())
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
     unharmed = run_interruptible(program.replace("    Held()\n", ""))
     assert (unharmed.returncode, "half a result" in unharmed.stderr) == (1, True)
+
+
+def test_a_request_to_end_that_python_cannot_raise_is_repeated() -> None:
+    program = """
+import signal, time
+from contact_tracker.interrupts import end_in_order
+end_in_order("SIGTERM")
+class Held:
+    def __del__(self):
+        signal.raise_signal(signal.SIGTERM)
+try:
+    Held()
+    time.sleep(8)
+finally:
+    print("released")
+"""
+    done = run_interruptible(program)
+    assert (done.returncode, done.stdout, done.stderr) == (128 + signal.SIGTERM, "released\n", "")
 
 
 def test_incomplete_objects_after_an_interrupt_end_silently() -> None:

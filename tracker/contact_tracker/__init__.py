@@ -1,7 +1,7 @@
 """Identify the contacts of a rigid object with its surroundings from its motion.
 
 Names are imported on first use, so that the command line starts quickly; ``typing`` is not imported, so that
-an interrupt is in order (``__main__``) as early as possible.
+an interrupt finds its handler (``__main__``) as early as possible.
 """
 
 TYPE_CHECKING = False

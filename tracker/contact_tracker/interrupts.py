@@ -8,7 +8,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
 """Signals by which users and systems end a command."""
@@ -16,24 +19,20 @@ _SIGNALLED: Final = 128
 """Added to the number of a signal, it is the exit code of a process that is ended by it."""
 _AGAIN_S: Final = 0.02
 _IMPORTS: Final = "<frozen importlib."
-_has_come = False
+_is_due = False
 
 
 def end_in_order(*names: str) -> None:
     """Make SIGINT a ``KeyboardInterrupt`` and other signals a ``SystemExit``, unless they are ignored.
 
-    An interrupt waits for imports: extension modules that are interrupted in theirs raise other errors, or
-    stay incomplete.
+    Where Python cannot raise it, as in a destructor, the signal is repeated. An interrupt also waits for
+    imports: extension modules that are interrupted in theirs raise other errors, or stay incomplete.
     """
     for number in _numbers(names):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in background jobs, and by nohup
             signal.signal(number, _end)
-
-
-def ignore(*names: str) -> None:
-    """Ignore these signals, as at the end of a command."""
-    for number in _numbers(names):
-        signal.signal(number, signal.SIG_IGN)
+    if sys.unraisablehook is sys.__unraisablehook__:
+        sys.unraisablehook = _repeat_or_report
 
 
 def exit_code_of(name: str) -> int | None:
@@ -42,9 +41,9 @@ def exit_code_of(name: str) -> int | None:
     return None if number is None else _SIGNALLED + number
 
 
-def has_come() -> bool:
-    """Whether there was an interrupt; extension modules that are interrupted raise other errors."""
-    return _has_come
+def is_due() -> bool:
+    """Whether an interrupt is pending because Python could not raise it."""
+    return _is_due
 
 
 @contextmanager
@@ -86,14 +85,37 @@ def _numbers(names: tuple[str, ...]) -> list[int]:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    global _has_come
-    sys.unraisablehook = lambda _: None  # objects that are left incomplete end silently
+    global _is_due
     if number != signal.SIGINT:
         sys.exit(_SIGNALLED + number)
-    _has_come = True
     while frame is not None:
         if frame.f_code.co_filename.startswith(_IMPORTS):
-            repeat_unless(number, lambda: False, _AGAIN_S)
+            _repeat(number)
             return
         frame = frame.f_back
+    _is_due = False
+    sys.unraisablehook = _repeat_if_signalled  # objects that the interrupt left incomplete end silently
     raise KeyboardInterrupt
+
+
+def _repeat(number: int) -> None:
+    global _is_due
+    _is_due = _is_due or number == signal.SIGINT
+    repeat_unless(number, lambda: False, _AGAIN_S)
+
+
+def _repeat_or_report(raised: "UnraisableHookArgs", /) -> Any:
+    if not _repeat_if_signalled(raised):
+        sys.__unraisablehook__(raised)
+
+
+def _repeat_if_signalled(raised: "UnraisableHookArgs", /) -> bool:
+    """Repeat the signal by which an exception was raised, if it was by one."""
+    code = raised.exc_value.code if isinstance(raised.exc_value, SystemExit) else None
+    number = code - _SIGNALLED if isinstance(code, int) else 0
+    if issubclass(raised.exc_type, KeyboardInterrupt):
+        number = signal.SIGINT
+    is_ours = number > 0 and signal.getsignal(number) is _end
+    if is_ours:
+        _repeat(number)
+    return is_ours

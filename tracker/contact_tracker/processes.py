@@ -138,6 +138,10 @@ def _answer_alone(own: Workers, function: Callable[..., T], arguments: tuple[Any
     return None
 
 
+def _nothing() -> None:
+    """No preparation."""
+
+
 class Runner:
     """Runs a function on many arguments in ``processes`` (1: in this one); ``done`` is called after each.
 
@@ -148,7 +152,7 @@ class Runner:
         self,
         processes: int,
         done: Callable[[], None] = lambda: None,
-        prepare: Callable[[], None] = lambda: None,
+        prepare: Callable[[], None] = _nothing,
     ) -> None:
         self._processes, self._done, self._prepare = processes, done, prepare
 
