@@ -1,9 +1,12 @@
 """Atomic writing of files."""
 
 import errno
+import hashlib
 import os
+import platform
+import stat
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +14,7 @@ from contact_tracker.regular_file import why_not_regular
 
 TEMPORARY: Final = ".contact-tracker-"
 """What the names of temporary files begin with."""
+_NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 
 
 def why_not_replaceable(path: Path) -> str | None:
@@ -33,7 +37,9 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     """Give a temporary file that replaces ``path`` on success and is removed on any failure.
 
     It is in the same folder, so that the last step is a rename, and has another suffix, so that it is not
-    taken for a result. Its name is unpredictable. A replaced file passes on its mode.
+    taken for a result. Its name is unpredictable, and it is locked while it is written: temporary files of
+    ``path`` that no process of this host has locked were left by killed ones, and are removed. A replaced
+    file passes on its mode, and where permitted its owner and group.
 
     Parameters
     ----------
@@ -49,19 +55,82 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     if refusal is not None:
         raise OSError(errno.EINVAL, f"cannot be written: {refusal}", str(path))
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f"{TEMPORARY}{os.urandom(16).hex()}.part")
-    # private while others may not be allowed to read the replaced file
-    mode = 0o600 if target.exists() else 0o666
     try:
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
-        yield temporary
-        if target.exists():
-            temporary.chmod(target.stat().st_mode & 0o777)
+        replaced = os.lstat(target)
+    except FileNotFoundError:
+        replaced = None
+    names = os.fsencode(target.name) + b"\0" + os.fsencode(platform.node())
+    prefix = f"{TEMPORARY}{hashlib.blake2b(names, digest_size=8).hexdigest()}-"
+    _remove_left_over(target.parent, prefix)
+    temporary = target.with_name(f"{prefix}{os.urandom(8).hex()}.part")
+    made = True
+    try:
+        try:
+            # private, as others may not be allowed to read the replaced file
+            flags, mode = os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666 if replaced is None else 0o600
+            descriptor = os.open(str(temporary), flags | _NO_LINK, mode)
+        except OSError:  # not after an interrupt: the file may be there
+            made = False
+            raise
+        try:
+            with suppress(OSError):  # some file systems have no locks
+                _lock(descriptor)
+            yield temporary
+            _finish(temporary, descriptor, replaced)
+        finally:
+            os.close(descriptor)  # Windows cannot rename or remove open files
         check()
         os.replace(temporary, target)
     except OSError as error:
-        if error.filename in (temporary, str(temporary)):
+        if error.filename == str(temporary):
             error.filename = str(path)
         raise
     finally:
-        temporary.unlink(missing_ok=True)
+        if made:
+            temporary.unlink(missing_ok=True)
+
+
+def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -> None:
+    """Check that ``temporary`` is still the file that was made; give it the owner and mode of
+    ``replaced``."""
+    if not os.path.samestat(os.fstat(descriptor), os.lstat(str(temporary))):
+        raise OSError(errno.EBUSY, "another file was put in its place", str(temporary))
+    if replaced is None or os.name != "posix":
+        return
+    for owner, group in ((replaced.st_uid, -1), (-1, replaced.st_gid)):
+        with suppress(OSError):  # only root may change owners, others only to their groups
+            os.fchown(descriptor, owner, group)
+    mode = stat.S_IMODE(replaced.st_mode) & 0o777
+    if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group gets no more rights than others
+        mode &= ~0o070 | mode << 3
+    os.fchmod(descriptor, mode)
+
+
+def _remove_left_over(folder: Path, prefix: str) -> None:
+    """Remove the regular files of this prefix that no process has locked."""
+    with suppress(OSError):  # a folder that is writable but not readable
+        for name in os.listdir(folder):
+            if name.startswith(prefix) and name.endswith(".part"):
+                _remove_unlocked(str(folder / name))
+
+
+def _remove_unlocked(path: str) -> None:
+    with suppress(OSError):
+        if not stat.S_ISREG(os.lstat(path).st_mode):
+            return
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _NO_LINK)
+        try:
+            if stat.S_ISREG(os.fstat(descriptor).st_mode):
+                _lock(descriptor)
+                os.unlink(path)
+        finally:
+            os.close(descriptor)
+
+
+def _lock(descriptor: int) -> None:
+    """Lock an open file; raises OSError if another process has, or if there are no locks."""
+    if os.name != "posix":
+        raise OSError(errno.ENOSYS, "there are no locks")
+    import fcntl
+
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
