@@ -80,7 +80,8 @@ def without_menu(png: bytes) -> bytes:
     """Without the bar at the top, which tells of the machine that drew it."""
     cut = BytesIO()
     with Image.open(BytesIO(png)) as whole:
-        whole.crop((0, MENU_PX, whole.width, whole.height)).save(cut, "PNG", optimize=True)
+        shown = whole.crop((0, MENU_PX, whole.width, whole.height)).convert("RGB")
+        shown.quantize(256, dither=Image.Dither.NONE).save(cut, "PNG", optimize=True)
     return cut.getvalue()
 
 

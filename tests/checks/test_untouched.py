@@ -7,7 +7,7 @@ import pytest
 
 from checked_stream import stream_of
 from contact_tracker.api import Trajectory, read, segment
-from contact_tracker.api.given import map_of
+from contact_tracker.api.learned_map import map_of
 from contact_tracker.checks import face_names
 from contact_tracker.checks.face_names import FaceNameDelay
 from contact_tracker.checks.map_use import MapUse

@@ -24,6 +24,7 @@ from contact_tracker.tracker import Tracker
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
 POSES = smooth_poses(300)
+SHIPPED = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
 def write_chain(path: Path) -> Path:
@@ -198,9 +199,6 @@ def test_the_command_that_was_typed_is_proposed_for_columns_that_may_be_meant_in
         f"contact-tracker {command} {path} --unit mm --euler xyz:deg or contact-tracker {command} {path}"
         in (done.stderr)
     )
-
-
-SHIPPED = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
 def test_a_warning_comes_while_the_stream_goes_on_with_the_option_that_is_tried(tmp_path: Path) -> None:

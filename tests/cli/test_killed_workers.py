@@ -29,15 +29,20 @@ def helpers_of(pid: int) -> list[int]:
     return found
 
 
-def test_a_helper_that_is_killed_is_replaced(tmp_path: Path) -> None:
-    with subprocess.Popen([*PROGRAM, *SEGMENT], env=ENVIRONMENT, cwd=tmp_path) as process:
+def test_a_helper_that_is_killed_is_reported(tmp_path: Path) -> None:
+    command = [*PROGRAM, *SEGMENT]
+    with subprocess.Popen(
+        command, env=ENVIRONMENT, cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    ) as process:
         while not (helpers := helpers_of(process.pid)):
             assert process.poll() is None
             time.sleep(0.002)
         time.sleep(0.4)
         os.kill(helpers[0], signal.SIGKILL)
-    assert process.returncode == 0
-    assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
+        _, messages = process.communicate(timeout=60)
+    assert (process.returncode, messages.count("\n")) == (1, 1)
+    assert "try fewer --processes" in messages
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_helpers_end_with_the_process_that_started_them(tmp_path: Path) -> None:

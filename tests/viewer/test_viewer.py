@@ -26,7 +26,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.pose_buffer import Pieces
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
-from contact_tracker.viewer import LiveView, canvas, scene
+from contact_tracker.viewer import canvas, scene
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.offline import Shown, show, write_rrd
 from contact_tracker.viewer.scene import OBJECT, UNKNOWN_EXTENT, draw, hull, vertices_from_metadata
@@ -241,7 +241,7 @@ def test_a_recording_in_pieces_is_drawn_as_one(
     path = tmp_path / "pieces.rrd"
     write_rrd(path, Shown(poses, lambda stream: in_pieces(stream, segmentation), truth, CUBE_M, paper=True))
     assert contents(path) == contents(written)
-    assert len(RrdReader(path).blueprints()) == 1
+    assert len(RrdReader(path).blueprints()) == 2, "one while it is drawn, and one that fits all of it"
 
 
 def contents(path: Path) -> dict[tuple[str, str], list[Any]]:
@@ -259,7 +259,7 @@ def contents(path: Path) -> dict[tuple[str, str], list[Any]]:
 
 def test_the_blueprint_is_in_the_file(written: Path) -> None:
     reader = RrdReader(written)
-    (recording,), (blueprint,) = reader.recordings(), reader.blueprints()
+    (recording,), (blueprint, _) = reader.recordings(), reader.blueprints()
     assert blueprint.application_id == recording.application_id == canvas.APPLICATION
     batches = [c.to_record_batch() for c in reader.stream(store=blueprint).to_chunks()]
     classes = [
@@ -480,10 +480,7 @@ def test_the_live_trail_is_one_unbroken_line(
     assert all(before[-1] == after[0] for before, after in pairwise(strips))
 
 
-def test_the_null_viewer_accepts_everything_without_rerun(poses: Poses, segmentation: Segmentation) -> None:
-    with LiveView() as view:
-        view.pose(next(iter(poses)))
-        view.belief(segmentation.filtered[0])
+def test_importing_the_viewer_is_cheap() -> None:
     check = "import sys, contact_tracker.viewer; sys.exit('rerun' in sys.modules)"
     path = [p for p in sys.path if p.endswith("tracker")]
     environment = {"PYTHONPATH": ":".join(path)}

@@ -116,18 +116,6 @@ def test_a_viewer_has_no_analytics_and_is_reachable_from_this_machine_only(
         socket.create_connection(("127.0.0.2", free_port), timeout=5)
 
 
-def test_a_viewer_in_the_current_folder_is_not_started(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
-) -> None:
-    """The folder of a recording may contain other programs."""
-    (tmp_path / "rerun_cli.py").write_text("open('taken', 'w')")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("RERUN_CLI_PATH", "no such viewer")
-    with pytest.raises(ViewerError):
-        LiveViewer(sink=to_viewer(free_port))
-    assert not Path("taken").exists()
-
-
 @pytest.mark.parametrize(
     ("given", "kept"),
     [(None, None), (SILENT, None), ("debug", "RUST_LOG=debug")],

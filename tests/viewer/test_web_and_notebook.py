@@ -11,7 +11,7 @@ import pytest
 
 import contact_tracker
 from contact_tracker.errors import ViewerError
-from contact_tracker.viewer.sinks import WebViewer
+from contact_tracker.viewer.sinks import web_viewer
 from mcap_logs import smooth_poses
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere addresses and signals are others")
@@ -25,7 +25,7 @@ def free_ports() -> tuple[int, int]:
 @LINUX
 def test_a_page_is_served_to_this_machine_only_and_ends_with_the_command() -> None:
     ports = free_ports()
-    with WebViewer(*ports) as web:
+    with web_viewer(*ports) as web:
         assert f":{ports[1]}/" in web.url
         assert str(ports[0]) in web.url
         with urlopen(web.url, timeout=10) as page:
@@ -43,8 +43,8 @@ def test_a_port_in_use_is_reported(which: int) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         ports = [*free_ports()]
         ports[which] = other.getsockname()[1]
-        with pytest.raises(ViewerError, match=f"port {ports[which]} is taken"):
-            WebViewer(*ports)
+        with pytest.raises(ViewerError, match=f"port {ports[which]} is taken"), web_viewer(*ports):
+            pytest.fail("it is served")
 
 
 def test_a_result_shows_itself_in_a_notebook_without_a_foreign_server() -> None:

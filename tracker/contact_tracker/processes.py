@@ -4,16 +4,9 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
 from typing import Any, Final, Protocol, TypeVar
@@ -23,13 +16,7 @@ from contact_tracker.interrupts import deferred, end_in_order
 
 T = TypeVar("T")
 _THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_MOST_DEATHS: Final = 2
-"""A call is given up when this many processes have ended while working on it."""
 _ENDED: Final = "a process has ended before its work was done"
-
-
-class Killed(ContactTrackerError):
-    """The processes that worked on a call have ended."""
 
 
 class Jobs(Protocol):
@@ -43,84 +30,50 @@ class Jobs(Protocol):
     ) -> Iterator[tuple[tuple[Any, ...], T | None]]: ...
 
 
-class Workers(Executor):
-    """An executor with up to ``count`` processes, which first call ``prepare``.
+class Workers(ProcessPoolExecutor):
+    """Up to ``count`` processes, which first call ``prepare``, and end with this context.
 
-    Each process has a thread of this one that starts it and waits for it. A process that ends is replaced,
-    and its call is repeated once. If the context ends by an error, running calls are interrupted.
+    If it ends by an error, running calls are interrupted. An interrupt is left to this process: a terminal
+    sends it to all of them, but only one has to end the others.
+
+    Raises
+    ------
+    ContactTrackerError
+        At the end, where a process was killed.
     """
 
     def __init__(self, count: int, prepare: Callable[[], None]) -> None:
         for name in _THREADS:  # one thread each in numerics, unless the environment says otherwise
             os.environ.setdefault(name, "1")
-        self._prepare = prepare
-        self._own = threading.local()
-        self._lock = threading.Lock()
-        self._processes: dict[int, ProcessPoolExecutor] = {}
-        self._is_ended = False
         if os.name == "posix":
             resource_tracker.ensure_running()  # starting it later would unblock interrupts
-        self._threads = ThreadPoolExecutor(count, initializer=_leave_interrupts_to_the_main_thread)
+        super().__init__(count, get_context("spawn"), _begin, (prepare,))
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Schedule a call. Its result is ``Killed`` if two processes have ended during it."""
-        return self._threads.submit(self._call, fn, args, kwargs)
-
-    def _call(self, function: Callable[..., T], arguments: tuple[Any, ...], options: dict[str, Any]) -> T:
-        was_started = False
-        for _ in range(_MOST_DEATHS):
-            pid: int | None = getattr(self._own, "pid", None)
-            try:
-                if pid is None:
-                    pid = self._start()
-                was_started = True
-                with self._lock:
-                    if self._is_ended:
-                        break
-                    future = self._processes[pid].submit(_run, function, arguments, options)
-                return future.result()
-            except BrokenProcessPool:
-                self._own.pid = None
-                if self._is_ended:
-                    break
-                if pid is not None:
-                    with self._lock:
-                        ended = self._processes.pop(pid)
-                    ended.shutdown()
-        if was_started:
-            raise Killed(f"{_ENDED}; it may have taken too much memory: try fewer --processes")
-        reason = "as soon as it was started; there may be too little memory: try fewer --processes"
-        raise ContactTrackerError(f"{_ENDED}, {reason}")
-
-    def _start(self) -> int:
-        """Start this thread's process; returns its id."""
-        executor = ProcessPoolExecutor(1, get_context("spawn"), _begin, (self._prepare,))
-        pid = self._own.pid = executor.submit(os.getpid).result()
-        with self._lock:
-            self._processes[pid] = executor
-        return pid
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes after their calls; with ``cancel_futures`` at once."""
-        with deferred("SIGINT"):
-            if cancel_futures:
-                self._threads.shutdown(wait=False, cancel_futures=True)
-                with self._lock:
-                    self._is_ended = True
-                    for pid in self._processes:
-                        with suppress(OSError):
-                            os.kill(pid, signal.SIGTERM)
-            self._threads.shutdown(wait)
-            for executor in self._processes.values():
-                executor.shutdown(wait)
+        """Schedule a call, for which a process may be started."""
+        if not hasattr(signal, "pthread_sigmask"):
+            return super().submit(_run, fn, args, kwargs)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(_run, fn, args, kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def __exit__(self, *error: Any) -> None:
-        self.shutdown(cancel_futures=error[0] is not None)
+        with deferred("SIGINT"):
+            for process in [*(self._processes or {}).values()] if error[0] is not None else ():
+                process.terminate()
+            self.shutdown(cancel_futures=error[0] is not None)
+        if isinstance(error[1], BrokenProcessPool):
+            raise ContactTrackerError(f"{_ENDED}; it may have taken too much memory: try fewer --processes")
 
 
 @contextmanager
 def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Jobs]:
     """Local processes, each of which first calls ``prepare``; they end with this context.
+
+    Where one is killed, what was given to all of them is done again, each job by a process of its own. If
+    that is killed as well, the job has no answer.
 
     Raises
     ------
@@ -131,18 +84,62 @@ def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Job
     def answers(
         function: Callable[..., T], jobs: Iterable[tuple[Any, ...]]
     ) -> Iterator[tuple[tuple[Any, ...], T | None]]:
-        waiting, at_work = iter(jobs), dict[Future[T], tuple[Any, ...]]()
+        waiting = iter(jobs)
         while True:
-            for arguments in islice(waiting, 2 * processes - len(at_work)):
-                at_work[workers.submit(function, *arguments)] = arguments
-            if not at_work:
+            lost = list[tuple[Any, ...]]()
+            pool = stack.enter_context(Workers(processes, prepare))
+            yield from _answered(pool, function, waiting, 2 * processes, lost)
+            if not lost:
                 return
-            for future in wait(at_work, return_when=FIRST_COMPLETED).done:
-                arguments = at_work.pop(future)
-                yield arguments, None if isinstance(future.exception(), Killed) else future.result()
+            for arguments in lost:
+                own = stack.enter_context(Workers(1, prepare))
+                yield arguments, _answer_alone(own, function, arguments)
+                own.shutdown()
 
-    with Workers(processes, prepare) as workers:
+    with ExitStack() as stack:
         yield answers
+
+
+def _answered(
+    pool: Workers,
+    function: Callable[..., T],
+    waiting: Iterator[tuple[Any, ...]],
+    most: int,
+    lost: list[tuple[Any, ...]],
+) -> Iterator[tuple[tuple[Any, ...], T | None]]:
+    """Answers until none is ``waiting`` or a process is killed; ``lost`` are then those without an answer."""
+    at_work = dict[Future[T], tuple[Any, ...]]()
+    while not lost:
+        for arguments in islice(waiting, most - len(at_work)):
+            try:
+                at_work[pool.submit(function, *arguments)] = arguments
+            except BrokenProcessPool:
+                lost.append(arguments)
+                break
+        if not at_work:
+            return
+        for future in wait(at_work, return_when=FIRST_COMPLETED).done:
+            if not isinstance(future.exception(), BrokenProcessPool):
+                yield at_work.pop(future), future.result()
+            else:
+                lost.append(at_work.pop(future))
+    lost += at_work.values()
+
+
+def _answer_alone(own: Workers, function: Callable[..., T], arguments: tuple[Any, ...]) -> T | None:
+    """The answer by a process for this job alone; None if it is killed."""
+    try:
+        own.submit(os.getpid).result()
+    except BrokenProcessPool:
+        reason = "as soon as it was started; there may be too little memory: try fewer --processes"
+        raise ContactTrackerError(f"{_ENDED}, {reason}") from None
+    with suppress(BrokenProcessPool):
+        return own.submit(function, *arguments).result()
+    return None
+
+
+def _nothing() -> None:
+    """No preparation."""
 
 
 class Runner:
@@ -155,11 +152,9 @@ class Runner:
         self,
         processes: int,
         done: Callable[[], None] = lambda: None,
-        prepare: Callable[[], None] | None = None,
+        prepare: Callable[[], None] = _nothing,
     ) -> None:
-        self._processes = processes
-        self._done = done
-        self._prepare = prepare or _nothing
+        self._processes, self._done, self._prepare = processes, done, prepare
 
     def __call__(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
         """Results in the order of ``jobs``; the first exception ends the others.
@@ -167,7 +162,7 @@ class Runner:
         Raises
         ------
         ContactTrackerError
-            Two processes ended without an answer to a job, for example because it took too much memory.
+            A process was killed, for example because it took too much memory.
         """
         processes = min(self._processes, len(jobs))
         if processes <= 1:
@@ -178,19 +173,6 @@ class Runner:
     def _counted(self, result: T) -> T:
         self._done()
         return result
-
-
-def _nothing() -> None:
-    """No preparation."""
-
-
-def _leave_interrupts_to_the_main_thread() -> None:
-    """Block interrupts in this thread, and in the processes that it starts.
-
-    A terminal interrupts all processes of a command, but only one of them has to end the others.
-    """
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 def _begin(prepare: Callable[[], None]) -> None:

@@ -1,38 +1,19 @@
-"""Conversion and checks of arguments: paths, names, numbers, model, noise, map."""
+"""Conversion and checks of arguments: paths, names, numbers, model, noise."""
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from pathlib import Path
 from reprlib import repr
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, UsageError
-from contact_tracker.map.file import map_from, read_map
-from contact_tracker.map.learned import LearnedElements
-from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.real_numbers import real_number
-from contact_tracker.states import states_from
-
-
-@runtime_checkable
-class HasMap(Protocol):
-    """A map for users."""
-
-    @property
-    def learned(self) -> LearnedElements: ...
-
-    @property
-    def listed(self) -> Map: ...
-
 
 ModelLike = str | os.PathLike[str] | Model
-Known = str | os.PathLike[str] | Mapping[str, Any] | Map | HasMap | None
 Deviations = str | tuple[float, float] | None
 
 
@@ -100,32 +81,3 @@ def _deviations_from(
         return plausible((position_m, rotation_rad), value, may_be_zero)
     except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(f"{name} is '0.3mm,0.15deg' or (metres, radians): {error}") from error
-
-
-def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | None = None) -> Map:
-    """The map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
-
-    ``note`` is called with one line for each warning. ``states`` are the contacts that can occur; raises
-    UsageError.
-    """
-    found = _map_of(known, note)
-    if states is None:
-        return found
-    try:
-        return replace(found, states=states_from(states))
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"states: {error}") from error
-
-
-def _map_of(known: Known, note: Callable[[str], None]) -> Map:
-    if known is None:
-        return EMPTY_MAP
-    if isinstance(known, Map):
-        return known
-    if isinstance(known, HasMap):
-        return replace(known.listed, learned=known.learned)
-    if isinstance(known, Mapping):
-        return map_from(known, Path(), note)
-    if not isinstance(known, str | os.PathLike):
-        raise UsageError(f"known is a file, a table of its keys or a Map, not {repr(known)}")
-    return read_map(path_from(known, "known"), note)

@@ -1,17 +1,21 @@
 """A map for users: of a file, or learned from a recording."""
 
 import os
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from reprlib import repr
+from typing import Any
 
 from contact_tracker.api.given import errors_as, path_from
 from contact_tracker.errors import OutputError, UsageError
 from contact_tracker.geometry.elements import Element
-from contact_tracker.map.file import read_map
+from contact_tracker.map.file import map_from, read_map
 from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
 from contact_tracker.map.learned_file import write_learned
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.map.map import Map as KnownMap
+from contact_tracker.states import states_from
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +73,35 @@ class Map:
         return (
             f"<Map of {len(self.object)} elements of the object, {len(self.environment)} of the surroundings>"
         )
+
+
+Known = str | os.PathLike[str] | Mapping[str, Any] | KnownMap | Map | None
+
+
+def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | None = None) -> KnownMap:
+    """The map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
+
+    ``note`` is called with one line for each warning. ``states`` are the contacts that can occur; raises
+    UsageError.
+    """
+    found = _map_of(known, note)
+    if states is None:
+        return found
+    try:
+        return replace(found, states=states_from(states))
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"states: {error}") from error
+
+
+def _map_of(known: Known, note: Callable[[str], None]) -> KnownMap:
+    if known is None:
+        return EMPTY_MAP
+    if isinstance(known, KnownMap):
+        return known
+    if isinstance(known, Map):
+        return replace(known.listed, learned=known.learned)
+    if isinstance(known, Mapping):
+        return map_from(known, Path(), note)
+    if not isinstance(known, str | os.PathLike):
+        raise UsageError(f"known is a file, a table of its keys or a Map, not {repr(known)}")
+    return read_map(path_from(known, "known"), note)

@@ -13,15 +13,13 @@ from contact_tracker.api.arrays import moment_ns
 from contact_tracker.api.dataframes import is_table
 from contact_tracker.api.given import (
     Deviations,
-    Known,
     ModelLike,
     errors_as,
-    map_of,
     model_from,
     number_from,
     path_from,
 )
-from contact_tracker.api.learned_map import Map
+from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.api.notices import log_counts, log_text, warn_of
 from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.config.parameters import Model
@@ -273,8 +271,10 @@ class Result:
             trajectory.vertices_m,
             self.parts,
             lambda: self._truth,
+            log,
+            trajectory.log_offset_ns,
         )
-        write_outcome(outcome, path, log, trajectory.log_offset_ns, check)
+        write_outcome(outcome, path, check)
 
 
 def segment(

@@ -9,15 +9,13 @@ from typing import Any, Final, Self, SupportsIndex
 from contact_tracker import tracker
 from contact_tracker.api.given import (
     Deviations,
-    Known,
     ModelLike,
     errors_as,
-    map_of,
     model_from,
     number_from,
     path_from,
 )
-from contact_tracker.api.learned_map import Map
+from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.api.notices import log_counts, warn_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on

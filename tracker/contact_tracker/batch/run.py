@@ -14,7 +14,7 @@ from contact_tracker.batch.segmenting import Answer, segment_recording
 from contact_tracker.batch.settings import Settings
 from contact_tracker.processes import Jobs
 
-_GIVEN_UP: Final = "the process that segmented it was ended twice, as happens where memory runs out"
+_GIVEN_UP: Final = "the process that segmented it was ended, as happens where memory runs out"
 
 
 @dataclass(eq=False)

@@ -10,24 +10,25 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from contact_tracker.atomic_file import why_not_replaceable
 from contact_tracker.cli.terminal import detail, fail, progress, say, warn
-from contact_tracker.config.quantities import LENGTHS
+from contact_tracker.config.quantities import LENGTHS, deviations
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.config.table_reading import AS_NAMED, TIME_UNIT_HELP, reading_of
 from contact_tracker.errors import ChoiceError, InputError, UsageError
 from contact_tracker.exit_codes import INPUT, USAGE
+from contact_tracker.states import states_from
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
     from contact_tracker.map.world_map import GrowingMap
     from contact_tracker.recording import PoseLog
-    from contact_tracker.states import Contact
     from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
+T = TypeVar("T")
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
 LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
 _MOST: Final = 1e9
@@ -114,14 +115,14 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--noise",
-        type=_deviations,
+        type=_typed(deviations),
         metavar="MM,DEG",
         help="standard deviations of a pose per axis, where you know them: 0.3mm,0.15deg (default: as the "
         "stream shows)",
     )
     parser.add_argument(
         "--accuracy",
-        type=partial(_deviations, may_be_zero=True),
+        type=_typed(partial(deviations, may_be_zero=True)),
         metavar="MM,DEG",
         help="standard deviations of systematic errors of the poses, as of calibration: 0.5mm,0.1deg. They "
         "do not show in the stream, and increase the deviations of elements (default: those of the model)",
@@ -140,14 +141,16 @@ def load_model(args: argparse.Namespace) -> "Model":
     return model if args.accuracy is None else model.with_systematic_errors(*args.accuracy)
 
 
-def _deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
-    """A length and an angle with their units, in metres and radians."""
-    from contact_tracker.config.quantities import deviations
+def _typed(parse: Callable[[str], T]) -> Callable[[str], T]:
+    """The type of an argument whose errors are those of ``parse``, in its words."""
 
-    try:
-        return deviations(text, may_be_zero)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
+    def typed(text: str) -> T:
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+
+    return typed
 
 
 def add_known(parser: argparse.ArgumentParser) -> None:
@@ -178,19 +181,10 @@ def add_known(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--states",
-        type=_states,
+        type=_typed(states_from),
         metavar="f-f,e-f,...",
         help="the contacts that can occur (default: all); free motion always can",
     )
-
-
-def _states(text: str) -> "tuple[Contact, ...]":
-    from contact_tracker.states import states_from
-
-    try:
-        return states_from(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "Map":

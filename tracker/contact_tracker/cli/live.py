@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.map.map import Map
     from contact_tracker.tracking.belief import Belief
-    from contact_tracker.viewer import LiveView
+    from contact_tracker.viewer.live import LiveViewer
     from contact_tracker.viewer.sinks import Sink
 
 HELP: Final = "what holds now: a line per change while poses stream in"
@@ -78,9 +78,9 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     if not args.web:
         return _follow(args, None)
-    from contact_tracker.viewer.sinks import WebViewer
+    from contact_tracker.viewer.sinks import web_viewer
 
-    with WebViewer() as web:
+    with web_viewer() as web:
         say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
         code = _follow(args, web.sink)
         if code < 128:  # no signal has ended the stream
@@ -130,7 +130,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)
-                    viewer.belief(belief, None if tracker.best is None else tracker.best.map)
+                    if viewer is not None:
+                        viewer.belief(belief, None if tracker.best is None else tracker.best.map)
                     write([belief])
 
         def has_to_end() -> bool:
@@ -142,8 +143,9 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             for arrival in paced(arrivals, args.rate, has_to_end) if args.rate else arrivals:
                 if saved is not None:
                     saved.take()
-                for pose in arrival.poses:
-                    viewer.pose(pose)
+                if viewer is not None:
+                    for pose in arrival.poses:
+                        viewer.pose(pose)
                 report(tracker.update(arrival))
                 if saved is not None and saved.keep():
                     ended = 128 + saved.signal
@@ -163,11 +165,11 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     return code if ended == DONE else ended
 
 
-def _viewer(args: argparse.Namespace, known_map: "Map", source: "Source", sink: "Sink | None") -> "LiveView":
-    from contact_tracker.viewer import LiveView
-
+def _viewer(
+    args: argparse.Namespace, known_map: "Map", source: "Source", sink: "Sink | None"
+) -> "AbstractContextManager[LiveViewer | None]":
     if sink is None and not args.rerun:
-        return LiveView()
+        return nullcontext()
     from contact_tracker.recording import read_metadata
     from contact_tracker.viewer.live import LiveViewer
     from contact_tracker.viewer.scene import vertices_from_metadata

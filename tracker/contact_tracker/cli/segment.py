@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
-from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, NoPoses, UsageError
 from contact_tracker.exit_codes import DONE
 from contact_tracker.exports.formats import SUFFIXES, format_of, require_library
@@ -26,9 +25,7 @@ if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
     from contact_tracker.motion.poses import Pose
-    from contact_tracker.recording import PoseLog
     from contact_tracker.segmenting import OfflineTracker
-    from contact_tracker.tracking.belief import Segment
     from contact_tracker.tracking.segmentation import Segmentation
 
 HELP: Final = "what held when: smoothed segments of whole recordings"
@@ -187,6 +184,7 @@ def _segment(
 ) -> int:
     """Segment one recording; ``before`` are the warnings so far."""
     from contact_tracker.cli.source import Source
+    from contact_tracker.outputs.text import table
     from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.tracking.belief import Detail
 
@@ -203,9 +201,11 @@ def _segment(
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]
         else:
-            _write(source, log, tracker, known_map, set_done, args, check, notes)
+            _write(source, tracker, known_map, set_done, args, check, notes)
     if args.output is None:
-        _print(segments, source.origin_ns, wrenches is not None)
+        for line in table(segments, source.origin_ns, wrenches is not None):
+            show(line)
+        sys.stdout.flush()
     code = source.finish(tracker.report)
     if args.output is not None:
         say(f"wrote {args.output}")
@@ -214,17 +214,8 @@ def _segment(
     return code
 
 
-def _print(segments: "Iterable[Segment]", origin_ns: int, with_wrenches: bool) -> None:
-    from contact_tracker.outputs.text import table
-
-    for line in table(segments, origin_ns, with_wrenches):
-        show(line)
-    sys.stdout.flush()
-
-
 def _write(
     source: "Source",
-    log: "PoseLog",
     tracker: "OfflineTracker",
     known_map: "Map",
     set_done: Callable[[int], None],
@@ -248,6 +239,4 @@ def _write(
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
     outcome = source.outcome(Poses.join(kept), found, tracker, known_map, notes)
-    is_readable = not source.is_stdin and os.path.exists(args.log) and args.table == AS_NAMED
-    read = args.log if is_readable else None
-    write_outcome(outcome, args.output, read, log.stamping.log_offset_ns, check)
+    write_outcome(outcome, args.output, check)

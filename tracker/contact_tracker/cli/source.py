@@ -1,6 +1,7 @@
 """The poses of a recording by the arguments: cut to the interval, counted, paced."""
 
 import argparse
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.terminal import detail, say, warn
+from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE
 from contact_tracker.motion.pose_validation import Arrival
@@ -40,6 +42,7 @@ class Source:
         self._start_ns = round(args.start * 1e9)
         self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
         self._begin_s = time.monotonic()
+        self._is_as_named = args.table == AS_NAMED
         if log.note is not None:
             warn(f"{self._name}: {log.note}")
         self.origin_ns = 0
@@ -172,6 +175,7 @@ class Source:
         from contact_tracker.viewer.scene import vertices_from_metadata
 
         adapted, vertices_m = tracker.report, vertices_from_metadata(read_metadata(self._name))
+        is_readable = not self.is_stdin and os.path.exists(self._name) and self._is_as_named
         return Outcome(
             "standard input" if self.is_stdin else Path(self._name).name or self._name,
             poses,
@@ -185,6 +189,8 @@ class Source:
             vertices_m,
             known_parts(tracker.map, poses, found.segments, known_map, vertices_m),
             partial(read_truth, self._name),
+            self._name if is_readable else None,
+            self._log.stamping.log_offset_ns,
         )
 
     def finish(self, adapted: "Report | None") -> int:

@@ -68,12 +68,12 @@ def _shower(
 ) -> "Iterator[Callable[[Shown], None]]":
     """The function that shows a recording in a file, a window or a browser, by the arguments."""
     from contact_tracker.viewer.offline import show, write_rrd
-    from contact_tracker.viewer.sinks import WebViewer, to_viewer
+    from contact_tracker.viewer.sinks import to_viewer, web_viewer
 
     if args.save is not None:
         yield lambda shown: write_rrd(args.save, shown, check)
     elif args.web:
-        with WebViewer() as web:
+        with web_viewer() as web:
             say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
             yield lambda shown: show(shown, web.sink, are_several)
             web.wait_until_interrupted()

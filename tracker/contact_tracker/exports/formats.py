@@ -28,11 +28,13 @@ _TOGETHER: Final = 256
 class Format(NamedTuple):
     """An output with an entry per tick or segment (``rows``), or of a whole recording in memory.
 
-    ``module`` of this package needs a library of an ``extra`` for the ``purpose``.
+    That is written by the function ``write`` of a ``module`` of this package, which may need a library of an
+    ``extra`` for the ``purpose``.
     """
 
     rows: str
     module: str = ""
+    write: str = ""
     extra: str = ""
     purpose: str = ""
 
@@ -41,9 +43,9 @@ FORMATS: Final = {
     ".csv": Format("segments"),
     ".jsonl": Format("ticks"),
     ".parquet": Format("ticks"),
-    ".mcap": Format("whole", "foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
-    ".html": Format("whole", "report_html", "report", "a report"),
-    **dict.fromkeys((".png", ".pdf", ".svg"), Format("whole")),
+    ".mcap": Format("whole", "foxglove_scene", "write_mcap", "foxglove", "an MCAP file for Foxglove"),
+    ".html": Format("whole", "report_html", "write_report", "report", "a report"),
+    **dict.fromkeys((".png", ".pdf", ".svg"), Format("whole", "figure", "write_figure")),
     ".srt": Format("segments"),
 }
 SUFFIXES: Final = tuple(FORMATS)
@@ -58,7 +60,7 @@ def format_of(path: Path) -> Format:
 def require_library(path: Path) -> None:
     """Raise MissingExtra, before any work, if a library for writing ``path`` is not installed."""
     one = FORMATS.get(path.suffix.lower())
-    if one is not None and one.module:
+    if one is not None and one.extra:
         with extra(one.extra, one.purpose):
             import_module(f"contact_tracker.exports.{one.module}")
 
@@ -119,35 +121,13 @@ def write_pieces(
             write_srt(segments, file, origin_ns)
 
 
-def write_outcome(
-    outcome: "Outcome",
-    path: Path,
-    log: str | None = None,
-    log_offset_ns: int = 0,
-    check: Callable[[], None] = accept_any,
-) -> None:
-    """Write an output of a whole recording atomically: MCAP for Foxglove, a report or a figure.
-
-    Parameters
-    ----------
-    log, log_offset_ns : as of ``foxglove_scene.write_mcap``.
-    check : of an existing file, as of ``whole_file``.
-    """
+def write_outcome(outcome: "Outcome", path: Path, check: Callable[[], None] = accept_any) -> None:
+    """Write an output of a whole recording atomically; ``check`` as of ``whole_file``."""
     require_library(path)
+    one = format_of(path)
+    write = getattr(import_module(f"contact_tracker.exports.{one.module}"), one.write)
     with whole_file(path, check) as temporary:
-        suffix = path.suffix.lower()
-        if suffix == ".mcap":
-            from contact_tracker.exports.foxglove_scene import write_mcap
-
-            write_mcap(outcome, temporary, log, log_offset_ns)
-        elif suffix == ".html":
-            from contact_tracker.exports.report_html import write_report
-
-            write_report(outcome, temporary)
-        else:
-            from contact_tracker.exports.figure import write_figure
-
-            write_figure(outcome, temporary, suffix)
+        write(outcome, temporary, path.suffix.lower())
 
 
 def _text(path: Path) -> TextIO:

@@ -30,11 +30,8 @@ from contact_tracker.viewer.parts import SIDES
 from contact_tracker.viewer.scene import (
     GREY,
     OBJECT,
-    UNKNOWN_EXTENT,
-    Extent,
     Mesh,
     draw_all,
-    hull,
     poses_within,
 )
 
@@ -52,13 +49,10 @@ _TEXT_SIZE: Final = 0.2
 """Size relative to the object's radius."""
 
 
-def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int = 0) -> None:
-    """Write a copy of the recording ``log`` with beliefs, frames and scene added.
+def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
+    """Write a copy of the recording with beliefs, frames and scene added, at the log times of its poses.
 
-    Parameters
-    ----------
-    log : None if it cannot be read again or does not exist; then only the result is written.
-    log_offset_ns : delay from a pose's stamp to its log time, applied to the result's log times.
+    Of a recording that cannot be read again only these are written.
 
     Raises
     ------
@@ -67,7 +61,7 @@ def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int
     OSError
         The file cannot be written.
     """
-    stamps_ns = outcome.poses.stamp_ns
+    stamps_ns, log_offset_ns = outcome.poses.stamp_ns, outcome.log_offset_ns
     if len(stamps_ns) and not 0 <= stamps_ns[0] + min(log_offset_ns, 0) <= stamps_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
     added = merge(
@@ -78,7 +72,7 @@ def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int
         key=lambda message: message.log_time_ns,
     )
     shifted = (message._replace(log_time_ns=message.log_time_ns + log_offset_ns) for message in added)
-    write_beside(path, log, shifted)
+    write_beside(path, outcome.log, shifted)
 
 
 def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
@@ -136,26 +130,20 @@ def _frames(outcome: Outcome) -> Iterator[RawMessage]:
         yield RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
 
 
-def _object_extent(outcome: Outcome) -> Extent:
-    solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
-    return UNKNOWN_EXTENT if solid is None else solid.extent
-
-
 def _scene(outcome: Outcome) -> Iterator[RawMessage]:
     """The scene from each change on; each message replaces the previous one."""
     channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
-    extent = _object_extent(outcome)
     for segment in outcome.found.segments:
         for part in segment.parts:
             deletion = fox.SceneEntityDeletion(
                 timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
             )
-            update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, part, extent))
+            update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, part))
             yield RawMessage(channel, part.start_ns, update.encode())
 
 
-def _entities(outcome: Outcome, segment: Segment, part: SegmentPart, extent: Extent) -> list[fox.SceneEntity]:
-    entities = []
+def _entities(outcome: Outcome, segment: Segment, part: SegmentPart) -> list[fox.SceneEntity]:
+    entities, extent = [], outcome.extent
     drawing = draw_all(part.geometries, poses_within(outcome.poses, part.start_ns, part.end_ns), extent)
     if drawing is not None:
         colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
@@ -173,7 +161,7 @@ def _known(outcome: Outcome) -> Iterator[RawMessage]:
     replaces the previous one."""
     if not outcome.parts or not len(outcome.poses):
         return
-    stamp_ns, size_m = int(outcome.poses.stamp_ns[0]), _TEXT_SIZE * _object_extent(outcome).radius_m
+    stamp_ns, size_m = int(outcome.poses.stamp_ns[0]), _TEXT_SIZE * outcome.extent.radius_m
     entities = [
         fox.SceneEntity(
             timestamp=_timestamp(stamp_ns),

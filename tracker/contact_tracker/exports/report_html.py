@@ -21,16 +21,9 @@ from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.outputs.text import describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.viewer.camera import EYE, Camera
+from contact_tracker.viewer.camera import Eye, Upward
 from contact_tracker.viewer.parts import SIDES, Part
-from contact_tracker.viewer.scene import (
-    GREY,
-    UNKNOWN_EXTENT,
-    Drawing,
-    draw_all,
-    hull,
-    poses_within,
-)
+from contact_tracker.viewer.scene import GREY, Drawing, draw_all, poses_within
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
@@ -64,7 +57,7 @@ _STYLE: Final = (
 )
 
 
-def write_report(outcome: Outcome, path: Path) -> None:
+def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
     """Write the report; OSError if the file cannot be written."""
     found, poses, origin_ns = outcome.found, outcome.poses, outcome.origin_ns
     span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9 if len(poses) else 0.0
@@ -124,22 +117,19 @@ def _posteriors(outcome: Outcome) -> Figure:
 def _geometry(outcome: Outcome) -> Figure:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.poses, outcome.found.segments
-    solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
-    extent = UNKNOWN_EXTENT if solid is None else solid.extent
     figure = Figure([*_path(outcome), *_known(outcome.parts, 1)])
-    camera = Camera(extent)
-    camera.follow(poses)
+    extent, upward = outcome.extent, Upward(outcome.extent)
     longest = sorted(segments, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
     for segment in sorted(longest, key=lambda s: s.start_ns):
         if segment.geometry is not None:
             within = poses_within(poses, segment.start_ns, segment.end_ns)
-            drawing = draw_all(_touching(segment, within), within, extent, camera.up)
+            drawing = draw_all(_touching(segment, within), within, extent, upward.direction)
             assert drawing is not None
-            camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns)
+            upward.add(segment.geometry, within, segment.end_ns - segment.start_ns)
             figure.add_traces(list(_elements(outcome, segment, within, drawing)))
     figure.update_layout(height=620, **_SPACE)
     if len(poses):
-        figure.update_layout(scene_camera=_camera(camera))
+        figure.update_layout(scene_camera=_camera(upward.eye(extent.radius_m)))
     return figure
 
 
@@ -157,13 +147,12 @@ def _known(parts: Sequence[Part], side: int) -> Iterator[Mesh3d | Scatter3d]:
         yield _lines(part.outline or (part.label_m[None],), GREY, showlegend=True, **group)
 
 
-def _camera(camera: Camera) -> dict[str, Any]:
+def _camera(eye: Eye) -> dict[str, Any]:
     """Camera in plotly's units, in which the scene has about size one."""
-    eye = camera.frame() @ np.array(EYE)
-    eye = 1.9 * eye / np.linalg.norm(eye)
+    place = 1.9 * eye.position_m / np.linalg.norm(eye.position_m)
     return {
-        "eye": dict(zip("xyz", map(float, eye), strict=True)),
-        "up": dict(zip("xyz", map(float, camera.up), strict=True)),
+        "eye": dict(zip("xyz", place.tolist(), strict=True)),
+        "up": dict(zip("xyz", eye.up.tolist(), strict=True)),
     }
 
 

@@ -26,9 +26,8 @@ BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
 KNOWN: Final = ("world/body/known", "world/surroundings/known")
 """What is known of the object and of the surroundings; each with ``/outline`` and ``/names``."""
-ORIGIN: Final = "world/view"
-VIEW: Final = "world/view/upright"
-"""The frame of the eye (``camera``) within that of its origin: rerun replaces transforms as a whole."""
+CENTRE: Final = "world/body/centre"
+"""The middle of the object, which the view follows."""
 LEGEND: Final = "legend"
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
@@ -57,7 +56,7 @@ _VERTEX_UI: Final = 3.5
 _LEGEND: Final = """\
 - **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
 - **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
-- **faint, with an outline**: what is known so far: bodies, and of other faces and edges what was touched
+- **faint, with an outline**: what is known so far, named under the pointer: bodies, and what was touched
 - **translucent**: two standard deviations; **a thin needle**: not known along it
 - **e-f 0.97 or v-f**: the object's edge on a face, its probability; the motion does not tell v-f from it
 """
@@ -146,7 +145,8 @@ class Canvas:
             lines = rr.LineStrips3D(strips, colors=colour, radii=rr.Radius.ui_points(0.8))
             radii = rr.Radius.ui_points([0.0 if one.outline else _VERTEX_UI for one in own])
             places = np.reshape([one.label_m for one in own], (-1, 3))
-            names = rr.Points3D(places, labels=[one.name for one in own], colors=colour, radii=radii)
+            labels = [one.name for one in own]  # many would cover each other and what is drawn
+            names = rr.Points3D(places, labels=labels, show_labels=False, colors=colour, radii=radii)
             for end, what in (("", faces), ("/outline", lines), ("/names", names)):
                 self._recording.log(f"{entity}{end}", what, static=stamp_ns is None, strict=True)
 
@@ -189,13 +189,9 @@ class Canvas:
             self._static(INSEPARABLE, rr.StateConfiguration(values=names, labels=names, colors=greys))
         self._send(INSEPARABLE, stamp_ns, lambda rows: rr.StateChange.columns(state=texts[rows]))
 
-    def stand(self, axes_m: Array) -> None:
-        """Set the frame of the eye in the world: axes as columns (3, 3) of the length of its unit (m)."""
-        self._static(VIEW, rr.Transform3D(mat3x3=axes_m))
-
-    def follow(self, stamp_ns: Stamps, origins_m: Array) -> None:
-        """Origins (N, 3) of the frame of the eye from each stamp on."""
-        self._send(ORIGIN, stamp_ns, lambda rows: rr.Transform3D.columns(translation=origins_m[rows]))
+    def centre(self, centre_m: Array) -> None:
+        """Set the middle (3,) of the object in the body frame."""
+        self._static(CENTRE, rr.Points3D([centre_m], radii=rr.Radius.ui_points(0.0)))
 
     def drawings(self, stamp_ns: Stamps, drawings: Sequence[Drawing | None], number: int = 0) -> None:
         """Draw touching pair ``number`` from each stamp on; None clears it."""

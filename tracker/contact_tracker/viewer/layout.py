@@ -6,7 +6,8 @@ from typing import Any, Literal
 import rerun as rr
 import rerun.blueprint as rrb
 
-from contact_tracker.viewer import camera, canvas
+from contact_tracker.viewer import canvas
+from contact_tracker.viewer.camera import Eye
 
 PanelState = Literal["collapsed", "expanded"]
 BACKGROUND = (25, 28, 33)
@@ -16,7 +17,7 @@ LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
 
 
-def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
+def offline(eye: Eye, paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
     """Layout of a whole recording; ``paper``: with the fixed-window curves.
 
     With several recordings their list is open.
@@ -31,10 +32,10 @@ def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
     views = _states(everything), smoothed, filtered, rrb.Tabs(*minima)
     over_time = rrb.Vertical(*views, row_shares=[15, 14, 7, 12])
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE)
-    return _blueprint(over_time, panel, "expanded" if is_one_of_several else "collapsed")
+    return _blueprint(eye, over_time, panel, "expanded" if is_one_of_several else "collapsed")
 
 
-def live() -> rrb.Blueprint:
+def live(eye: Eye) -> rrb.Blueprint:
     """Layout of a live view: the last seconds before the cursor, which follows the data."""
     recent = rr.TimeRange(
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-LIVE_S),
@@ -47,11 +48,11 @@ def live() -> rrb.Blueprint:
         row_shares=[4, 4, 4],
     )
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE, play_state="following")
-    return _blueprint(over_time, panel)
+    return _blueprint(eye, over_time, panel)
 
 
 def _blueprint(
-    over_time: rrb.Container, panel: rrb.TimePanel, recordings: PanelState = "collapsed"
+    eye: Eye, over_time: rrb.Container, panel: rrb.TimePanel, recordings: PanelState = "collapsed"
 ) -> rrb.Blueprint:
     events = rrb.TextLogView(
         origin=canvas.EVENTS,
@@ -62,7 +63,7 @@ def _blueprint(
         ),
     )
     legend = rrb.TextDocumentView(origin=canvas.LEGEND, name="What is what")
-    left = rrb.Vertical(_space(), legend, events, row_shares=[18, 4, 5])
+    left = rrb.Vertical(_space(eye), legend, events, row_shares=[18, 5, 5])
     return rrb.Blueprint(
         rrb.Horizontal(left, over_time, column_shares=[11, 9]),
         rrb.BlueprintPanel(state=recordings),
@@ -77,23 +78,27 @@ def _no_column(timeline: str) -> rrb.encodings.TimelineColumn:
     return rrb.encodings.TimelineColumn(timeline, visible=False)
 
 
-def _space() -> rrb.View:
+def _space(eye: Eye) -> rrb.View:
     trail = rr.VisibleTimeRange(
         canvas.TIMELINE,
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
         end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
     )
-    # The world frame need not be level, so the viewer's ground grid would mislead.
-    eye = rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital, position=camera.EYE, look_target=camera.TARGET, eye_up=(0.0, 0.0, 1.0)
+    controls = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=eye.position_m,
+        look_target=(0.0, 0.0, 0.0),
+        eye_up=eye.up,
+        tracking_entity=canvas.CENTRE,  # the place of the eye is relative to it
     )
+    # The world frame need not be level, so the viewer's ground grid would mislead.
     return rrb.Spatial3DView(
-        origin=canvas.VIEW,
+        origin="world",
         contents="world/**",
         name="Object and contact",
         background=BACKGROUND,
         line_grid=False,
-        eye_controls=eye,
+        eye_controls=controls,
         overrides={canvas.TRAIL: rrb.VisibleTimeRanges(trail)},
     )
 

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -16,8 +16,8 @@ from contact_tracker.outputs.changes import Changes
 from contact_tracker.outputs.text import is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.viewer import LiveView, canvas, layout
-from contact_tracker.viewer.camera import Camera
+from contact_tracker.viewer import canvas, layout
+from contact_tracker.viewer.camera import Upward
 from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
 from contact_tracker.viewer.parts import KnownParts
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
@@ -28,8 +28,8 @@ _FRAME_NS: Final = 10_000_000
 _REDRAW_NS: Final = 500_000_000
 
 
-class LiveViewer(LiveView):
-    """A ``LiveView`` in the rerun viewer: the body at up to 100 Hz, everything else per belief.
+class LiveViewer:
+    """Shows the body at up to 100 Hz, and all else by belief; a context manager that closes itself.
 
     Parameters
     ----------
@@ -57,14 +57,14 @@ class LiveViewer(LiveView):
         self._sheet: Canvas | None = None
         self._origin = origin_ns
         self._origin_ns = self._shown_ns = self._drawn_ns = 0
-        self._camera = Camera(self._extent)
+        self._upward = Upward(self._extent)
         self._changes = Changes()
         self._contact: Contact | None = None
         self._inseparable: tuple[Contact, ...] = ()
         self._is_open = False
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
-        (sink or to_viewer())(self._recording, layout.live())
+        (sink or to_viewer())(self._recording, layout.live(self._upward.eye(self._extent.radius_m)))
 
     def pose(self, pose: Pose) -> None:
         """Move the body, at up to 100 Hz."""
@@ -72,11 +72,10 @@ class LiveViewer(LiveView):
             self._origin_ns = pose.stamp_ns if self._origin is None else self._origin()
             self._sheet = Canvas(self._recording, self._origin_ns, self._extent.radius_m)
             self._sheet.known(self._known.bodies, pose.stamp_ns)
-            self._sheet.stand(self._camera.frame())
+            self._sheet.centre(self._extent.centre_m)
         if pose.stamp_ns - self._shown_ns >= _FRAME_NS:
             self._shown_ns = pose.stamp_ns
             self._sheet.pose(pose)
-            self._sheet.follow(*self._camera.follow(Poses.collect([pose])))
         self._waiting.append(pose)
 
     def belief(self, belief: Belief, world: GrowingMap | None = None) -> None:
@@ -121,12 +120,11 @@ class LiveViewer(LiveView):
             sheet.states(canvas.further_lane(number), stamp, [now.get(number)])
 
     def _draw(self, sheet: Canvas, belief: Belief, tick: Poses) -> None:
-        geometry, up = belief.geometry, self._camera.up
+        geometry, lasted_ns = belief.geometry, belief.stamp_ns - (self._drawn_ns or belief.stamp_ns)
+        if geometry is not None and is_settled(belief) and self._upward.add(geometry, tick, lasted_ns):
+            self._recording.send_blueprint(layout.live(self._upward.eye(self._extent.radius_m)))
+        up = self._upward.direction
         drawing = None if geometry is None else draw(geometry, tick, self._extent, up)
-        if geometry is not None and drawing is not None:
-            lasted_ns = int(belief.stamp_ns - self._drawn_ns) if self._drawn_ns else 0
-            if is_settled(belief) and self._camera.add_contact(geometry, drawing, tick, lasted_ns):
-                sheet.stand(self._camera.frame())
         self._is_open = drawing is not None and drawing.is_open
         stamp = np.array([belief.stamp_ns], np.int64)
         sheet.drawings(stamp, [drawing])
@@ -147,3 +145,9 @@ class LiveViewer(LiveView):
             rows.append(self._waiting.popleft())
         self._last = rows[-1] if rows else None
         return Poses.collect(rows) if rows else None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

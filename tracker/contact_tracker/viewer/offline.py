@@ -10,7 +10,7 @@ import rerun as rr
 
 from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.errors import NoPoses
-from contact_tracker.geometry.elements import Array, ContactGeometry
+from contact_tracker.geometry.elements import Array
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
@@ -20,10 +20,10 @@ from contact_tracker.tracking.belief import FurtherContact, Segment, SegmentPart
 from contact_tracker.tracking.pose_buffer import Pieces, PoseBuffer, with_pose_callback
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas, layout
-from contact_tracker.viewer.camera import Camera
+from contact_tracker.viewer.camera import Upward
 from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
 from contact_tracker.viewer.parts import KnownParts, Part
-from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw, poses_within
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Extent, draw, poses_within
 from contact_tracker.viewer.sinks import Sink, close, to_file
 
 
@@ -84,32 +84,35 @@ def show(shown: Shown, sink: Sink, is_one_of_several: bool = False) -> None:
         raise NoPoses("there is no pose to show")
     origin_ns = first.stamp_ns if shown.origin_ns is None else shown.origin_ns()
     recording = canvas.new_recording(shown.name)
-    sink(recording, layout.offline(shown.paper, is_one_of_several))
     known = KnownParts(shown.known_map, shown.vertices_m)
-    painter = Painter(recording, origin_ns, known, shown.paper)
+    extent = known.object_extent or UNKNOWN_EXTENT
+    upward = Upward(extent)
+    sink(recording, layout.offline(upward.eye(extent.radius_m), shown.paper, is_one_of_several))
+    painter = Painter(recording, origin_ns, known, upward, shown.paper)
     for piece in with_pose_callback(chain([first], rest), shown.pieces, painter.poses):
         painter.piece(piece)
-    painter.finish(shown.truth, shown.parts or known.parts(shown.world()))
+    world = shown.world()
+    painter.finish(shown.truth, shown.parts or known.parts(world), known.extent(world))
+    radius_m = max(extent.radius_m, known.extent(world).radius_m)
+    recording.send_blueprint(layout.offline(upward.eye(radius_m), shown.paper, is_one_of_several))
     close(recording)
-
-
-class OpenFaces(NamedTuple):
-    """Two faces of which only the distance is known, drawn below the object for the ``up`` (3,) of that
-    time."""
-
-    start_ns: int
-    geometry: ContactGeometry
-    poses: Poses
-    up: Array
 
 
 class Painter:
     """Draws into ``recording``; times count from ``origin_ns``, the first pose of the recording.
 
-    ``known`` collects what is known. ``paper``: with the paper's objective functions.
+    ``known`` collects what is known, ``upward`` estimates the upward direction. ``paper``: with the paper's
+    objective functions.
     """
 
-    def __init__(self, recording: rr.RecordingStream, origin_ns: int, known: KnownParts, paper: bool) -> None:
+    def __init__(
+        self,
+        recording: rr.RecordingStream,
+        origin_ns: int,
+        known: KnownParts,
+        upward: Upward,
+        paper: bool,
+    ) -> None:
         self._extent = known.object_extent or UNKNOWN_EXTENT
         self._sheet = Canvas(recording, origin_ns, self._extent.radius_m)
         self._known = known
@@ -118,8 +121,7 @@ class Painter:
         self._origin_ns = origin_ns
         self._curves = Curves() if paper else None
         self._pose_buffer = PoseBuffer()
-        self._camera = Camera(self._extent)
-        self._open: list[OpenFaces] = []
+        self._upward = upward
         self._first_ns, self._last_ns = 2**63 - 1, -(2**63)
 
     def poses(self, poses: Poses) -> None:
@@ -130,7 +132,6 @@ class Painter:
         if len(poses):
             self._first_ns = min(self._first_ns, int(poses.stamp_ns[0]))
             self._last_ns = int(poses.stamp_ns[-1])
-        self._sheet.follow(*self._camera.follow(poses))
         if self._curves is not None:
             self._curves.extend(poses)
 
@@ -146,12 +147,12 @@ class Painter:
         self._segments(found)
         self._trail(beliefs)
 
-    def finish(self, truth: Truth | None, parts: Sequence[Part]) -> None:
-        """Draw what needs the whole recording; ``parts`` are all that is known, at all times."""
+    def finish(self, truth: Truth | None, parts: Sequence[Part], extent: Extent) -> None:
+        """Draw what needs the whole recording; ``parts`` are all that is known, at all times, and ``extent``
+        is that of the object by these."""
         if parts:
             self._sheet.known(parts)
-        self._sheet.stand(self._camera.frame())
-        self._turn_over()
+        self._sheet.centre(extent.centre_m)
         if truth is not None:
             changes = truth.between(self._first_ns, self._last_ns).changes()
             starts = np.array([start_ns for start_ns, _ in changes], np.int64)
@@ -175,9 +176,12 @@ class Painter:
         """Draw the geometry of each segment from its start, and its event."""
         poses, segments = self._pose_buffer.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
-        drawings = [self._drawn(one, poses_within(poses, one.start_ns, one.end_ns)) for one in segments]
-        for one in segments:
+        spans = [poses_within(poses, one.start_ns, one.end_ns) for one in segments]
+        for one, within in zip(segments, spans, strict=True):
             self._known.add_contact(one.start_ns, one.end_ns, one.geometry)
+            if one.geometry is not None:
+                self._upward.add(one.geometry, within, one.end_ns - one.start_ns)
+        drawings = [self._drawn(one, within) for one, within in zip(segments, spans, strict=True)]
         self._sheet.drawings(starts, drawings)
         self._further(poses, segments)
         self._joins_and_leaves(segments)
@@ -197,7 +201,7 @@ class Painter:
         for number in range(1, self._sheet.most_further + 1):
             held = [_further_of(segment, part, number) for segment, part in parts]
             drawings = [
-                None if one is None else draw(one.geometry, within, self._extent, self._camera.up)
+                None if one is None else self._drawn(one, within)
                 for one, within in zip(held, spans, strict=True)
             ]
             self._sheet.drawings(starts, drawings, number)
@@ -225,27 +229,11 @@ class Painter:
             stamps, contacts, texts = zip(*sorted(rows, key=lambda row: row[0]), strict=True)
             self._sheet.events(np.array(stamps, np.int64), contacts, texts)
 
-    def _drawn(self, segment: Segment, within: Poses) -> Drawing | None:
-        """``within`` are the poses of the segment."""
-        if segment.geometry is None:
+    def _drawn(self, one: Segment | FurtherContact, within: Poses) -> Drawing | None:
+        """``within`` are the poses of the contact."""
+        if one.geometry is None:
             return None
-        up = self._camera.up
-        drawing = draw(segment.geometry, within, self._extent, up)
-        if self._camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
-            self._sheet.stand(self._camera.frame())
-        if drawing.is_open:
-            few = within[:: 1 + len(within) // ENOUGH_POSES]
-            self._open.append(OpenFaces(segment.start_ns, segment.geometry, few, up))
-        return drawing
-
-    def _turn_over(self) -> None:
-        """Redraw faces that were drawn on what has turned out to be the upper side of the object."""
-        up = self._camera.up
-        wrong = [faces for faces in self._open if faces.up @ up < 0.0]
-        stamps = np.array([faces.start_ns for faces in wrong], np.int64)
-        drawings = [draw(faces.geometry, faces.poses, self._extent, up) for faces in wrong]
-        if drawings:
-            self._sheet.drawings(stamps, drawings)
+        return draw(one.geometry, within, self._extent, self._upward.direction)
 
     def _fade(self, found: Segmentation, is_open: Sequence[bool]) -> None:
         """Draw each tick's probability; a segment begins with that of its first tick."""

@@ -105,6 +105,12 @@ class KnownParts:
         """The size of the object, if it is a known body."""
         return next((body.extent for side, _, body in self._bodies if side == 0), None)
 
+    def extent(self, world: GrowingMap | None) -> Extent:
+        """The size of the object by all that is known of it."""
+        touched = {} if world is None else _elements_of(world)
+        elements = (dict(self._listed) | touched).values()
+        return self.object_extent or _extent([one for side, _, one in elements if side == 0])
+
     def add_poses(self, poses: Poses) -> None:
         """Add poses, of which up to ten per second are kept, and fewer of a long stream."""
         span = poses.stamp_ns // self._every_ns
@@ -144,7 +150,7 @@ class KnownParts:
                 for start_ns, end_ns, (ours, theirs) in world.touches
                 if ours in touched and theirs in touched
             ]
-        extent = self.object_extent or _extent([one for side, _, one in elements.values() if side == 0])
+        extent = self.extent(world)
         places: dict[Hashable, list[Array]] = {}
         for touch in touches:
             for key, where in zip(touch.keys, _touched(touch, poses, extent), strict=True):

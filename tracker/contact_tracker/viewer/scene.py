@@ -55,7 +55,7 @@ def of_object(element: Element, centre: Array, half_m: float) -> Mesh:
         case Line(direction):
             return _mesh(_capped(direction, centre, half_m, _ROD * half_m, _ROUND))
         case Point():
-            return _mesh(_ball(centre, np.eye(3) * _BALL * half_m))
+            return point(True, centre, _BALL * half_m)
 
 
 def of_surroundings(element: Element, centre: Array, half_m: float) -> Mesh:
@@ -66,8 +66,7 @@ def of_surroundings(element: Element, centre: Array, half_m: float) -> Mesh:
         case Line(direction):
             return _faceted(_mesh(_capped(direction, centre, half_m, _BAR * _CORNER * half_m, SQUARE)))
         case Point():
-            size = _CUBE * half_m
-            return _faceted(_mesh(_capped(np.array([0.0, 0.0, 1.0]), centre, size, _CORNER * size, SQUARE)))
+            return point(False, centre, _CUBE * half_m)
 
 
 def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = _ROUND) -> Mesh:
@@ -111,7 +110,7 @@ def rod(direction: Array, centre: Array, half_m: float, radius_m: float) -> Mesh
 
 
 def point(is_round: bool, centre: Array, radius_m: float) -> Mesh:
-    """A small ball, or a cube."""
+    """A ball, or a cube."""
     if is_round:
         return _mesh(_ball(centre, np.eye(3) * radius_m))
     return _faceted(_mesh(_capped(UP, centre, radius_m, _CORNER * radius_m, SQUARE)))
@@ -323,9 +322,9 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
     of_object_m, of_environment_m = _place(geometry.object), _place(geometry.environment)
     on_object = extent.centre_m if of_object_m is None else of_object_m
     touched = rotation @ on_object + position
-    touching = (
-        on_object[None] if of_environment_m is None else _into_body(rotation, position, of_environment_m)
-    )
+    touching = on_object[None]
+    if of_environment_m is not None:
+        touching = np.einsum("nij,ni->nj", rotation, of_environment_m - position)
     middle, inner = _centre(geometry.environment, touched), _centre(geometry.object, touching)
     if of_environment_m is not None and of_object_m is None:
         reach_m = float(np.median(np.linalg.norm(touching - extent.centre_m, axis=1)))
@@ -393,11 +392,6 @@ def _resting(geometry: ContactGeometry, rotation: Array, extent: Extent, up: Arr
 def _place(element: Element) -> Array | None:
     """The position of an element, if it has one."""
     return None if isinstance(element, Plane) else element.point_m
-
-
-def _into_body(rotation: Array, position: Array, point: Array) -> Array:
-    inside: Array = np.einsum("nij,ni->nj", rotation, point - position)
-    return inside
 
 
 def _half_m(element: Element, partner: Array, centre: Array, radius_m: float) -> float:

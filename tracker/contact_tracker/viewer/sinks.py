@@ -1,19 +1,19 @@
 """Destinations of a rerun recording: a file, or a viewer in a window or a browser on this machine."""
 
 import os
-import signal
+import shutil
 import socket
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, NamedTuple
 from urllib.parse import quote
 
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_cli
 
 from contact_tracker.errors import ViewerError
 from contact_tracker.viewer import SILENT
@@ -21,12 +21,10 @@ from contact_tracker.viewer import SILENT
 HOST: Final = "127.0.0.1"
 PORT: Final = 9876
 WEB_PORT: Final = 9090
-_PROGRAM: Final = (sys.executable, "-P", "-m", "rerun_cli")
-"""Excludes modules in the current folder."""
 WINDOW: Final = ("--hide-welcome-screen",)
 _START_S: Final = 20.0
 _POLL_S: Final = 0.1
-_END_S: Final = 5.0
+_NOT_STARTED: Final = "the rerun viewer did not start: is there a screen? view --save writes a file"
 _ANSWER_S: Final = 2.0
 # RFC 9113, 3.4: a client begins with this text and a SETTINGS frame, a server answers with one.
 _SETTINGS: Final = b"\x04"
@@ -91,12 +89,11 @@ def start(port: int, options: Sequence[str], web_port: int | None = None) -> "su
     ------
     ViewerError : it does not accept recordings at ``port``, and serve its page at ``web_port``, in time.
     """
-    quiet, local = subprocess.DEVNULL, ("--bind", HOST, "--port", str(port))
     viewer = subprocess.Popen(
-        (*_PROGRAM, *local, *options),
-        stdin=quiet,
-        stdout=quiet,
-        stderr=quiet,
+        (_program(), "--bind", HOST, "--port", str(port), *options),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
         env=_environment(),
         start_new_session=True,
     )
@@ -104,9 +101,7 @@ def start(port: int, options: Sequence[str], web_port: int | None = None) -> "su
         give_up = time.monotonic() + _START_S
         while not answers(port) or (web_port is not None and answers(web_port) is None):
             if viewer.poll() is not None or time.monotonic() > give_up:
-                raise ViewerError(
-                    "the rerun viewer did not start: is there a screen? view --save writes a file"
-                )
+                raise ViewerError(_NOT_STARTED)
             time.sleep(_POLL_S)
     except BaseException:
         end(viewer)
@@ -115,20 +110,19 @@ def start(port: int, options: Sequence[str], web_port: int | None = None) -> "su
 
 
 def end(viewer: "subprocess.Popen[bytes]") -> None:
-    """End a viewer that was started here, and its child process."""
-    if sys.platform == "win32":
-        viewer.terminate()
-        viewer.wait()
-        return
-    give_up = time.monotonic() + _END_S
-    with suppress(ProcessLookupError):
-        os.killpg(viewer.pid, signal.SIGTERM)
-        viewer.wait()
-        # Its child is not a child of this process, and stays a zombie where nothing collects it.
-        while time.monotonic() < give_up:
-            os.killpg(viewer.pid, 0)
-            time.sleep(_POLL_S)
-        os.killpg(viewer.pid, signal.SIGKILL)
+    """End a viewer that was started here."""
+    viewer.terminate()
+    viewer.wait()
+
+
+def _program() -> str:
+    """The viewer that comes with rerun; raises ViewerError."""
+    folder = Path(rerun_cli.__path__[0])
+    given, folders = os.environ.get("RERUN_CLI_PATH"), (folder, folder / "Rerun.app/Contents/MacOS")
+    found = shutil.which(given) if given else shutil.which("rerun", path=os.pathsep.join(map(str, folders)))
+    if found is None:
+        raise ViewerError(_NOT_STARTED)
+    return found
 
 
 def _environment() -> dict[str, str]:
@@ -158,35 +152,33 @@ def close(recording: rr.RecordingStream, timeout_s: float = 60.0) -> None:
         recording.disconnect()
 
 
-class WebViewer:
-    """Serves the viewer's page at ``url`` and its data to this machine only, until it is closed.
+class WebViewer(NamedTuple):
+    """A viewer's page at ``url``, for this machine only; ``sink`` sends recordings to it."""
 
-    Parameters
-    ----------
-    port : for recordings.
-    web_port : for the page.
+    url: str
+    sink: Sink
+    server: "subprocess.Popen[bytes]"
+
+    def wait_until_interrupted(self) -> None:
+        """Serve until Ctrl-C, or until the server ends."""
+        with suppress(KeyboardInterrupt):
+            self.server.wait()
+
+
+@contextmanager
+def web_viewer(port: int = PORT, web_port: int = WEB_PORT) -> Iterator[WebViewer]:
+    """Serve the page at ``web_port``, and accept recordings at ``port``, until the context ends.
 
     Raises
     ------
     ViewerError : it does not start, or a port is in use.
     """
-
-    def __init__(self, port: int = PORT, web_port: int = WEB_PORT) -> None:
-        for taken in (port, web_port):
-            if answers(taken) is not None:
-                raise ViewerError(f"port {taken} is taken: end what listens there, perhaps another viewer")
-        options = ("--serve-web", "--web-viewer-port", str(web_port))
-        self._server = start(port, options, web_port)
-        self.url = f"http://{HOST}:{web_port}/?url={quote(address(port), safe='')}"
-        self.sink: Sink = to_viewer(port)
-
-    def wait_until_interrupted(self) -> None:
-        """Serve until Ctrl-C, or until the server ends."""
-        with suppress(KeyboardInterrupt):
-            self._server.wait()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        end(self._server)
+    for taken in (port, web_port):
+        if answers(taken) is not None:
+            raise ViewerError(f"port {taken} is taken: end what listens there, perhaps another viewer")
+    server = start(port, ("--serve-web", "--web-viewer-port", str(web_port)), web_port)
+    try:
+        url = f"http://{HOST}:{web_port}/?url={quote(address(port), safe='')}"
+        yield WebViewer(url, to_viewer(port), server)
+    finally:
+        end(server)

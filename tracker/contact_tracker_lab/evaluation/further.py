@@ -2,8 +2,9 @@
 
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import pairwise, permutations
+from operator import add
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -42,13 +43,7 @@ class FurtherScore:
     false_s: float = 0.0
 
     def __add__(self, other: "FurtherScore") -> "FurtherScore":
-        return FurtherScore(
-            self.several_s + other.several_s,
-            self.right_s + other.right_s,
-            self.open_s + other.open_s,
-            self.alone_s + other.alone_s,
-            self.false_s + other.false_s,
-        )
+        return FurtherScore(*map(add, astuple(self), astuple(other)))
 
     @property
     def right(self) -> float:

@@ -71,7 +71,7 @@ class Report:
             _confusion_text("online", total.online),
         ]
         if total.further_offline.several_s or total.further_offline.false_s or total.further_online.false_s:
-            blocks += [table(_FURTHER, _further_rows(entries), left=2), FURTHER_NOTE]
+            blocks += [table(_FURTHER, _mode_rows(entries, _further_cells, "further_"), left=2), FURTHER_NOTE]
         if total.geometry.true_segments:
             rows = [[name, *_geometry_cells(value.geometry)] for name, value in entries]
             kinds = ("plane", "line", "point")
@@ -104,16 +104,15 @@ def _short(name: str) -> str:
     return name if len(name) <= WIDEST_NAME else "…" + name[1 - WIDEST_NAME :]
 
 
-def _mode_rows(entries: list[tuple[str, Evaluation]], cells: Callable[[Tally], list[str]]) -> list[list[str]]:
+def _mode_rows(
+    entries: list[tuple[str, Evaluation]], cells: Callable[[Any], list[str]], which: str = ""
+) -> list[list[str]]:
+    """A row for each entry and mode, of the scores whose names begin with ``which``."""
     return [
-        [name if mode == "offline" else "", mode, *cells(tally)]
+        [name if mode == "offline" else "", mode, *cells(scores)]
         for name, value in entries
-        for mode, tally in (
-            ("offline", value.offline),
-            ("online", value.online),
-            ("by arrival", value.arrival),
-        )
-        if tally is not None
+        for mode in ("offline", "online", "by arrival")
+        if (scores := getattr(value, f"{which}{mode.removeprefix('by ')}", None)) is not None
     ]
 
 
@@ -136,14 +135,6 @@ def _change_cells(tally: Tally) -> list[str]:
         number(quantile(tally.delay_s, 0.5), 2),
         number(quantile(tally.delay_s, 0.9), 2),
         number(tally.never_share, 2),
-    ]
-
-
-def _further_rows(entries: list[tuple[str, Evaluation]]) -> list[list[str]]:
-    return [
-        [name if mode == "offline" else "", mode, *_further_cells(score)]
-        for name, value in entries
-        for mode, score in (("offline", value.further_offline), ("online", value.further_online))
     ]
 
 
