@@ -351,6 +351,16 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     pyplot.close("all")
 
 
+def test_a_users_labels_are_shown_above_those_that_are_found(
+    result: contact_tracker.Result, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib").use("Agg")
+    labels = tmp_path / "labels.csv"
+    labels.write_text(f"start,end,contact\n0,{result.trajectory.duration_s:.2f},touch\n")
+    *_, axes = result.plot(labels=labels, meanings={"touch": "any"}).axes
+    assert {"truth", "touch"} <= {text.get_text() for text in axes.texts}
+
+
 def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Poses, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     few = poses[:400]

@@ -50,7 +50,7 @@ from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
-from contact_tracker.recording import WrenchLog, parts_of, read_truth, read_wrenches
+from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_truth, read_wrenches
 from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail, Segment
@@ -170,16 +170,27 @@ class Result:
         """Write the output selected by the suffix of ``path``, like ``segment -o``."""
         self._write(path, overwrite, *SUFFIXES)
 
-    def plot(self, ax: "Axes | None" = None, curves: bool = False) -> "Figure":
+    def plot(
+        self,
+        ax: "Axes | None" = None,
+        curves: bool = False,
+        labels: str | os.PathLike[str] | None = None,
+        meanings: Mapping[str, str] | None = None,
+    ) -> "Figure":
         """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given, else with what is
         known of the object and its surroundings below them.
 
         ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
+        Your own ``labels`` (and their ``meanings``, as of ``evaluate``) are drawn instead of the truth in the
+        recording.
         """
         from contact_tracker.exports.figure import Figure, draw_figure, draw_on
 
+        truth, stamps = self._truth, self.trajectory.stamp_ns
+        if labels is not None:
+            truth, _ = read_labels(path_from(labels, "labels"), int(stamps[0]), int(stamps[-1]), meanings)
         if ax is not None:
-            draw_on(ax, self.segmentation, self._origin_ns, self._truth)
+            draw_on(ax, self.segmentation, self._origin_ns, truth)
             figure = ax.get_figure(root=True)
             assert isinstance(figure, Figure)
             return figure
@@ -188,7 +199,7 @@ class Result:
             from contact_tracker.paper import window_curves
 
             found = window_curves.curves(self.trajectory.poses)
-        return draw_figure(self.segmentation, self._origin_ns, found, self.parts, self._truth)
+        return draw_figure(self.segmentation, self._origin_ns, found, self.parts, truth)
 
     def show(self, width: int = 1280, height: int = 720) -> "Viewer":
         """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.

@@ -17,7 +17,7 @@ from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_grid import TickGrid
-from contact_tracker.states import Contact
+from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 
@@ -95,7 +95,7 @@ class Contradiction(Check):
         return self.is_found or (not self.is_settled and self.lead > DOUBTED_NATS)
 
     def update(self, poses: Poses, stream: Stream) -> "Contradiction":
-        """Updated by poses. Without named elements nothing is compared.
+        """Updated by poses. Without named elements, where all states can occur, nothing is compared.
 
         Noise that is taken for motion has more evidence without the map. So the comparison begins again where
         the model changes, and until it is chosen the comparison is not settled, and nothing counts while the
@@ -103,7 +103,7 @@ class Contradiction(Check):
         """
         if stream.best is None:
             return self
-        if self.is_settled or not stream.map:
+        if self.is_settled or not (stream.map or stream.map.states):
             return replace(self, is_settled=True)
         if not len(poses):
             return self
@@ -141,6 +141,11 @@ class Contradiction(Check):
         what = "--up" if stream.map.up is not None else "what is given"
         if stream.map.up is not None and (stream.map.environment or stream.map.object):
             what = "--up or what else is given"
+        if stream.map.states is not None:
+            others = ", ".join(one for one in CONTACTS if one not in stream.map.states)
+            given = f"{what}, or --states" if stream.map else "--states"
+            text = f"{given} without {others} does not fit the motion: other contacts explain more: check it"
+            return [Finding("knowledge", text, True)]
         text = (
             f"{what} does not fit the motion: contacts explain more of it without: check it (direction or "
             "place, in metres and in the frame of the poses), or leave it out"

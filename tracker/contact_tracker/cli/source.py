@@ -194,6 +194,8 @@ class Source:
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if adapted is not None:
             say(noise_text(adapted))
+            if adapted.map_use:
+                say(adapted.map_use)
             for line in warnings(adapted):
                 warn(line)
         for line in self._log.remarks:

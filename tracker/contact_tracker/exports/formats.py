@@ -37,13 +37,14 @@ class Format(NamedTuple):
     purpose: str = ""
 
 
+FIGURES: Final = (".png", ".pdf", ".svg")
 FORMATS: Final = {
     ".csv": Format("segments"),
     ".jsonl": Format("ticks"),
     ".parquet": Format("ticks"),
     ".mcap": Format("whole", "foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
     ".html": Format("whole", "report_html", "report", "a report"),
-    **dict.fromkeys((".png", ".pdf", ".svg"), Format("whole")),
+    **dict.fromkeys(FIGURES, Format("whole")),
     ".srt": Format("segments"),
 }
 SUFFIXES: Final = tuple(FORMATS)

@@ -402,25 +402,28 @@ def layout_without_names(
     names = [f"{UNNAMED}{i}" for i in range(len(values))]
     if not reading.columns:
         meant = _meaning(values)
-        how = (
-            f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
-            if meant is None
-            else f"if they are meant so, read them by {meant.with_(reading).command(path)}"
-        )
+        how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
+        if meant is not None:
+            how = f"if they are meant so, read them by {meant.with_(reading).command(path)}"
+            if meant.has_frame_numbers and not reading.has_frame_numbers:
+                how += f", with the rate of your poses instead of {meant.time_unit}"
         raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
     return layout_of_names(names, reading, path, kind, separator, skip)
 
 
 def _meaning(values: Sequence[str]) -> TableReading | None:
-    """What rows without names usually are: TUM, messages of ``ros2 topic echo --csv``, KITTI's matrices."""
+    """What rows without names usually are: TUM, messages of ``ros2 topic echo --csv``, poses without times
+    and matrices, as KITTI's."""
 
     def named(first: int, **stated: str) -> TableReading:
         pose = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), range(first, first + _POSE), strict=True)
         return reading_of({**stated, **{role: f"{UNNAMED}{i}" for role, i in pose}})
 
     numbers = [are_numbers([value]) for value in values]
-    if len(values) == 12 and all(numbers):
+    if len(values) in (12, 16) and all(numbers):
         return reading_of(f"matrix={UNNAMED}", matrix="rows", time_unit="10Hz")
+    if len(values) == _POSE and all(numbers):
+        return named(0).with_(reading_of(time_unit="10Hz"))
     if len(values) == 1 + _POSE and all(numbers):
         return named(1, time=f"{UNNAMED}0")
     texts = [i for i, is_number in enumerate(numbers) if not is_number]
