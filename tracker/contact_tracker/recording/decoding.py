@@ -33,6 +33,16 @@ from contact_tracker.recording.items import ROWS, Channel, Item, PoseSource, Raw
 from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_zstd
 from contact_tracker.recording.pose_fields import SECOND_NS, pose_field, poses_at
 
+USUAL: Final = (
+    "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
+    "foxglove.PoseInFrame and foxglove.FrameTransform"
+)
+MESSAGE_LIMIT: Final = 2**22
+POSES_PER_RECORD: Final = 4
+"""Number of poses of a known layout that count as the work of one record."""
+_INFLATED_PER_RECORD: Final = 2**17
+"""Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
+READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 _ENCAPSULATION: Final = 4
 _PLAIN: Final = (b"\0\0", b"\0\1")
 """How messages of the first version of CDR begin, in big and little endian."""
@@ -44,7 +54,9 @@ _PER_SIZE: Final = 8
 _MOST: Final = 64
 """Most layouts of one size, and in all: some channels have endlessly many frame names."""
 
-
+Decoder = Callable[[bytes], Any]
+_Definition = tuple[str, str, str, bytes]
+"""Encoding, type, encoding of the schema, and schema."""
 Observation = tuple[PoseSource, Pose]
 """One pose as published, before validation; the child frame is empty where the type has none."""
 LoggedPose = tuple[PoseSource, Pose, int]
@@ -149,20 +161,6 @@ def _order(data: bytes) -> str:
     return "<" if data[1] & 1 else ">"
 
 
-USUAL: Final = (
-    "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
-    "foxglove.PoseInFrame and foxglove.FrameTransform"
-)
-
-
-MESSAGE_LIMIT: Final = 2**22
-POSES_PER_RECORD: Final = 4
-"""Number of poses of a known layout that count as the work of one record."""
-_INFLATED_PER_RECORD: Final = 2**17
-"""Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
-READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
-
-
 class Undecodable(Exception):
     """A message does not match its schema."""
 
@@ -173,10 +171,6 @@ class _Decoder(NamedTuple):
     decode: Callable[[bytes], Any]
     work: DecodingWork = DecodingWork()
     is_known: bool = False
-
-
-_Definition = tuple[str, str, str, bytes]
-"""Encoding, type, encoding of the schema, and schema."""
 
 
 class _Reading(NamedTuple):
@@ -390,9 +384,6 @@ def _cdr(definition: Definition) -> _Decoder | None:
     known = known_definition(definition.type)
     is_known = known is not None and known.fields == definition.fields
     return None if decode is None else _Decoder(decode, work_of(definition), is_known)
-
-
-Decoder = Callable[[bytes], Any]
 
 
 def cdr_decoder(definition: Definition) -> Decoder | None:

@@ -41,6 +41,23 @@ _LONGEST_CELL: Final = 64
 """Texts of numbers and times are cut to this length (characters) in long lines."""
 _EMPTY: Final = f",;{BLANKS}"
 COMMENT: Final = "#"
+_RIGID_BODY: Final = "rigid body"
+_BONE: Final = "bone"
+_SECTIONS: Final = ("objects", "segments")
+_OTHER_SECTIONS: Final = ("trajectories", "model outputs", "devices", "joints", "events")
+_ROUNDED_S: Final = 0.00051
+_ORDER: Final = re.compile(r"([xyz]{3})", re.IGNORECASE)
+_ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
+_TUM: Final = (1, 2, 3, 4, 5, 6, 7)
+_MARKS: Final = (";", "\t", ",")
+"""Separators of values; a comma may also be the decimal point."""
+_SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
+_QUALISYS: Final = "NO_OF_FRAMES"
+_MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
+"""How Qualisys writes the columns of a body."""
+_UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS})
+_POSE: Final = 7
+_NANOSECONDS: Final = 10
 
 
 def head_of(path: str, begin: bytes) -> list[str]:
@@ -142,15 +159,6 @@ def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
         return len(last) < len(before)
     is_value_lost = not last[-1] and any(last[-2:-1])  # more than one is missing of a body that is hidden
     return are_numbers(before[-1:]) and (is_value_lost or (bool(last[-1]) and not are_numbers(last[-1:])))
-
-
-_RIGID_BODY: Final = "rigid body"
-_BONE: Final = "bone"
-_SECTIONS: Final = ("objects", "segments")
-_OTHER_SECTIONS: Final = ("trajectories", "model outputs", "devices", "joints", "events")
-_ROUNDED_S: Final = 0.00051
-_ORDER: Final = re.compile(r"([xyz]{3})", re.IGNORECASE)
-_ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
 
 
 def is_motive(first: str) -> bool:
@@ -298,18 +306,6 @@ def _cells(lines: Iterable[str], separator: str) -> list[list[str]]:
     """The cells of each line; an empty line has one empty cell."""
     rows = (cells_of(line.replace("\0", ""), separator) or [""] for line in lines)
     return [[cell.strip() for cell in row] for row in rows]
-
-
-_TUM: Final = (1, 2, 3, 4, 5, 6, 7)
-_MARKS: Final = (";", "\t", ",")
-"""Separators of values; a comma may also be the decimal point."""
-_SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
-_QUALISYS: Final = "NO_OF_FRAMES"
-_MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
-"""How Qualisys writes the columns of a body."""
-_UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS})
-_POSE: Final = 7
-_NANOSECONDS: Final = 10
 
 
 def layout_of_text(lines: Sequence[str], reading: TableReading, path: str = "FILE") -> TableLayout:
