@@ -24,6 +24,7 @@ WEB_PORT: Final = 9090
 _PROGRAM: Final = (sys.executable, "-P", "-m", "rerun_cli")
 """Excludes modules in the current folder."""
 WINDOW: Final = ("--hide-welcome-screen",)
+_WITHOUT_SCREEN: Final = "view --web shows it in a browser, view --save FILE.rrd writes a file"
 _START_S: Final = 20.0
 _POLL_S: Final = 0.1
 _END_S: Final = 5.0
@@ -51,6 +52,8 @@ def to_viewer(port: int = PORT) -> Sink:
 
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
         speaks = answers(port)
+        if speaks is None and not _has_screen():
+            raise ViewerError(f"there is no screen for the rerun viewer: {_WITHOUT_SCREEN}")
         if speaks is None:
             start(port, WINDOW)
         elif not speaks:
@@ -58,6 +61,10 @@ def to_viewer(port: int = PORT) -> Sink:
         recording.connect_grpc(address(port), default_blueprint=blueprint)
 
     return connect
+
+
+def _has_screen() -> bool:
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
 def address(port: int) -> str:
@@ -104,9 +111,7 @@ def start(port: int, options: Sequence[str], web_port: int | None = None) -> "su
         give_up = time.monotonic() + _START_S
         while not answers(port) or (web_port is not None and answers(web_port) is None):
             if viewer.poll() is not None or time.monotonic() > give_up:
-                raise ViewerError(
-                    "the rerun viewer did not start: is there a screen? view --save writes a file"
-                )
+                raise ViewerError(f"the rerun viewer did not start: is there a screen? {_WITHOUT_SCREEN}")
             time.sleep(_POLL_S)
     except BaseException:
         end(viewer)
