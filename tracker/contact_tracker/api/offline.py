@@ -2,7 +2,7 @@
 
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from contact_tracker.exports import parquet
     from contact_tracker.exports.figure import Axes, Figure
     from contact_tracker.viewer.notebook import Viewer
+    from contact_tracker.viewer.offline import Shown
 
 Rows = Literal["ticks", "segments"]
 
@@ -166,9 +167,13 @@ class Result:
         """Write a self-contained report; raises as ``to_parquet`` does."""
         self._write(path, overwrite, ".html")
 
+    def to_rrd(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write a file of the rerun viewer, which shows what ``show`` does; raises as ``to_parquet`` does."""
+        self._write(path, overwrite, ".rrd")
+
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the output selected by the suffix of ``path``, like ``segment -o``."""
-        self._write(path, overwrite, *SUFFIXES)
+        """Write the output selected by the suffix of ``path``, like ``segment -o``, or ``.rrd``."""
+        self._write(path, overwrite, *SUFFIXES, ".rrd")
 
     def plot(
         self,
@@ -208,22 +213,27 @@ class Result:
         """
         with extra("notebook", "the viewer in a notebook"):
             from contact_tracker.viewer.notebook import show_in_notebook
-        from contact_tracker.viewer.offline import Shown
 
         sizes = (("width", width), ("height", height))
         width, height = (
             int(number_from(pixels, name, "of pixels", lambda count: count >= 1.0)) for name, pixels in sizes
         )
 
+        return show_in_notebook(self._shown, width, height)
+
+    @property
+    def _shown(self) -> "Shown":
+        """What the rerun viewer shows."""
+        from contact_tracker.viewer.offline import Shown
+
         def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
             deque(poses, maxlen=0)
             yield self.segmentation
 
         trajectory = self.trajectory
-        shown = Shown(
+        return Shown(
             trajectory.poses, found, None, trajectory.vertices_m, True, trajectory.name, parts=self.parts
         )
-        return show_in_notebook(shown, width, height)
 
     def __str__(self) -> str:
         banner = (f"warning: {printable(text)}" for text in self.warnings)
@@ -266,6 +276,11 @@ class Result:
             raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
         log = trajectory.path if trajectory.path is not None and os.path.exists(trajectory.path) else None
         check = check_output(path, overwrite, () if log is None else parts_of(log), "overwrite=True")
+        if path.suffix.lower() == ".rrd":
+            from contact_tracker.viewer.offline import write_rrd
+
+            write_rrd(path, self._shown, check)
+            return
         require_library(path)
         if format_of(path).rows != "whole":
             write_pieces([self.segmentation], path, lambda: self._origin_ns, check)
@@ -297,6 +312,7 @@ def segment(
     mass_kg: float | None = None,
     accuracy: Deviations = None,
     states: Iterable[str] | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -313,6 +329,7 @@ def segment(
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
         ``noise``. They do not show in the poses, and increase the deviations of elements.
     states : the contacts that can occur, such as ``["f-f", "e-f"]`` (default: all); free motion always can.
+    progress : called with the number of poses that are done.
 
     Raises
     ------
@@ -343,7 +360,7 @@ def segment(
             log_text(used.text)
     frame_moves = poses.source is not None and poses.source.frame_moves
     tracker = OfflineTracker(given, known_map, wrenches=evidence, frame_moves=frame_moves)
-    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
+    found = Segmentation.join(list(tracker.pieces(poses, progress, Detail.WEIGHTS)))
     world = tracker.map
     learned = None if world is None else world.learned
     touched = Map(learned) if learned else None

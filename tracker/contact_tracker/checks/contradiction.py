@@ -92,7 +92,8 @@ class Contradiction(Check):
     is_found: bool = False
 
     def is_likely(self, stream: Stream) -> bool:
-        return self.is_found or (not self.is_settled and self.lead > DOUBTED_NATS)
+        doubted = DOUBTED_NATS if stream.map else WRONG_NATS
+        return self.is_found or (not self.is_settled and self.lead > doubted)
 
     def update(self, poses: Poses, stream: Stream) -> "Contradiction":
         """Updated by poses. Without named elements, where all states can occur, nothing is compared.
@@ -126,14 +127,17 @@ class Contradiction(Check):
                 lead += difference - before
                 lost = max(lost + difference - before, 0.0)
             may_be_found = stream.is_chosen or not stream.inspection.filtered
-            is_found = may_be_found and (is_found or _refutes(lead, lost))
+            is_found = may_be_found and (is_found or _refutes(lead, lost, stream.map))
             if stream.is_chosen and (is_found or other.moved_s > LONGEST_S):
                 return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
         return Contradiction(first, second, lead, lost, is_found=is_found)
 
     def finish(self) -> "Contradiction":
         """At the end of the stream, whose noise may not have been chosen: labels were in doubt then."""
-        return replace(self, is_found=self.is_found or _refutes(self.lead, self.lost))
+        if self.with_map is None:
+            return self
+        known_map = self.with_map.filter.state.known_map
+        return replace(self, is_found=self.is_found or _refutes(self.lead, self.lost, known_map))
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         if not self.is_found or has_doubts(earlier, "impacts", "knowledge"):
@@ -153,8 +157,9 @@ class Contradiction(Check):
         return [Finding("knowledge", text, True)]
 
 
-def _refutes(lead: float, lost: float) -> bool:
-    return lead > WRONG_NATS or lost > LOST_NATS
+def _refutes(lead: float, lost: float, known_map: Map) -> bool:
+    """Of right states alone the lead was up to 8 nats in everyday handling."""
+    return (bool(known_map) and lead > WRONG_NATS) or lost > LOST_NATS
 
 
 def _is_undecided(with_map: Belief, without_map: Belief) -> bool:
