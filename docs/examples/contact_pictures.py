@@ -1,4 +1,4 @@
-"""Draws the pictures of the six contacts, ``docs/images/contact_*.png``.
+"""Draws the pictures of the six contacts, ``docs/images/contact_*.png``, and one of all, ``contacts.png``.
 
 python docs/examples/contact_pictures.py
 """
@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.image import imread, imsave
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ def draw_contact(contact: Contact) -> Figure:
     draw_feature(axes, of_scene.points, SURROUNDINGS, contact.value[2])
     draw_body(axes, placed, "#f2c14e", 0.3)
     draw_feature(axes, of_object.points @ rotation.T + shift, OBJECT, contact.value[0])
-    show_scene(axes, np.array([0.0, 0.0, 0.05]), 0.24, 18.0, -62.0)
+    show_scene(axes, np.array([0.0, 0.0, 0.05]), 0.28, 18.0, -62.0)
     figure.text(0.03, 0.06, "object", color=OBJECT, weight="bold")
     figure.text(0.03, 0.01, "surroundings", color=SURROUNDINGS, weight="bold")
     figure.suptitle(f"{contact.value}", weight="bold")
@@ -112,6 +113,8 @@ def main() -> None:
     matplotlib.use("agg")
     for contact in CONTACTS:
         draw_contact(contact).savefig(path_of(contact), dpi=110)
+    pictures = [imread(path_of(contact)) for contact in CONTACTS]
+    imsave(FOLDER / "contacts.png", np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])]))
 
 
 if __name__ == "__main__":

@@ -65,6 +65,15 @@ def test_progress_has_a_total_where_it_is_known() -> None:
     assert "poses" not in shown_on_a_terminal("segment", recording, "--duration", "4", "-q")
 
 
+@pytest.mark.parametrize("more", [(), ("--wide",)])
+def test_rows_are_as_wide_as_the_terminal(more: tuple[str, ...]) -> None:
+    words = "segment", ROOT / "recordings" / "robot_1khz.mcap", "--duration", "3", *more
+    shown = re.sub(r"\x1b\[[\d;]*[A-Za-z]", "", shown_on_a_terminal(*words))
+    rows = re.findall(r"[^\r\n]+ (?:normal|along) [^\r\n]+", shown)
+    assert rows
+    assert (max(map(len, rows)) > 100) == bool(more)
+
+
 def test_quiet_prints_no_messages_and_verbose_prints_the_settings(log: Path) -> None:
     usual, quiet, verbose = (run("segment", log, *more) for more in ((), ("-q",), ("-v",)))
     assert usual.stdout == quiet.stdout == verbose.stdout

@@ -351,14 +351,27 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     pyplot.close("all")
 
 
+def test_a_users_labels_are_shown_above_those_that_are_found(
+    result: contact_tracker.Result, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib").use("Agg")
+    labels = tmp_path / "labels.csv"
+    labels.write_text(f"start,end,contact\n0,{result.trajectory.duration_s:.2f},touch\n")
+    *_, axes = result.plot(labels=labels, meanings={"touch": "any"}).axes
+    assert {"truth", "touch"} <= {text.get_text() for text in axes.texts}
+
+
 def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Poses, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     few = poses[:400]
     stamps_s = (few.stamp_ns - few.stamp_ns[0]) * 1e-9
     trajectory = Trajectory.from_arrays(stamps_s, few.position_m, few.quat_xyzw)
-    result = contact_tracker.segment(trajectory)
-    for suffix in ("mcap", "html", "parquet", "srt"):
+    done = list[int]()
+    result = contact_tracker.segment(trajectory, progress=done.append)
+    assert (done, done[-1]) == (sorted(done), len(few))
+    for suffix in ("mcap", "html", "parquet", "srt", "rrd"):
         result.save(tmp_path / f"OUT.{suffix.upper()}")
+    assert (tmp_path / "OUT.RRD").read_bytes()[:3] == b"RRF"
     with (tmp_path / "OUT.MCAP").open("rb") as file:
         topics = {channel.topic for channel in reader.make_reader(file).get_summary().channels.values()}
     assert topics == {"/contact/belief", "/contact/frames", "/contact/scene"}

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, seen, unshared
 
 import contact_tracker as ct
+from contact_tracker.adaptation.report import map_use
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.map.elements import MapElement
@@ -70,6 +71,7 @@ def test_what_is_known_is_touched_again_and_another_world_is_noticed() -> None:
     same = same.insert(seen(Contact.VF, (CORNER, TABLE), 0, rng=rng))
     assert set(same.pairs[0]) <= set(learned.elements)
     assert not same.prior_is_dropped
+    assert map_use(same) == "the learned map is used: 1 of 1 sure contacts touch its elements"
     often = replace(learned, counts={key: 10 * count for key, count in learned.counts.items()})
     other = GrowingMap(REACH_M).with_prior(often).at_origins(Origins(ORIGIN_M, np.zeros(3)))
     turn = Rotation.from_rotvec([0.7, 0.3, 0.0])
@@ -79,6 +81,7 @@ def test_what_is_known_is_touched_again_and_another_world_is_noticed() -> None:
         other = other.insert(seen(Contact.VF, (moved, wall), 100 * number, rng=rng))
     assert other.prior_is_dropped
     assert not other.prior
+    assert not map_use(other)
 
 
 @pytest.mark.parametrize(

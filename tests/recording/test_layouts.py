@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from contact_tracker.recording import list_sources
 from contact_tracker.recording.bytestream import WorkBudget
-from contact_tracker.recording.decoding import POSE_TYPES, MessageDecoder
+from contact_tracker.recording.decoding import MessageDecoder
 from contact_tracker.recording.items import Channel, RawMessage
+from contact_tracker.recording.pose_fields import POSE_TYPES
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import ChannelFilter
 from mcap_logs import SCHEMAS

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from contact_tracker.errors import AmbiguousSource, ChoiceError, MissingExtra
+from contact_tracker.config.table_reading import TableReading
+from contact_tracker.errors import AmbiguousSource, ChoiceError, MissingExtra, NoPoses
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import list_sources, open_log, summarise
 from mcap_logs import (
@@ -31,7 +32,7 @@ OTHER = smooth_poses(COUNT, seed=5)
 FIRST = next(iter(POSES))
 
 
-def assert_read(path: Path, expected: Poses = POSES, **which: str) -> None:
+def assert_read(path: Path, expected: Poses = POSES, **which: Any) -> None:
     """The log has these poses, one by one and in columns; positions to the digits of JSON and text."""
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
         found = collect(open_log(str(path), **which))
@@ -55,6 +56,13 @@ NAMED_POSE = (
 BODY = f"{RULE}MSG: mocap4r2_msgs/RigidBody\nstring rigid_body_name\ngeometry_msgs/Pose pose\n"
 MARKER = "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n"
 HEAD = "std_msgs/Header header\n"
+DETECTION = (
+    f"{RULE}MSG: vision_msgs/Detection3D\nvision_msgs/ObjectHypothesisWithPose[] results\nstring id\n"
+    f"{RULE}MSG: vision_msgs/ObjectHypothesisWithPose\nvision_msgs/ObjectHypothesis hypothesis\n"
+    "geometry_msgs/PoseWithCovariance pose\n"
+    f"{RULE}MSG: vision_msgs/ObjectHypothesis\nstring class_id\nfloat64 score\n"
+    f"{RULE}MSG: geometry_msgs/PoseWithCovariance\ngeometry_msgs/Pose pose\nfloat64[36] covariance\n"
+)
 ARRAYS: dict[str, tuple[str, Callable[[Pose, Pose], Any], tuple[str, str]]] = {
     "geometry_msgs/msg/PoseArray": (
         f"{HEAD}geometry_msgs/Pose[] poses\n{RULE}{PARTS}",
@@ -80,6 +88,18 @@ ARRAYS: dict[str, tuple[str, Callable[[Pose, Pose], Any], tuple[str, str]]] = {
             ],
         },
         ("1", "2"),
+    ),
+    "vision_msgs/msg/Detection3DArray": (
+        f"{HEAD}vision_msgs/Detection3D[] detections\n{DETECTION}{RULE}{PARTS}",
+        lambda a, b: {
+            "header": header(a.stamp_ns),
+            "detections": [
+                {"id": "7", "results": [{"hypothesis": {"class_id": "mug"}, "pose": {"pose": named(a)}}]},
+                {"id": "", "results": [{"hypothesis": {"class_id": "nut"}, "pose": {"pose": named(b)}}]},
+                {"id": "9", "results": []},
+            ],
+        },
+        ("mug/7", "nut"),
     ),
     "visualization_msgs/msg/MarkerArray": (
         f"visualization_msgs/Marker[] markers\n{RULE}MSG: visualization_msgs/Marker\n{MARKER}{RULE}{PARTS}",
@@ -116,6 +136,54 @@ def test_each_pose_of_an_array_is_a_source(tmp_path: Path, kind: str) -> None:
     assert_read(path, POSES, frame=names[0])
     assert_read(path, OTHER, frame=f"world->{names[1]}")
     assert [source.source.child_frame_id for source in summarise(str(path)).sources] == list(names)
+
+
+WRAPPED = (
+    f"string name\ngeometry_msgs/PoseStamped pose\n{RULE}MSG: geometry_msgs/PoseStamped\n"
+    f"{HEAD}geometry_msgs/Pose pose\n{RULE}{PARTS}"
+)
+
+
+def wrapped(path: Path) -> Path:
+    rows = [
+        (p.stamp_ns, {"name": "cup", "pose": {"header": header(p.stamp_ns), "pose": named(p)}}) for p in POSES
+    ]
+    return write_ros2(path, [("/object", "lab_msgs/msg/Tracked", WRAPPED, rows)])
+
+
+@pytest.mark.parametrize("field", ["pose", "pose.pose"])
+def test_poses_in_a_field_of_messages_of_another_type(tmp_path: Path, field: str) -> None:
+    path = wrapped(tmp_path / "a.mcap")
+    reading = TableReading(field=field)
+    assert_read(path, POSES, table=reading)
+    (source,) = (one.source for one in summarise(str(path), reading).sources)
+    assert (source.frame_id, source.child_frame_id) == ("world", "cup")
+    with pytest.raises(ChoiceError, match="no table"):
+        open_log(str(path), table=TableReading(field=field, unit="mm"))
+
+
+@pytest.mark.parametrize("field", [None, "poze"])
+def test_the_command_for_a_field_with_poses_is_named(tmp_path: Path, field: str | None) -> None:
+    path = wrapped(tmp_path / "a.mcap")
+    with pytest.raises(NoPoses, match=r"segment \S+a\.mcap --topic /object --field pose\.pose$"):
+        open_log(str(path), table=TableReading(field=field))
+
+
+def test_one_element_of_a_list_in_json(tmp_path: Path) -> None:
+    rows = [
+        (a.stamp_ns, json.dumps({"seen": [{"at": named(b)}, {"at": named(a)}]}).encode())
+        for a, b in zip(POSES, OTHER, strict=True)
+    ]
+    path = write_raw(tmp_path / "a.mcap", "Seen", "json", "jsonschema", b"{}", rows)
+    assert_read(path, POSES, table=TableReading(field="seen[1].at"))
+    assert_read(path, OTHER, frame="0", table=TableReading(field="seen.at"))
+
+
+def test_names_of_gazebo_are_beside_the_poses(tmp_path: Path) -> None:
+    text = f"string[] name\ngeometry_msgs/Pose[] pose\n{RULE}{PARTS}"
+    rows = [(p.stamp_ns, {"name": ["floor", "cup"], "pose": [named(FIRST), named(p)]}) for p in POSES]
+    path = write_ros2(tmp_path / "a.mcap", [("/states", "gazebo_msgs/msg/ModelStates", text, rows)])
+    assert_read(path, POSES, frame="cup")
 
 
 def test_one_marker_is_a_source(tmp_path: Path) -> None:

@@ -252,7 +252,7 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
         (
             "a.mat",
             lambda path: savemat(path, {"t": T, "p": P}),
-            r"with t \(1, 120\), p \(120, 3\), which is not",
+            r"with t \(1, 120\), p \(120, 3\), which is not read: .*squeeze_me",
         ),
         ("a.pkl", lambda path: path.write_bytes(pickle.dumps({"t": T})), "a pickle, which runs code"),
         ("a.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n\0\0"), r"h5py\.File\('a\.h5'\)"),
@@ -261,6 +261,7 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
             lambda path: feather.write_feather(pyarrow.table({"t": T}), str(path)),
             "feather.read_table",
         ),
+        ("a.c3d", lambda path: path.write_bytes(b"\2P" + bytes(510)), r"ezc3d\.c3d\('a\.c3d'\)"),
         ("a.csv.gz", lambda path: path.write_bytes(b"\x1f\x8b\0"), "it is compressed: gunzip a.csv.gz first"),
     ],
 )

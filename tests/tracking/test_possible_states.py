@@ -20,7 +20,7 @@ def assert_possible(probability: np.ndarray) -> None:
 
 
 def test_others_have_probability_zero_offline() -> None:
-    """The recording begins with f-f."""
+    """The recording begins with f-f, which fits as e-f."""
     result = contact_tracker.segment(
         contact_tracker.Trajectory(recorded(FACE_TO_EDGE).poses[:900]), states=POSSIBLE
     )
@@ -28,6 +28,14 @@ def test_others_have_probability_zero_offline() -> None:
     assert_possible(result.segmentation.filtered.probability)
     assert {one.contact for one in result.segments} <= {*POSSIBLE, Contact.FREE}
     assert {other for one in result.segments for other in one.inseparable} <= {*POSSIBLE, Contact.FREE}
+
+
+def test_a_contact_that_is_left_out_is_noticed_and_no_label_is_sure() -> None:
+    trajectory = contact_tracker.Trajectory(recorded(FACE_TO_EDGE).poses)
+    with pytest.warns(contact_tracker.ContactTrackerWarning, match="--states without e-f, f-e, v-f"):
+        result = contact_tracker.segment(trajectory, states=["f-f"])
+    assert max(one.probability for one in result.segments) < 0.8
+    assert not contact_tracker.segment(trajectory, states=["f-f", "e-f"]).warnings
 
 
 def test_others_have_probability_zero_online_also_after_a_restore(tmp_path: Path) -> None:

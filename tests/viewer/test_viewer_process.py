@@ -52,6 +52,21 @@ def stand_in(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None
     monkeypatch.setenv("RERUN_CLI_PATH", str(path))
 
 
+@pytest.fixture(autouse=True)
+def screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+
+
+def test_without_a_screen_other_ways_are_named_at_once(
+    monkeypatch: pytest.MonkeyPatch, free_port: int
+) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(ViewerError, match=r"no screen.*--web.*--save"):
+        LiveViewer(sink=to_viewer(free_port))
+
+
 @pytest.fixture
 def windowless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_home: Path) -> Iterator[None]:
     """The real viewer without a window."""

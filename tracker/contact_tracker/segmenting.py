@@ -10,7 +10,7 @@ import numpy as np
 
 from contact_tracker.adaptation.candidates import period_for_all_s
 from contact_tracker.adaptation.mixture import mixed_with_uniform
-from contact_tracker.adaptation.report import Report, map_findings
+from contact_tracker.adaptation.report import Report, map_findings, map_use
 from contact_tracker.checks.face_names import FaceNameDelay
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Array
@@ -102,7 +102,11 @@ class OfflineTracker:
         if found is None or self._record is None or self._record.state is None:
             return found
         others = (one for one in found.findings if one.kind != "map")
-        return found._replace(findings=(*others, *map_findings(self._record.state.map)))
+        world = self._record.state.map
+        findings = (*others, *map_findings(world))
+        return found._replace(
+            findings=findings, map_use=map_use((self.map if world.prior else None) or world)
+        )
 
     @property
     def _model(self) -> Model:

@@ -6,7 +6,7 @@ from typing import Final, Self
 
 from contact_tracker.adaptation.filter_bank import FilterBank
 from contact_tracker.adaptation.mixture import mixed_with_uniform
-from contact_tracker.adaptation.report import Report, map_findings, report_of
+from contact_tracker.adaptation.report import Report, map_findings, map_use, report_of
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import OF_POSES, Checks
 from contact_tracker.checks.contradiction import Contradiction
@@ -238,4 +238,7 @@ class Tracker:
             return None
         found = *self.checks.findings(self.stream, is_end=True), *map_findings(best.map)
         frames = filters.filters[0].state.sliding_window.frames  # others may wait
-        return report_of(filters.model, best.model, self.is_decided, filters.grid.stream.noise, frames, found)
+        report = report_of(
+            filters.model, best.model, self.is_decided, filters.grid.stream.noise, frames, found
+        )
+        return report._replace(map_use=map_use(best.map))

@@ -18,7 +18,7 @@ class Report(NamedTuple):
     """The requested ``model`` and the one ``chosen``, whether the choice ``is_decided``; standard deviations
     (m, rad) of the ``noise`` of a pose, as estimated or given, of a ``tick``, with usually
     ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``. ``is_cut_short``:
-    more of the stream could decide what is not decided."""
+    more of the stream could decide what is not decided. ``map_use``: how a learned map is used, in words."""
 
     model: Model
     chosen: Model
@@ -29,6 +29,15 @@ class Report(NamedTuple):
     poses_per_tick: float
     findings: tuple[Finding, ...]
     is_cut_short: bool = False
+    map_use: str = ""
+
+
+def map_use(world: GrowingMap) -> str:
+    """How many contacts touch elements of the map of another recording, in words; empty without one."""
+    if not world.prior:
+        return ""
+    used = sum(any(key in world.prior.elements for key in pair) for pair in world.pairs.values())
+    return f"the learned map is used: {used} of {len(world.pairs)} sure contacts touch its elements"
 
 
 def map_findings(world: GrowingMap) -> tuple[Finding, ...]:

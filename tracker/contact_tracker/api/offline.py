@@ -2,7 +2,7 @@
 
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,7 +48,7 @@ from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
-from contact_tracker.recording import WrenchLog, parts_of, read_truth, read_wrenches
+from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_truth, read_wrenches
 from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail, Segment
@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from contact_tracker.exports import parquet
     from contact_tracker.exports.figure import Axes, Figure
     from contact_tracker.viewer.notebook import Viewer
+    from contact_tracker.viewer.offline import Shown
 
 Rows = Literal["ticks", "segments"]
 
@@ -164,20 +165,35 @@ class Result:
         """Write a self-contained report; raises as ``to_parquet`` does."""
         self._write(path, overwrite, ".html")
 
-    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the output selected by the suffix of ``path``, like ``segment -o``."""
-        self._write(path, overwrite, *SUFFIXES)
+    def to_rrd(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write a file of the rerun viewer, which shows what ``show`` does; raises as ``to_parquet`` does."""
+        self._write(path, overwrite, ".rrd")
 
-    def plot(self, ax: "Axes | None" = None, curves: bool = False) -> "Figure":
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the output selected by the suffix of ``path``, like ``segment -o``, or ``.rrd``."""
+        self._write(path, overwrite, *SUFFIXES, ".rrd")
+
+    def plot(
+        self,
+        ax: "Axes | None" = None,
+        curves: bool = False,
+        labels: str | os.PathLike[str] | None = None,
+        meanings: Mapping[str, str] | None = None,
+    ) -> "Figure":
         """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given, else with what is
         known of the object and its surroundings below them.
 
         ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
+        Your own ``labels`` (and their ``meanings``, as of ``evaluate``) are drawn instead of the truth in the
+        recording.
         """
         from contact_tracker.exports.figure import Figure, draw_figure, draw_on
 
+        truth, stamps = self._truth, self.trajectory.stamp_ns
+        if labels is not None:
+            truth, _ = read_labels(path_from(labels, "labels"), int(stamps[0]), int(stamps[-1]), meanings)
         if ax is not None:
-            draw_on(ax, self.segmentation, self._origin_ns, self._truth)
+            draw_on(ax, self.segmentation, self._origin_ns, truth)
             figure = ax.get_figure(root=True)
             assert isinstance(figure, Figure)
             return figure
@@ -186,7 +202,7 @@ class Result:
             from contact_tracker.paper import window_curves
 
             found = window_curves.curves(self.trajectory.poses)
-        return draw_figure(self.segmentation, self._origin_ns, found, self.parts, self._truth)
+        return draw_figure(self.segmentation, self._origin_ns, found, self.parts, truth)
 
     def show(self, width: int = 1280, height: int = 720) -> "Viewer":
         """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.
@@ -195,22 +211,27 @@ class Result:
         """
         with extra("notebook", "the viewer in a notebook"):
             from contact_tracker.viewer.notebook import show_in_notebook
-        from contact_tracker.viewer.offline import Shown
 
         sizes = (("width", width), ("height", height))
         width, height = (
             int(number_from(pixels, name, "of pixels", lambda count: count >= 1.0)) for name, pixels in sizes
         )
 
+        return show_in_notebook(self._shown, width, height)
+
+    @property
+    def _shown(self) -> "Shown":
+        """What the rerun viewer shows."""
+        from contact_tracker.viewer.offline import Shown
+
         def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
             deque(poses, maxlen=0)
             yield self.segmentation
 
         trajectory = self.trajectory
-        shown = Shown(
+        return Shown(
             trajectory.poses, found, None, trajectory.vertices_m, True, trajectory.name, parts=self.parts
         )
-        return show_in_notebook(shown, width, height)
 
     def __str__(self) -> str:
         banner = (f"warning: {printable(text)}" for text in self.warnings)
@@ -253,6 +274,11 @@ class Result:
             raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
         log = trajectory.path if trajectory.path is not None and os.path.exists(trajectory.path) else None
         check = check_output(path, overwrite, () if log is None else parts_of(log), "overwrite=True")
+        if path.suffix.lower() == ".rrd":
+            from contact_tracker.viewer.offline import write_rrd
+
+            write_rrd(path, self._shown, check)
+            return
         require_library(path)
         if format_of(path).rows != "whole":
             write_pieces([self.segmentation], path, lambda: self._origin_ns, check)
@@ -286,6 +312,7 @@ def segment(
     mass_kg: float | None = None,
     accuracy: Deviations = None,
     states: Iterable[str] | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -302,6 +329,7 @@ def segment(
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
         ``noise``. They do not show in the poses, and increase the deviations of elements.
     states : the contacts that can occur, such as ``["f-f", "e-f"]`` (default: all); free motion always can.
+    progress : called with the number of poses that are done.
 
     Raises
     ------
@@ -331,7 +359,7 @@ def segment(
         if not used.is_warning:
             log_text(used.text)
     tracker = OfflineTracker(given, known_map, wrenches=evidence, read_as=poses.read_as)
-    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
+    found = Segmentation.join(list(tracker.pieces(poses, progress, Detail.WEIGHTS)))
     world = tracker.map
     learned = None if world is None else world.learned
     touched = Map(learned) if learned else None

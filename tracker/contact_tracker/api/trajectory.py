@@ -248,6 +248,7 @@ def read(
     rotation_vector: bool = False,
     matrix: str | None = None,
     columns: Mapping[str, str] | None = None,
+    field: str | None = None,
 ) -> Trajectory:
     """The poses of a recording.
 
@@ -265,6 +266,7 @@ def read(
     rotation_vector : rotations in a table are rotation vectors.
     matrix : rotations in a table are matrices numbered along ``rows`` or ``columns``.
     columns : names of columns by role, as ``{"time": "t", "position": "tcp[0:3]"}`` (docs/formats.md).
+    field : path to the poses in messages of other types, as ``tracked.pose`` (docs/formats.md).
 
     Raises
     ------
@@ -288,7 +290,7 @@ def read(
     if parent is not None and child is None:
         raise UsageError("parent needs child, the frame of the body")
     kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix}
-    reading = stated(unit, time_unit, columns=columns, **kind)
+    reading = stated(unit, time_unit, columns=columns, field=field, **kind)
     frame = child if parent is None else f"{parent}->{child}"
     if text == "-":
         raise UsageError("a recording is read from a file, not from standard input")

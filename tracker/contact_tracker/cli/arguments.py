@@ -23,6 +23,7 @@ from contact_tracker.states import states_from
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
+    from contact_tracker.ground_truth import Truth
     from contact_tracker.map.map import Map
     from contact_tracker.map.world_map import GrowingMap
     from contact_tracker.recording import PoseLog
@@ -40,8 +41,16 @@ def add_source(
     topic: str = "take the poses of this topic: TOPIC or TOPIC:TYPE",
     frame: str = "take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
 ) -> None:
-    """``--topic``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
+    """``--topic``, ``--field``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
     parser.add_argument("--topic", help=topic)
+    parser.add_argument(
+        "--field",
+        action=_Stated,
+        dest="table",
+        default=AS_NAMED,
+        metavar="PATH.TO.POSE",
+        help="take the poses in this field of messages: tracked.pose, results[0].pose, or . for the message",
+    )
     parser.add_argument("--frame", help=frame)
     parser.add_argument(
         "--relative-to",
@@ -88,6 +97,32 @@ def _add_table_reading(parser: argparse.ArgumentParser) -> None:
         "names of columns: x, qx, rx (angles), or groups of numbered ones: position=p[0:3],quaternion=p[3:7]",
         "time=NAME,...",
     )
+
+
+def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
+    """``--labels`` and ``--map``."""
+    parser.add_argument(
+        "--labels",
+        metavar="FILE",
+        help=f"{text}: start, end and contact, in s since the first pose or as stamps",
+    )
+    parser.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        metavar="LABEL=STATES",
+        help="what a label means: touch=any, flat='f-f|e-f', or ? for what is not scored",
+    )
+
+
+def load_labels(args: argparse.Namespace, first_ns: int, last_ns: int) -> "Truth":
+    """The labels of ``--labels``, of poses between two stamps; raises NoTruth or ChoiceError."""
+    from contact_tracker.recording import read_labels
+    from contact_tracker.recording.labels import meanings_of
+
+    truth, text = read_labels(args.labels, first_ns, last_ns, meanings_of(args.map))
+    say(text)
+    return truth
 
 
 def add_interval(parser: argparse.ArgumentParser) -> None:

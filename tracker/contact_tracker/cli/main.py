@@ -139,6 +139,8 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _add_verbosity(parser: argparse.ArgumentParser) -> None:
+    text = "whole rows, on a terminal that is narrower as well"
+    parser.add_argument("--wide", action="store_true", help=text)
     group = parser.add_mutually_exclusive_group()
     group.add_argument(
         "-q",
@@ -193,7 +195,7 @@ def _run(argv: Sequence[str] | None) -> int:
                 f"unrecognized arguments: {' '.join(unknown)}{option_suggestion(unknown, *args.parsers)} "
                 f"(see contact-tracker {args.command} --help)"
             )
-        set_verbosity(args.verbosity)
+        set_verbosity(args.verbosity, args.wide)
         code: int = args.run(args)
         return code
     except SystemExit as leave:  # argparse after --help or --version; a signal

@@ -15,7 +15,7 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.errors import ChoiceError, NoPoses, UsageError
 from contact_tracker.exit_codes import DONE
-from contact_tracker.exports.formats import SUFFIXES, format_of, require_library
+from contact_tracker.exports.formats import FIGURES, SUFFIXES, format_of, require_library
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
@@ -132,6 +132,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout (the "
         f"default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
     )
+    arguments.add_labels(parser, "your own labels of LOG, shown in a figure above those that are found")
     arguments.add_map_out(parser)
     several = "processes that fit segments in parallel; helps with recordings of many minutes (default: 1)"
     arguments.add_processes(parser, 64, 1, several)
@@ -141,6 +142,11 @@ def run(args: argparse.Namespace) -> int:
     jobs = list_jobs(args)
     if args.output is not None:
         require_library(args.output)
+    is_figure = args.output is not None and args.output.suffix.lower() in FIGURES
+    if (args.labels is not None or args.map) and not (args.labels and is_figure and len(jobs) == 1):
+        raise UsageError(
+            "--labels FILE is of use with one LOG and -o FILE.png, .pdf or .svg; evaluate compares"
+        )
     if args.map_out is not None and len(jobs) > 1:
         raise UsageError("--map-out is of one recording: go from one to the next with --known and --map-out")
     notes = list[str]()
@@ -239,4 +245,8 @@ def _write(
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
     outcome = source.outcome(Poses.join(kept), found, tracker, known_map, notes)
+    if args.labels is not None:
+        last_ns = int(outcome.poses.stamp_ns[-1])
+        labels = arguments.load_labels(args, source.origin_ns, last_ns)
+        outcome = replace(outcome, truth=lambda: labels)
     write_outcome(outcome, args.output, check)

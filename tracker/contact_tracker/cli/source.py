@@ -201,6 +201,8 @@ class Source:
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if adapted is not None:
             say(noise_text(adapted))
+        if adapted is not None and adapted.map_use:
+            say(adapted.map_use)
         self.warn_of_news(adapted)
         for line in self._log.remarks:
             warn(f"{self._name}: {line}")

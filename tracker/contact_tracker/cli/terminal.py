@@ -6,6 +6,7 @@ Data go to stdout, messages to stderr; progress and status only to a terminal.
 import logging
 import os
 import re
+import shutil
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -20,6 +21,10 @@ _YELLOW: Final = "33"
 _RED: Final = "31"
 
 
+_ROW: Final = re.compile(r"\s*[\d.]+\s+(?:[\d.]+\s+)?(?:[-+=] )?[a-z]|\s+(?:start|time) s ")
+"""A line of a table of contacts, or its header."""
+_DEVIATION: Final = re.compile(r" \+/- [\d.]+ \w+")
+_CUT: Final = "..."
 _LABELLED: Final = re.compile(rf"(\s*[\d.]+\s+(?:[\d.]+\s+)?)([+-] )?({'|'.join(STATES)})(?=\s|$)")
 """A line of data with a label after one or two times."""
 
@@ -27,7 +32,19 @@ _LABELLED: Final = re.compile(rf"(\s*[\d.]+\s+(?:[\d.]+\s+)?)([+-] )?({'|'.join(
 def show(text: str) -> None:
     """Print lines of data."""
     for line in text.split("\n"):
-        print(_with_coloured_label(printable(line)))
+        print(_with_coloured_label(_fitted(printable(line))))
+
+
+def _fitted(line: str) -> str:
+    """A row as wide as the terminal, without deviations and the end of its elements if need be; what else the
+    motion fits is kept."""
+    width = shutil.get_terminal_size().columns
+    if _is_wide or len(line) <= width or not sys.stdout.isatty() or not _ROW.match(line):
+        return line
+    line = _DEVIATION.sub("", line)
+    where, semicolon, others = line.partition("; or ")
+    room = max(width - len(semicolon + others) - len(_CUT), 0)
+    return line if len(line) <= width else f"{where[:room]}{_CUT}{semicolon}{others}"
 
 
 def _with_coloured_label(line: str) -> str:
@@ -49,12 +66,13 @@ class Verbosity(IntEnum):
 
 
 _verbosity = Verbosity.USUAL
+_is_wide = False
 
 
-def set_verbosity(verbosity: Verbosity) -> None:
-    """Set the verbosity of all messages."""
-    global _verbosity
-    _verbosity = verbosity
+def set_verbosity(verbosity: Verbosity, is_wide: bool = False) -> None:
+    """Set the verbosity of all messages, and whether rows may be wider than the terminal."""
+    global _verbosity, _is_wide
+    _verbosity, _is_wide = verbosity, is_wide
 
 
 def say(message: str) -> None:
@@ -139,7 +157,7 @@ class StatusLine:
     def print(self, line: str) -> None:
         """Write a line of data to stdout at once, above the status."""
         with self._bar.external_write_mode(sys.stdout):
-            print(_with_coloured_label(printable(line)), flush=True)
+            print(_with_coloured_label(_fitted(printable(line))), flush=True)
 
 
 def _bar(**options: Any) -> Any:

@@ -1,4 +1,4 @@
-"""How the columns of a table are read where its names do not say it: what users state of them."""
+"""How poses are read where names and types do not say it: what users state of columns and of fields."""
 
 import re
 import shlex
@@ -26,13 +26,14 @@ TICK: Final = "100ns"
 TIME_UNITS_NS: Final[Mapping[str, int]] = TIMES_NS | {TICK: 100}
 _RATE: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?Hz", re.IGNORECASE)
 _EULER: Final = re.compile(r"([xyz]{3}|[XYZ]{3})(?::(deg|rad))?")
+_FIELD: Final = re.compile(r"\.|[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*")
 NO_TABLE: Final = "it is no table: leave out --unit, --time-unit and what else is said of columns"
 TIME_UNIT_HELP: Final = "s, ms, us, ns, 100ns, or the rate of frame numbers, as 200Hz"
 
 
 @dataclass(frozen=True)
 class TableReading:
-    """What the columns of a table are; None where their names say it.
+    """What the columns of a table are, and where poses are in messages; None where names and types say it.
 
     Parameters
     ----------
@@ -45,6 +46,8 @@ class TableReading:
     matrix : rotations are matrices whose numbered values go along ``rows`` or ``columns``.
     columns : names of columns by role, one of ``ROLES`` or ``GROUPS``; columns without names are
         ``c0``, ``c1``, ... ``state[3:7]`` are values 3 to 6 of a list, or of columns ``state_0``, ...
+    field : path to the poses in messages, as ``tracked.pose`` or ``detections[0].pose``; ``.`` for the
+        message itself. A table has none.
     verb : the command that reads the table, and that is proposed with other options.
 
     Raises
@@ -60,9 +63,15 @@ class TableReading:
     matrix: str | None = None
     columns: tuple[tuple[str, str], ...] = ()
     verb: str = field(default="segment", compare=False)
+    field: str | None = None
 
     def __post_init__(self) -> None:
-        for name, value in (("unit", self.unit), ("time_unit", self.time_unit), ("euler", self.euler)):
+        for name, value in (
+            ("unit", self.unit),
+            ("time_unit", self.time_unit),
+            ("euler", self.euler),
+            ("field", self.field),
+        ):
             if value is not None and not isinstance(value, str):
                 raise ValueError(f"{name} is text, not {value!r}")
         if self.unit is not None and self.unit not in LENGTHS:
@@ -74,6 +83,8 @@ class TableReading:
             raise ValueError(f"euler is three of the letters xyz or XYZ, as in XYZ:deg, not {self.euler!r}")
         if self.matrix not in (None, "rows", "columns"):
             raise ValueError(f"matrix is rows or columns, not {self.matrix!r}")
+        if self.field is not None and not _FIELD.fullmatch(self.field):
+            raise ValueError(f"field is names of fields, as in tracked.pose, not {self.field!r}")
         for role, _ in self.columns:
             if role not in ROLES and role not in GROUPS:
                 raise ValueError(f"a column is {', '.join((*ROLES[:9], *ANGLES, *GROUPS))}, not {role!r}")
@@ -103,6 +114,11 @@ class TableReading:
         return "rotation_vector" if self.rotation_vector else "matrix" if self.matrix is not None else None
 
     @property
+    def is_of_table(self) -> bool:
+        """Whether it says something of the columns of a table."""
+        return self != TableReading(field=self.field)
+
+    @property
     def units(self) -> dict[str, str | None]:
         """The units alone."""
         return {"unit": self.unit, "time_unit": self.time_unit}
@@ -118,14 +134,15 @@ class TableReading:
                 words += [name] if value is True else [name, value]
         return words
 
-    def command(self, path: str) -> str:
-        """A whole command that reads a file in this way; without a path, the call for a table in memory."""
+    def command(self, path: str, *words: str) -> str:
+        """A whole command that reads a file in this way, with other ``words`` first; without a path, the call
+        for a table in memory."""
         if not path:
             given = {option.name: getattr(self, option.name) for option in _options()}
             given["columns"] = dict(self.columns)
-            words = [f"{name}={value!r}" for name, value in given.items() if value]
-            return f"Trajectory.from_dataframe(table, {', '.join(words)})"
-        return shlex.join(["contact-tracker", self.verb, path, *self.words()])
+            stated = [f"{name}={value!r}" for name, value in given.items() if value]
+            return f"Trajectory.from_dataframe(table, {', '.join(stated)})"
+        return shlex.join(["contact-tracker", self.verb, path, *words, *self.words()])
 
     def with_(self, other: "TableReading") -> "TableReading":
         """This reading, with what another one states in addition or instead."""

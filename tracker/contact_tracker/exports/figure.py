@@ -10,6 +10,7 @@ from matplotlib import get_backend, pyplot
 from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure as Figure
 from matplotlib.figure import FigureBase
+from matplotlib.patches import Patch
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
@@ -20,7 +21,7 @@ from contact_tracker.exports.outcome import Outcome
 from contact_tracker.ground_truth import Truth
 from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.paper.window_curves import WindowCurves
-from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.parts import SIDES, Part
 
@@ -32,6 +33,10 @@ _MAP: Final = 4.2
 _DOTS_PER_INCH: Final = 200
 _ROOM: Final = 1.2
 """Width of a span with a name, by that of the name."""
+_SPANS: Final = 4
+"""Most times of touch that are listed of a part."""
+_MOST_LISTED: Final = 8
+"""Most parts of a side whose times of touch are listed."""
 _RIBBON: Final = (1.04, 1.18)
 _TRUTH: Final = (1.22, 1.32)
 """Where the labels are above the probabilities, and the truth above them."""
@@ -55,7 +60,7 @@ def draw_figure(
     over_time: FigureBase = figure
     if parts:
         over_time, below_it = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, _MAP))[:, 0]
-        _draw_parts(below_it, parts)
+        _draw_parts(below_it, parts, origin_ns)
     first, *below = over_time.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     draw_on(first, found, origin_ns, truth)
     for axes in below:
@@ -94,42 +99,45 @@ def draw_on(axes: Axes, found: Segmentation, origin_ns: int, truth: Truth | None
     if truth is not None and len(seconds):
         _draw_truth(axes, truth.between(*found.stamp_ns[[0, -1]].tolist()), origin_ns)
         axes.set_ylim(0.0, _TRUTH[1] + 0.02)
-    axes.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    handles, _ = axes.get_legend_handles_labels()
+    if any(one.inseparable for one in found.segments):
+        handles.append(Patch(facecolor="white", edgecolor="grey", hatch="///", label="open: others fit"))
+    axes.legend(handles=handles, ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 
 def _draw_truth(axes: Axes, truth: Truth, origin_ns: int) -> None:
     low, high = _TRUTH
     for one in truth.intervals:
-        if one.contact is None:
+        name = None if one.coarse is None else one.coarse.name
+        if one.contact is None and name is None:
             continue
         start_s, duration_s = (one.start_ns - origin_ns) * 1e-9, (one.end_ns - one.start_ns) * 1e-9
         axes.broken_barh(
             [(start_s, duration_s)],
             (low, high - low),
-            facecolor=_fraction(COLOUR[one.contact]),
-            linewidth=0.0,
+            facecolor="white" if one.contact is None else _fraction(COLOUR[one.contact]),
+            edgecolor="grey",
+            linewidth=0.5,
         )
-        _name(axes, start_s, duration_s, _TRUTH, one.contact)
+        _name(axes, start_s, duration_s, _TRUTH, name or str(one.contact))
     for name, (low, high) in (("truth", _TRUTH), ("labels", _RIBBON)):
         place = -0.01, 0.5 * (low + high)
         transform = axes.get_yaxis_transform()
         axes.text(*place, name, transform=transform, ha="right", va="center", fontsize=_NAME_SIZE)
 
 
-def _name(
-    axes: Axes, start_s: float, duration_s: float, ribbon: tuple[float, float], contact: Contact
-) -> None:
-    """Write the name of a contact in its span, if it is wide enough."""
+def _name(axes: Axes, start_s: float, duration_s: float, ribbon: tuple[float, float], text: str) -> None:
+    """Write a name in its span, if it is wide enough."""
     first_s, last_s = axes.get_xlim()
     points = 72.0 * axes.get_window_extent().width / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
-    width = TextPath((0.0, 0.0), contact.value, size=_NAME_SIZE).get_extents().width
+    width = TextPath((0.0, 0.0), text, size=_NAME_SIZE).get_extents().width
     if duration_s / (last_s - first_s) * points > _ROOM * width:
         middle = start_s + 0.5 * duration_s, 0.5 * sum(ribbon)
-        axes.text(*middle, contact.value, fontsize=_NAME_SIZE, ha="center", va="center", clip_on=True)
+        axes.text(*middle, text, fontsize=_NAME_SIZE, ha="center", va="center", clip_on=True)
 
 
-def _draw_parts(figure: FigureBase, parts: Sequence[Part]) -> None:
-    """The object in the body frame, beside its surroundings in the world frame."""
+def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> None:
+    """The object in the body frame, its surroundings in the world frame, and when parts were touched."""
     for side, (name, frame) in enumerate(zip(SIDES, ("body", "world"), strict=True)):
         own = [one for one in parts if one.side == side]
         if not own:
@@ -143,6 +151,13 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part]) -> None:
             for strip in part.outline:
                 axes.plot(*strip.T, color=colour, linewidth=1.0)
             axes.text(*part.label_m, part.name, color=colour, fontsize=8, ha="center", va="bottom")
+            if part.touched_ns:
+                spans = [
+                    f"{(a - origin_ns) * 1e-9:.1f} to {(b - origin_ns) * 1e-9:.1f}"
+                    for a, b in part.touched_ns
+                ]
+                shown = ", ".join(spans[:_SPANS]) + (", ..." if len(spans) > _SPANS else "")
+                axes.plot([], [], color=colour, label=f"{part.name}: {shown} s")
         points = np.concatenate([strip for part in own for strip in (*part.outline, part.label_m[None])])
         low, high = points.min(axis=0), points.max(axis=0)
         half = max(0.5 * float((high - low).max()), 1e-3)
@@ -151,6 +166,8 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part]) -> None:
             getattr(axes, f"{axis}axis").set_major_locator(MaxNLocator(3))
         axes.set_box_aspect((1.0, 1.0, 1.0))
         axes.set_title(f"{name} ({frame} frame)", fontsize=10)
+        if 0 < len(axes.get_legend_handles_labels()[0]) <= _MOST_LISTED:
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), frameon=False, fontsize=7)
 
 
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:

@@ -39,13 +39,14 @@ class Format(NamedTuple):
     purpose: str = ""
 
 
+FIGURES: Final = (".png", ".pdf", ".svg")
 FORMATS: Final = {
     ".csv": Format("segments"),
     ".jsonl": Format("ticks"),
     ".parquet": Format("ticks"),
     ".mcap": Format("whole", "foxglove_scene", "write_mcap", "foxglove", "an MCAP file for Foxglove"),
     ".html": Format("whole", "report_html", "write_report", "report", "a report"),
-    **dict.fromkeys((".png", ".pdf", ".svg"), Format("whole", "figure", "write_figure")),
+    **dict.fromkeys(FIGURES, Format("whole", "figure", "write_figure")),
     ".srt": Format("segments"),
 }
 SUFFIXES: Final = tuple(FORMATS)

@@ -3,18 +3,13 @@
 Poses in CDR are read at fixed offsets, several times faster than by field: with constant frame names, the
 messages of a channel differ only in stamps and seven numbers per pose, at offsets that follow from the known
 definition of the type. If a file defines the type differently, its messages are left to the library.
-
-In messages with several poses without frames of their own, the child frame is the name or index of each:
-``0`` is the first pose of a PoseArray. The stamp of a type without one is zero, like an unset stamp.
 """
 
 import json
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr
-from functools import cache
 from io import StringIO
-from operator import attrgetter
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple
 
@@ -36,7 +31,18 @@ from contact_tracker.recording.definitions import (
 )
 from contact_tracker.recording.items import ROWS, Channel, Item, PoseSource, RawMessage, Rows
 from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_zstd
+from contact_tracker.recording.pose_fields import SECOND_NS, pose_field, poses_at
 
+USUAL: Final = (
+    "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
+    "foxglove.PoseInFrame and foxglove.FrameTransform"
+)
+MESSAGE_LIMIT: Final = 2**22
+POSES_PER_RECORD: Final = 4
+"""Number of poses of a known layout that count as the work of one record."""
+_INFLATED_PER_RECORD: Final = 2**17
+"""Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
+READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 _ENCAPSULATION: Final = 4
 _PLAIN: Final = (b"\0\0", b"\0\1")
 """How messages of the first version of CDR begin, in big and little endian."""
@@ -48,7 +54,9 @@ _PER_SIZE: Final = 8
 _MOST: Final = 64
 """Most layouts of one size, and in all: some channels have endlessly many frame names."""
 
-
+Decoder = Callable[[bytes], Any]
+_Definition = tuple[str, str, str, bytes]
+"""Encoding, type, encoding of the schema, and schema."""
 Observation = tuple[PoseSource, Pose]
 """One pose as published, before validation; the child frame is empty where the type has none."""
 LoggedPose = tuple[PoseSource, Pose, int]
@@ -92,7 +100,7 @@ class _Layout(NamedTuple):
         found = list[Observation]()
         for i, source in enumerate(self.sources):
             sec, nanosec, px, py, pz, x, y, z, w = values[9 * i : 9 * i + 9]
-            found.append((source, Pose(sec * _SECOND + nanosec, (px, py, pz), (x, y, z, w))))
+            found.append((source, Pose(sec * SECOND_NS + nanosec, (px, py, pz), (x, y, z, w))))
         return found
 
 
@@ -153,124 +161,6 @@ def _order(data: bytes) -> str:
     return "<" if data[1] & 1 else ">"
 
 
-_SECOND: Final = 1_000_000_000
-_MOST_NS: Final = 2**63 - 1
-"""Stands for later stamps; the pose gate rejects it."""
-_SECONDS: Final = ("sec", "seconds", "secs")
-_FRACTIONS: Final = ("nanosec", "nsec", "nanos", "nsecs")
-_ADDED: Final = 0
-"""The action of a marker that is shown; the others delete it."""
-
-
-class _PoseType(NamedTuple):
-    """Where the poses of a message type are: names of fields, dotted where one is in another.
-
-    Parameters
-    ----------
-    pose : that of position and rotation, whose own names are in ``parts``.
-    child : the child frame, or the name of a marker. Empty for types without child; their poses have a number
-        where there are several.
-    each : several such messages; ``poses``: several poses under one header, of which ``pose`` and ``child``
-        are parts.
-    stamp, parent : the time, and the frame; empty for types without.
-    """
-
-    pose: str = "pose"
-    child: str = ""
-    each: str = ""
-    poses: str = ""
-    stamp: str = "header.stamp"
-    parent: str = "header.frame_id"
-    parts: tuple[str, str] = ("position", "orientation")
-
-
-_MARKER: Final = "marker"
-_STAMPED: Final = _PoseType("transform", "child_frame_id", parts=("translation", "rotation"))
-_IN_FRAME: Final = _PoseType(stamp="timestamp", parent="frame_id")
-_FRAME: Final = _STAMPED._replace(pose="", stamp="timestamp", parent="parent_frame_id")
-_FOXGLOVE: Final = {
-    "PoseInFrame": _IN_FRAME,
-    "PosesInFrame": _IN_FRAME._replace(pose="", poses="poses"),
-    "FrameTransform": _FRAME,
-    "FrameTransforms": _FRAME._replace(each="transforms"),
-}
-POSE_TYPES: Final[Mapping[str, _PoseType]] = MappingProxyType(
-    {
-        "geometry_msgs/msg/PoseStamped": _PoseType(),
-        "geometry_msgs/msg/PoseWithCovarianceStamped": _PoseType("pose.pose"),
-        "geometry_msgs/msg/TransformStamped": _STAMPED,
-        "nav_msgs/msg/Odometry": _PoseType("pose.pose", "child_frame_id"),
-        "tf2_msgs/msg/TFMessage": _STAMPED._replace(each="transforms"),
-        "tf/msg/tfMessage": _STAMPED._replace(each="transforms"),
-        "geometry_msgs/msg/Pose": _PoseType("", stamp="", parent=""),
-        "geometry_msgs/msg/PoseArray": _PoseType("", poses="poses"),
-        "visualization_msgs/msg/Marker": _PoseType(child=_MARKER),
-        "visualization_msgs/msg/MarkerArray": _PoseType(child=_MARKER, each="markers"),
-        "motion_capture_tracking_interfaces/msg/NamedPoseArray": _PoseType(child="name", poses="poses"),
-        "mocap4r2_msgs/msg/RigidBodies": _PoseType(child="rigid_body_name", poses="rigidbodies"),
-        **{f"foxglove.{name}": kind for name, kind in _FOXGLOVE.items()},
-        **{f"foxglove_msgs/msg/{name}": kind for name, kind in _FOXGLOVE.items()},
-    }
-)
-
-
-def _poses_of(kind: _PoseType, decoded: Any) -> Iterator[tuple[str, str, Pose]]:
-    """Frame, child frame and pose of each pose in a decoded message, whichever library decoded it; unexpected
-    attributes and values can raise any error."""
-    numbers = _numbers_of(kind)
-    for message in getattr(decoded, kind.each) if kind.each else [decoded]:
-        if kind.child == _MARKER and message.action != _ADDED:
-            continue
-        stamp_ns = _stamp_ns(attrgetter(kind.stamp)(message)) if kind.stamp else 0
-        frame_id = attrgetter(kind.parent)(message) if kind.parent else ""
-        for i, part in enumerate(getattr(message, kind.poses) if kind.poses else [message]):
-            if kind.child == _MARKER:
-                child_frame_id = f"{message.ns}/{message.id}"
-            elif kind.child:
-                child_frame_id = getattr(part, kind.child)
-            else:
-                child_frame_id = str(i) if kind.poses else ""
-            if not (isinstance(frame_id, str) and isinstance(child_frame_id, str)):
-                raise TypeError("a name of a frame is no text")
-            px, py, pz, x, y, z, w = map(float, numbers(part))
-            yield frame_id, child_frame_id, Pose(stamp_ns, (px, py, pz), (x, y, z, w))
-
-
-@cache
-def _numbers_of(kind: _PoseType) -> Callable[[Any], tuple[Any, ...]]:
-    """The function from a message to the three and four numbers of its pose."""
-    prefix = f"{kind.pose}." if kind.pose else ""
-    parts = zip(kind.parts, ("xyz", "xyzw"), strict=True)
-    return attrgetter(*(f"{prefix}{part}.{axis}" for part, axes in parts for axis in axes))
-
-
-def _stamp_ns(stamp: Any) -> int:
-    """Nanoseconds of a time of ROS, protobuf or JSON."""
-    seconds = next(getattr(stamp, name) for name in _SECONDS if hasattr(stamp, name))
-    fraction = next(getattr(stamp, name) for name in _FRACTIONS if hasattr(stamp, name))
-    return max(min(int(seconds) * _SECOND + int(fraction), _MOST_NS), -_MOST_NS)
-
-
-def _number_of_poses(kind: _PoseType, decoded: Any) -> int:
-    """The number of poses in a decoded message of several, whose elements can be as small as two bytes."""
-    values = getattr(decoded, kind.each or kind.poses, None) if kind.each or kind.poses else None
-    return len(values) if isinstance(values, Sized) else 0
-
-
-USUAL: Final = (
-    "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
-    "foxglove.PoseInFrame and foxglove.FrameTransform"
-)
-
-
-MESSAGE_LIMIT: Final = 2**22
-POSES_PER_RECORD: Final = 4
-"""Number of poses of a known layout that count as the work of one record."""
-_INFLATED_PER_RECORD: Final = 2**17
-"""Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
-READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
-
-
 class Undecodable(Exception):
     """A message does not match its schema."""
 
@@ -281,10 +171,6 @@ class _Decoder(NamedTuple):
     decode: Callable[[bytes], Any]
     work: DecodingWork = DecodingWork()
     is_known: bool = False
-
-
-_Definition = tuple[str, str, str, bytes]
-"""Encoding, type, encoding of the schema, and schema."""
 
 
 class _Reading(NamedTuple):
@@ -300,14 +186,16 @@ class MessageDecoder:
     Parameters
     ----------
     budget : of the recording; messages that exceed it are not decoded.
+    field : path to the poses in messages that have it (``pose_fields``).
 
     Attributes
     ----------
     assumed : why a type on a topic is read by its known definition, in words, where it is.
     """
 
-    def __init__(self, budget: WorkBudget) -> None:
+    def __init__(self, budget: WorkBudget, field: str | None = None) -> None:
         self.assumed: dict[tuple[str, str], str] = {}
+        self._field = field
         self._budget = budget
         self._readings: dict[Channel, _Reading] = {}
         self._decoders: dict[_Definition, tuple[_Decoder | None, str | None]] = {}
@@ -345,7 +233,7 @@ class MessageDecoder:
     def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose | None]:
         """The poses in messages of pose types, and in rows; None for each message that cannot be decoded."""
         current: Channel | None = None
-        kind: _PoseType | None = None
+        path: str | None = None
         for item in items:
             if isinstance(item, Rows):
                 columns = zip(*item.poses, strict=True)
@@ -357,14 +245,16 @@ class MessageDecoder:
             elif isinstance(item, RawMessage):
                 if item.channel is not current:
                     current = item.channel
-                    kind = POSE_TYPES.get(canonical(current.type)) if may_have_poses(current) else None
-                if kind is None:
+                    has_field = may_have_poses(current, self._field)
+                    path = pose_field(current, self._field if has_field else None)
+                    path = path if has_field or may_have_poses(current) else None
+                if path is None:
                     continue
                 try:
                     layouts = self._reading(item.channel).layouts
                     found = layouts.read(item.data)
                     if found is None:
-                        found = self._observe(item, kind)
+                        found = self._observe(item, path)
                         layouts.learn(item.data, found)
                     else:
                         self._count_work(item, (len(found) - 1) // POSES_PER_RECORD)
@@ -374,18 +264,21 @@ class MessageDecoder:
                     for source, pose in found:
                         yield source, pose, item.log_time_ns
 
-    def _observe(self, message: RawMessage, kind: _PoseType) -> list[Observation]:
-        """The poses in a message, by the library's decoder."""
+    def _observe(self, message: RawMessage, path: str) -> list[Observation]:
+        """The poses at a path in a message, by the library's decoder; more of them than the records that
+        decoding took are counted as work."""
         decoded, records = self._decoded(message)
-        self._count_work(message, max(_number_of_poses(kind, decoded) // POSES_PER_RECORD - records, 0))
-        topic, name = message.channel.topic, message.channel.type
+        topic, name, found = message.channel.topic, message.channel.type, list[Observation]()
         try:
-            return [
-                (PoseSource(topic, name, frame, child), pose)
-                for frame, child, pose in _poses_of(kind, decoded)
-            ]
-        except (AttributeError, TypeError, ValueError, OverflowError, StopIteration, RuntimeError) as error:
+            for number, one in enumerate(poses_at(path, decoded), 1):
+                is_more = number % POSES_PER_RECORD == 0 and number // POSES_PER_RECORD > records
+                self._count_work(message, int(is_more))
+                if one is not None:
+                    frame, child, pose = one
+                    found.append((PoseSource(topic, name, frame, child), pose))
+        except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{topic}: {error}") from error
+        return found
 
     def _reading(self, channel: Channel) -> _Reading:
         if self._current is not None and self._current[0] is channel:
@@ -440,9 +333,9 @@ def assumption_text(count: int, type_name: str, why: str) -> str:
     return f"{count} poses are read by the known definition of {type_name}: {why}"
 
 
-def may_have_poses(channel: Channel) -> bool:
-    """Whether a channel's messages are poses and can be decoded."""
-    return (canonical(channel.type) in POSE_TYPES and is_readable(channel)) or channel.encoding == ROWS
+def may_have_poses(channel: Channel, field: str | None = None) -> bool:
+    """Whether a channel's messages have poses, in ``field`` if given, and can be decoded."""
+    return (pose_field(channel, field) is not None and is_readable(channel)) or channel.encoding == ROWS
 
 
 def is_readable(channel: Channel) -> bool:
@@ -491,9 +384,6 @@ def _cdr(definition: Definition) -> _Decoder | None:
     known = known_definition(definition.type)
     is_known = known is not None and known.fields == definition.fields
     return None if decode is None else _Decoder(decode, work_of(definition), is_known)
-
-
-Decoder = Callable[[bytes], Any]
 
 
 def cdr_decoder(definition: Definition) -> Decoder | None:

@@ -292,7 +292,8 @@ def open_log(
         iteration ends with AmbiguousSource.
     relative_to : a frame, or another body (its topic, or its name in a file of several), in which poses are
         given instead of the header's frame.
-    table : what the columns of a table are, where their names do not say it.
+    table : what the columns of a table are, or the field of messages with the poses, where names and types do
+        not say it.
 
     Raises
     ------
@@ -306,9 +307,9 @@ def open_log(
         Several sources match.
     """
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
-    wanted = FrameFilter(topic, relative_to) if is_chain else ChannelFilter(topic)
+    wanted = FrameFilter(topic, relative_to, table.field) if is_chain else ChannelFilter(topic, table.field)
     reading = Reading(path, wanted, follow, table)
-    decoder, is_table = MessageDecoder(reading.budget), is_table_file(path)
+    decoder, is_table = MessageDecoder(reading.budget, table.field), is_table_file(path)
     items = iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
     count_late = count_late or follow is not None
@@ -397,13 +398,13 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
     UnreadableRecording
         No such file, or not MCAP.
     """
-    wanted = ChannelFilter(None)
+    wanted = ChannelFilter(None, table.field)
     try:
         messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted, table=table)))
     except NoPoses:
         return []
     counts = _messages_by_topic(path)
-    sources = sorted(poses_by_source(messages, MessageDecoder(size_budget(path))))
+    sources = sorted(poses_by_source(messages, MessageDecoder(size_budget(path), table.field)))
     return [replace(source, messages=counts.get(source.topic)) for source in sources]
 
 

@@ -17,6 +17,8 @@ _PACKED: Final = {
 """First bytes of compressed files, and the commands that decompress them."""
 _HDF5: Final = b"\x89HDF\r\n\x1a\n"
 _MATLAB: Final = b"MATLAB "
+_C3D: Final = b"P"
+"""The second byte."""
 _SHOWN: Final = 8
 
 
@@ -29,12 +31,24 @@ def what_it_is(path: str, begin: bytes) -> str | None:
     for magic, describe in _KNOWN.items():
         if begin.startswith(magic):
             return describe(path, repr(name))
-    return None
+    return _c3d(repr(name)) if _is_c3d(path, begin) else None
 
 
 def is_other_format(begin: bytes) -> bool:
     """Whether a file begins as one of a known format that is not read; some of these begin with text."""
     return begin.startswith((*_PACKED, *_KNOWN))
+
+
+def _is_c3d(path: str, begin: bytes) -> bool:
+    return begin[1:2] == _C3D and path.lower().endswith(".c3d")
+
+
+def _c3d(name: str) -> str:
+    return (
+        f"it is C3D, which has markers, not bodies: export bodies (6D) as text; or points = "
+        f"ezc3d.c3d({name})['data']['points'] (4, markers, N), of which scipy's Rotation.align_vectors finds "
+        f"rotations; {_ARRAYS}"
+    )
 
 
 def _hdf5(path: str, name: str) -> str:
@@ -46,8 +60,8 @@ def _hdf5(path: str, name: str) -> str:
 
 def _matlab(path: str, name: str) -> str:
     return (
-        f"it is a file of MATLAB{_arrays_in(path)}, which is not read: data = scipy.io.loadmat({name}); "
-        f"{_ARRAYS}"
+        f"it is a file of MATLAB{_arrays_in(path)}, which is not read: "
+        f"data = scipy.io.loadmat({name}, squeeze_me=True); {_ARRAYS}"
     )
 
 

@@ -200,8 +200,12 @@ class Reading:
         path = recording_of(path)
         if follow is None:
             refuse_unrelated(path, parts_of(path))
-        if table != AS_NAMED and not is_table_file(path):
+        if table.is_of_table and not is_table_file(path):
             raise ChoiceError(f"{_shown(path)}: {NO_TABLE}")
+        if table.field is not None and is_table_file(path):
+            raise ChoiceError(
+                f"{_shown(path)}: it is a table: say which columns the poses are in by --columns"
+            )
         self.path = path
         self._wanted = wanted
         self._follow = follow

@@ -18,6 +18,7 @@ from typing import Final
 
 from mcap.summary import Summary
 
+from contact_tracker.config.table_reading import TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
@@ -35,6 +36,7 @@ from contact_tracker.recording.items import (
     Rows,
 )
 from contact_tracker.recording.mcap_file import RecordLoop, channel_of, place_of, summary_of
+from contact_tracker.recording.pose_fields import fields_with_poses
 from contact_tracker.recording.reading import parts_of
 from contact_tracker.suggestions import suggestion
 
@@ -140,15 +142,17 @@ class ChannelFilter:
     Parameters
     ----------
     topic : ``/name``, or ``/name:TYPE`` where a topic has several types; TYPE may be without its package.
+    field : path to the poses in messages, instead of those of known types.
     """
 
-    def __init__(self, topic: str | None) -> None:
+    def __init__(self, topic: str | None, field: str | None = None) -> None:
         self._topic = topic
+        self._field = field
         self.seen: dict[tuple[str, str, str], Channel] = {}
 
     def __call__(self, channel: Channel) -> bool:
         self.seen[channel.topic, channel.type, channel.encoding] = channel
-        return may_have_poses(channel) and self._is_asked(channel)
+        return may_have_poses(channel, self._field) and self._is_asked(channel)
 
     def takes(self, source: PoseSource) -> bool:
         """Whether this source may be that of the poses; transforms are read as well."""
@@ -169,7 +173,10 @@ class ChannelFilter:
         asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
         if any(map(self, asked)):
             return NoPoses(f"{path}: {_undecoded([asked[0].topic])}")
-        poses = [c for c in seen if may_have_poses(c)]
+        poses = [c for c in seen if may_have_poses(c, self._field)]
+        fields = _fields_in(path, asked or seen, self._field)
+        if fields and (asked or not poses):
+            return NoPoses(f"{path}: {fields}")
         if asked:
             return (ChoiceError if poses else NoPoses)(f"{path}: {_reasons(asked)}")
         alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
@@ -330,6 +337,21 @@ def _without(path: str, lacking: str, name: str, sources: Iterable[PoseSource], 
     return ChoiceError(
         f"{path}: no pose source has the frame {lacking}; there is {listing}{_printable(advice)}"
     )
+
+
+def _fields_in(path: str, channels: Iterable[Channel], asked: str | None) -> str:
+    """What messages of unknown types, or without the field that is asked for, have poses in, with the command
+    that reads them; empty if none has."""
+    found = [(c, field) for c in channels if asked or not may_have_poses(c) for field in fields_with_poses(c)]
+    if not found or asked in [field for _, field in found]:
+        return ""
+    channel, field = found[0]
+    command = TableReading(field=field).command(path, "--topic", channel.topic)
+    others = [f"{field} of {c.topic}" for c, field in found[1:]]
+    more = f"; others are in {_listing(others)}" if others else ""
+    lacks = "" if asked is None else f"no messages have poses in the field {asked}; "
+    where = _printable(f"{channel.topic} ({channel.type})")
+    return f"{lacks}the messages of {where} have poses in the field {field}: read them by {command}{more}"
 
 
 def _undecoded(topics: Iterable[str]) -> str:

@@ -121,7 +121,7 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
             yield item
 
     reading = Reading(path, lambda channel: True, table=table)
-    decoder = MessageDecoder(reading.budget)
+    decoder = MessageDecoder(reading.budget, table.field)
     logged, is_table = decoder.poses(noted(reading)), is_table_file(path)
     sources, undecodable, more_sources = _summaries(logged, decoder.assumed, is_table)
     assumptions = [

@@ -41,6 +41,23 @@ _LONGEST_CELL: Final = 64
 """Texts of numbers and times are cut to this length (characters) in long lines."""
 _EMPTY: Final = f",;{BLANKS}"
 COMMENT: Final = "#"
+_RIGID_BODY: Final = "rigid body"
+_BONE: Final = "bone"
+_SECTIONS: Final = ("objects", "segments")
+_OTHER_SECTIONS: Final = ("trajectories", "model outputs", "devices", "joints", "events")
+_ROUNDED_S: Final = 0.00051
+_ORDER: Final = re.compile(r"([xyz]{3})", re.IGNORECASE)
+_ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
+_TUM: Final = (1, 2, 3, 4, 5, 6, 7)
+_MARKS: Final = (";", "\t", ",")
+"""Separators of values; a comma may also be the decimal point."""
+_SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
+_QUALISYS: Final = "NO_OF_FRAMES"
+_MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
+"""How Qualisys writes the columns of a body."""
+_UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS})
+_POSE: Final = 7
+_NANOSECONDS: Final = 10
 
 
 def head_of(path: str, begin: bytes) -> list[str]:
@@ -142,15 +159,6 @@ def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
         return len(last) < len(before)
     is_value_lost = not last[-1] and any(last[-2:-1])  # more than one is missing of a body that is hidden
     return are_numbers(before[-1:]) and (is_value_lost or (bool(last[-1]) and not are_numbers(last[-1:])))
-
-
-_RIGID_BODY: Final = "rigid body"
-_BONE: Final = "bone"
-_SECTIONS: Final = ("objects", "segments")
-_OTHER_SECTIONS: Final = ("trajectories", "model outputs", "devices", "joints", "events")
-_ROUNDED_S: Final = 0.00051
-_ORDER: Final = re.compile(r"([xyz]{3})", re.IGNORECASE)
-_ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
 
 
 def is_motive(first: str) -> bool:
@@ -300,18 +308,6 @@ def _cells(lines: Iterable[str], separator: str) -> list[list[str]]:
     return [[cell.strip() for cell in row] for row in rows]
 
 
-_TUM: Final = (1, 2, 3, 4, 5, 6, 7)
-_MARKS: Final = (";", "\t", ",")
-"""Separators of values; a comma may also be the decimal point."""
-_SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
-_QUALISYS: Final = "NO_OF_FRAMES"
-_MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
-"""How Qualisys writes the columns of a body."""
-_UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS})
-_POSE: Final = 7
-_NANOSECONDS: Final = 10
-
-
 def layout_of_text(lines: Sequence[str], reading: TableReading, path: str = "FILE") -> TableLayout:
     """The layout of a text file by its first lines.
 
@@ -402,25 +398,28 @@ def layout_without_names(
     names = [f"{UNNAMED}{i}" for i in range(len(values))]
     if not reading.columns:
         meant = _meaning(values)
-        how = (
-            f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
-            if meant is None
-            else f"if they are meant so, read them by {meant.with_(reading).command(path)}"
-        )
+        how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
+        if meant is not None:
+            how = f"if they are meant so, read them by {meant.with_(reading).command(path)}"
+            if meant.has_frame_numbers and not reading.has_frame_numbers:
+                how += f", with the rate of your poses instead of {meant.time_unit}"
         raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
     return layout_of_names(names, reading, path, kind, separator, skip)
 
 
 def _meaning(values: Sequence[str]) -> TableReading | None:
-    """What rows without names usually are: TUM, messages of ``ros2 topic echo --csv``, KITTI's matrices."""
+    """What rows without names usually are: TUM, messages of ``ros2 topic echo --csv``, poses without times
+    and matrices, as KITTI's."""
 
     def named(first: int, **stated: str) -> TableReading:
         pose = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), range(first, first + _POSE), strict=True)
         return reading_of({**stated, **{role: f"{UNNAMED}{i}" for role, i in pose}})
 
     numbers = [are_numbers([value]) for value in values]
-    if len(values) == 12 and all(numbers):
+    if len(values) in (12, 16) and all(numbers):
         return reading_of(f"matrix={UNNAMED}", matrix="rows", time_unit="10Hz")
+    if len(values) == _POSE and all(numbers):
+        return named(0).with_(reading_of(time_unit="10Hz"))
     if len(values) == 1 + _POSE and all(numbers):
         return named(1, time=f"{UNNAMED}0")
     texts = [i for i, is_number in enumerate(numbers) if not is_number]

@@ -120,8 +120,8 @@ def may_be_step(channel: Channel, relative_to: str | None) -> bool:
 class FrameFilter(ChannelFilter):
     """Accepts what ``ChannelFilter`` accepts, transforms, and the topic that poses are relative to."""
 
-    def __init__(self, topic: str | None, relative_to: str | None) -> None:
-        super().__init__(topic)
+    def __init__(self, topic: str | None, relative_to: str | None, field: str | None = None) -> None:
+        super().__init__(topic, field)
         self._relative_to = relative_to
 
     def __call__(self, channel: Channel) -> bool:

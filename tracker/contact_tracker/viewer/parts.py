@@ -54,6 +54,7 @@ class Part(NamedTuple):
     mesh : its surface.
     outline : closed or open lines (N, 3) about it.
     label_m : (3,) where its name is.
+    touched_ns : from when to when it was touched, in order of time.
     """
 
     side: int
@@ -61,6 +62,7 @@ class Part(NamedTuple):
     mesh: Mesh
     outline: tuple[Array, ...]
     label_m: Array
+    touched_ns: tuple[tuple[int, int], ...] = ()
 
 
 class Touch(NamedTuple):
@@ -151,14 +153,17 @@ class KnownParts:
                 if ours in touched and theirs in touched
             ]
         extent = self.extent(world)
-        places: dict[Hashable, list[Array]] = {}
+        places, spans = dict[Hashable, list[Array]](), dict[Hashable, list[tuple[int, int]]]()
         for touch in touches:
             for key, where in zip(touch.keys, _touched(touch, poses, extent), strict=True):
                 places.setdefault(key, []).append(where)
+                spans.setdefault(key, []).append((touch.start_ns, touch.end_ns))
         centres = poses.rotation @ extent.centre_m + poses.position_m
         about = extent.centre_m, np.median(centres, axis=0)
         found = [
-            _of_element(side, name, one, places.get(key) or [_own(one, about[side], extent)], extent)
+            _of_element(
+                side, name, one, places.get(key) or [_own(one, about[side], extent)], extent
+            )._replace(touched_ns=tuple(sorted(spans.get(key, ()))))
             for key, (side, name, one) in elements.items()
         ]
         return (*self.bodies, *found)

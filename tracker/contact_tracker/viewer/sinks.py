@@ -4,6 +4,7 @@ import os
 import shutil
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -22,9 +23,10 @@ HOST: Final = "127.0.0.1"
 PORT: Final = 9876
 WEB_PORT: Final = 9090
 WINDOW: Final = ("--hide-welcome-screen",)
+_WITHOUT_SCREEN: Final = "view --web shows it in a browser, view --save FILE.rrd writes a file"
 _START_S: Final = 20.0
 _POLL_S: Final = 0.1
-_NOT_STARTED: Final = "the rerun viewer did not start: is there a screen? view --save writes a file"
+_NOT_STARTED: Final = f"the rerun viewer did not start: is there a screen? {_WITHOUT_SCREEN}"
 _ANSWER_S: Final = 2.0
 # RFC 9113, 3.4: a client begins with this text and a SETTINGS frame, a server answers with one.
 _SETTINGS: Final = b"\x04"
@@ -49,6 +51,8 @@ def to_viewer(port: int = PORT) -> Sink:
 
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
         speaks = answers(port)
+        if speaks is None and not _has_screen():
+            raise ViewerError(f"there is no screen for the rerun viewer: {_WITHOUT_SCREEN}")
         if speaks is None:
             start(port, WINDOW)
         elif not speaks:
@@ -56,6 +60,10 @@ def to_viewer(port: int = PORT) -> Sink:
         recording.connect_grpc(address(port), default_blueprint=blueprint)
 
     return connect
+
+
+def _has_screen() -> bool:
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
 def address(port: int) -> str:

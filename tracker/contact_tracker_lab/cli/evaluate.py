@@ -32,18 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_model(parser)
     arguments.add_known(parser)
     arguments.add_wrench(parser)
-    parser.add_argument(
-        "--labels",
-        metavar="FILE",
-        help="your own labels of one LOG: start, end and contact, in s since the first pose or as stamps",
-    )
-    parser.add_argument(
-        "--map",
-        action="append",
-        default=[],
-        metavar="LABEL=STATES",
-        help="what a label means: touch=any, flat='f-f|e-f', or ? for what is not scored",
-    )
+    arguments.add_labels(parser, "your own labels of one LOG")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
 
 
@@ -74,8 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _truth(name: str, args: argparse.Namespace) -> "Truth":
     """The truth in a recording, or the user's labels."""
-    from contact_tracker.recording import need_truth, read_labels
-    from contact_tracker.recording.labels import meanings_of
+    from contact_tracker.recording import need_truth
 
     if args.labels is None:
         return need_truth(name, args.topic, args.frame, args.table)
@@ -83,9 +71,7 @@ def _truth(name: str, args: argparse.Namespace) -> "Truth":
     first_ns = last_ns = log.first_stamp_ns
     for poses in log.batches():
         last_ns = int(poses.stamp_ns[-1])
-    truth, text = read_labels(args.labels, first_ns, last_ns, meanings_of(args.map))
-    say(text)
-    return truth
+    return arguments.load_labels(args, first_ns, last_ns)
 
 
 def _evaluate(
