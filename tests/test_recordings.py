@@ -37,8 +37,11 @@ def numbers(value: object) -> list[float]:
 
 
 def test_readme_names_every_recording() -> None:
-    assert set(COMMANDS) == {path.name for path in FOLDER.glob("*.mcap")}
+    files = {path.name for path in FOLDER.glob("*.mcap")}
+    takes = {"mug_first_take.mcap", "mug_second_take.mcap"}  # of a physics engine
+    assert set(COMMANDS) == files - takes
     assert len(COMMANDS) == 5
+    assert takes <= files
 
 
 @pytest.mark.long
