@@ -25,6 +25,7 @@ from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.main import COMMANDS, LAB_COMMANDS
 from contact_tracker.cli.source import Source
 from contact_tracker.config.shipped import preset_names
+from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
@@ -533,7 +534,7 @@ def test_evaluate_reports_each_recording_and_goes_on_after_a_bad_one(log: Path, 
 def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, duration):
     monkeypatch.setattr("contact_tracker.recording.log.BATCH", 16)
     path = str(write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(120))]))
-    args = argparse.Namespace(log=path, start=start, duration=duration)
+    args = argparse.Namespace(log=path, start=start, duration=duration, table=AS_NAMED)
 
     def read(columns):
         source = Source(open_log(path), args.log, args)

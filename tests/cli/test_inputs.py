@@ -112,7 +112,7 @@ def test_every_command_tells_the_tracker_that_a_frame_moves(
     start, told = Tracker.start, list[bool]()
 
     def noted(*arguments: Any, **options: Any) -> Tracker:
-        told.append(signature(start).bind(*arguments, **options).arguments["frame_moves"])
+        told.append(signature(start).bind(*arguments, **options).arguments["read_as"].frame_moves)
         return start(*arguments, **options)
 
     monkeypatch.setattr(Tracker, "start", noted)

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import global_search
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.window_fit import fit_window
@@ -27,7 +28,7 @@ def test_batches_of_a_search_make_no_difference(monkeypatch: pytest.MonkeyPatch)
         CONTACT_MODELS[Contact.EE.column],
         map_from({"object": {"box": {"size_m": [0.1, 0.2, 0.3]}}}),
     )
-    begins = propose_births(model, known, None, 0.0, Frame.around(np.zeros(3), zeta[-1, 9:12]))
+    begins = propose_births(model, known, None, 0.0, Frame.around(Origins.zero(), zeta[-1, 9:12]))
     assert begins.count == 12
     found = []
     for at_once in (1, 5, 12, 100):

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters
@@ -34,6 +35,10 @@ SCALES = EvidenceParameters(0.3, 0.1, 0.03, 1.0, 0.1)
 ON_EDGE = np.array([[1, 0, 0], [0, 1, -1], [0, 1, 1]]) / np.sqrt([[1], [2], [2]])
 
 
+def _around(newest: Window) -> Frame:
+    return Frame.around(Origins.zero(), newest.zeta[-1, 9:12])
+
+
 def tick(rotation, height_m):
     """One tick of the cube, its middle ``height_m`` over the table."""
     zeta = lift(rotation, np.array([0.3, -0.2, height_m]))
@@ -43,7 +48,9 @@ def tick(rotation, height_m):
 def proximity(newest, known_map=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
-        begins = propose_births(model, known_map, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
+        begins = propose_births(
+            model, known_map, None, 0.0, Frame.around(Origins.zero(), newest.zeta[-1, 9:12])
+        )
         found.append((named_pairs(known_map, model), proximity_evidence(model, begins, newest, SCALES)))
     return found
 
@@ -146,7 +153,7 @@ def test_uncertain_elements_count_by_the_errors_of_their_residuals(contact):
     }
     known_map = map_from({"object": {**side, "complete": True}, "environment": {**side, "complete": True}})
     newest = tick(Rotation.from_rotvec([0.3, 0.4, 0.2]).as_matrix(), 0.2)
-    begins = propose_births(model, known_map, None, 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
+    begins = propose_births(model, known_map, None, 0.0, _around(newest))
     gain = proximity_evidence(model, begins, newest, SCALES).gain
     rows = begins.rows
     tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))[0]

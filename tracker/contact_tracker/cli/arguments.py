@@ -16,7 +16,7 @@ from contact_tracker.atomic_file import why_not_replaceable
 from contact_tracker.cli.terminal import detail, fail, progress, say, warn
 from contact_tracker.config.quantities import LENGTHS, deviations
 from contact_tracker.config.shipped import preset_names
-from contact_tracker.config.table_reading import AS_NAMED, TIME_UNIT_HELP, reading_of
+from contact_tracker.config.table_reading import AS_NAMED, TIME_UNIT_HELP, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, InputError, UsageError
 from contact_tracker.exit_codes import INPUT, USAGE
 from contact_tracker.states import states_from
@@ -42,12 +42,14 @@ def add_source(
     frame: str = "take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
 ) -> None:
     """``--topic``, ``--field``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
+    verb = parser.prog.rpartition(" ")[2]
+    as_named = AS_NAMED if verb == "batch" else replace(AS_NAMED, verb=verb)  # which reads whole folders
     parser.add_argument("--topic", help=topic)
     parser.add_argument(
         "--field",
         action=_Stated,
         dest="table",
-        default=AS_NAMED,
+        default=as_named,
         metavar="PATH.TO.POSE",
         help="take the poses in this field of messages: tracked.pose, results[0].pose, or . for the message",
     )
@@ -57,7 +59,7 @@ def add_source(
         metavar="TOPIC|FRAME",
         help="poses in this frame, or relative to the body of this topic or name, which may move",
     )
-    _add_table_reading(parser)
+    _add_table_reading(parser, as_named)
 
 
 class _Stated(argparse.Action):
@@ -73,10 +75,8 @@ class _Stated(argparse.Action):
             raise argparse.ArgumentError(self, str(error)) from error
 
 
-def _add_table_reading(parser: argparse.ArgumentParser) -> None:
+def _add_table_reading(parser: argparse.ArgumentParser, as_named: TableReading) -> None:
     """What the columns of a table are, where their names do not say it."""
-    verb = parser.prog.rpartition(" ")[2]
-    as_named = AS_NAMED if verb == "batch" else replace(AS_NAMED, verb=verb)  # which reads whole folders
     group = parser.add_argument_group("columns of a table, where their names do not say what they are")
 
     def add(name: str, text: str, metavar: str | None = None) -> None:
