@@ -18,7 +18,7 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs, batches
-from contact_tracker.motion.tracked_point import independent_point
+from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import BATCH_POSES, Tracker
 from contact_tracker.tracking.belief import Belief, Detail, Segment

@@ -36,9 +36,9 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.tick_grid import ORIGIN_M, TickGrid
-from contact_tracker.motion.tracked_point import independent_point
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter

@@ -39,6 +39,9 @@ NEW_SHARE: Final = 0.05
 standard error."""
 SPREAD_M: Final = 0.3
 """Usual distance of the centre of the noise from the body's origin."""
+POINT_POSES: Final = 20_000
+"""Number of poses of a recording that decide which point is tracked, at most."""
+POINT_ROUNDS: Final = 6
 SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
 MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
 """Median of the chi-squared distribution with three degrees of freedom."""
@@ -133,6 +136,32 @@ def estimate_noise(poses: Poses) -> tuple[float, float]:
     rows = np.array([np.einsum("ijn,jn->in", turn, across), about])
     sigma = np.sqrt(_size_sq(rows, _shape(rows, np.eye(3)[None], FIRST_ITERATIONS)))
     return float(sigma[0]), float(sigma[1])
+
+
+def independent_point(poses: Poses) -> Array:
+    """The point (3,) of the body that is tracked, in the body frame: the centre of the noise (T47).
+
+    An origin elsewhere moves with each error of the orientation. It is zero, the origin itself, unless the
+    Bayesian information criterion prefers the centre.
+
+    Parameters
+    ----------
+    poses : consecutive ones; of long recordings a part decides.
+    """
+    differences = _third_differences(poses[:POINT_POSES].fresh)
+    across, about, count = differences[:3], differences[3:6], differences.shape[1]
+    point_m, gain = np.zeros(3), 0.0
+    if count < 2 * ORDER or not np.any(about):
+        return point_m
+    for _ in range(POINT_ROUNDS):  # each is shrunk towards the last, the limit is not
+        rows = np.array([across - cross_matrix(point_m) @ about, about])
+        deviation = np.sqrt(np.maximum(np.mean(rows**2, axis=(1, 2)), TINY))
+        shape = _shape((rows / deviation[:, None, None]).reshape(6, -1), np.eye(6), FIRST_ITERATIONS)
+        lever_m = deviation[0] / deviation[1]
+        point_m = point_m + _centre(shape, lever_m, count)
+        swing = cross_matrix(point_m / lever_m)
+        gain = np.log1p(np.trace(swing @ shape[3:, 3:] @ swing.T) / np.trace(shape[:3, :3]))
+    return point_m if across.size * gain > len(point_m) * np.log(across.size) else np.zeros(3)
 
 
 def _third_differences(frames: Poses) -> Array:

@@ -51,7 +51,7 @@ def ticks_of(
     ----------
     poses : validated poses in order of time.
     progress : called after each batch of poses with the number of those read so far.
-    body_m : (3,) point of the body that is tracked, see ``tracked_point``.
+    body_m : (3,) point of the body that is tracked, see ``sensor_noise.independent_point``.
     """
     grid, count = TickGrid(model, body_m), 0
     for batch in batches(poses):
