@@ -62,6 +62,11 @@ def test_elements_are_in_the_users_body_frame(expected: ct.Result, away_m: float
     assert [one.contact for one in found.segments] == [one.contact for one in expected.segments]
     same = found.beliefs.rows["contact"] == expected.beliefs.rows["contact"]
     assert same.mean() > 0.99
+    faces = found.segments[0].geometry
+    assert faces is not None
+    assert faces.has_open_offset == (True, True)
+    height_m = poses.position_m[100:500] @ faces.environment.normal - faces.environment.offset_m
+    assert np.abs(height_m).max() < 0.02 * max(away_m, 0.3)  # the face is as if through the body's origin
     before, after = (one.segments[-1].geometry for one in (expected, found))
     assert before is not None
     assert after is not None

@@ -1,5 +1,6 @@
 """The online tracker of one stream, which adapts to it and checks it for mistakes."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Final, Self
@@ -186,7 +187,9 @@ class Tracker:
     def _stream(self, filters: FilterBank) -> Stream:
         best, grid, sigma = filters.best, filters.grid, None
         if grid is not None and grid.stream is not None:
-            sigma = grid.stream.noise.sigma_position_m, grid.stream.noise.sigma_rotation_rad
+            noise = grid.stream.noise
+            swing_sq = 2.0 / 3.0 * (filters.body_m @ filters.body_m) * noise.sigma_rotation_rad**2
+            sigma = math.sqrt(noise.sigma_position_m**2 + swing_sq), noise.sigma_rotation_rad
         return Stream(
             filters.known_map,
             filters.model,
@@ -232,11 +235,19 @@ class Tracker:
 
     @property
     def report(self) -> Report | None:
-        """Report of the stream so far; None before its rate is known."""
+        """Report of the stream that ends here; None before its rate is known."""
+        return self._report(is_end=True)
+
+    @property
+    def report_so_far(self) -> Report | None:
+        """The same of a stream that goes on: without what only its end can say."""
+        return self._report(is_end=False)
+
+    def _report(self, is_end: bool) -> Report | None:
         filters, best = self.filters, self.best
         if best is None or filters.grid is None or filters.grid.stream is None:
             return None
-        found = *self.checks.findings(self.stream, is_end=True), *map_findings(best.map)
+        found = *self.checks.findings(self.stream, is_end=is_end), *map_findings(best.map)
         frames = filters.filters[0].state.sliding_window.frames  # others may wait
         report = report_of(
             filters.model, best.model, self.is_decided, filters.grid.stream.noise, frames, found

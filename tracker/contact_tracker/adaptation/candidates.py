@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model, Noise
 from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.sensor_noise import begin, estimate_noise
+from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise
 from contact_tracker.motion.tick_averaging import tick_variances
 
 RATE_POSES: Final = 12
@@ -38,8 +38,6 @@ WANDER_M: Final = (1.25e-4, 3.5e-4, 1e-3)
 not tracked."""
 WANDER_ROTATION_PER_POSITION: Final = 5.0
 """Ratio of correlated errors of orientation and position (rad/m)."""
-SLOW_PERIOD_S: Final = 0.045
-"""Above this period, differences of poses may be motion as much as noise."""
 SHARES: Final = (0.5, 0.25, 0.125)
 """Candidates, in slow streams, for the share of the deviations that is noise."""
 LOG_PRIOR_STEP: Final = -1.0

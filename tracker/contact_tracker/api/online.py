@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final, Self, SupportsIndex
 
 from contact_tracker import tracker
+from contact_tracker.adaptation.report import Report
 from contact_tracker.api.given import (
     Deviations,
     ModelLike,
@@ -94,7 +95,7 @@ class Tracker:
         with continued(self._restored):
             beliefs = self._tracker.update(self._gate.arrive(pose))
             if beliefs or self._given % _ENOUGH == 0:
-                self._warn_of_news(self._found_in_poses())
+                self._warn_of_news(_warnings(self._tracker.report_so_far))
                 if self._given >= _ENOUGH:
                     self._warn_of_news(self._found_in_counts())
         return beliefs[-1] if beliefs else None
@@ -158,8 +159,7 @@ class Tracker:
         raise StateError(f"{name}: it is no state of a tracker")
 
     def _found_in_poses(self) -> Sequence[str]:
-        found = self._tracker.report
-        return () if found is None else tuple(warnings(found))
+        return _warnings(self._tracker.report)
 
     def _found_in_counts(self) -> Sequence[str]:
         loss = remark_on_loss(self._gate.counts, self._given, self._gate.refused_xyzw)
@@ -167,6 +167,10 @@ class Tracker:
 
     def _warn_of_news(self, texts: Sequence[str]) -> None:
         warn_of(self._news.of(texts))
+
+
+def _warnings(report: Report | None) -> Sequence[str]:
+    return () if report is None else tuple(warnings(report))
 
 
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:

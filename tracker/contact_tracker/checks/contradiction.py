@@ -100,8 +100,9 @@ class Contradiction(Check):
         """Updated by poses. Without named elements, where all states can occur, nothing is compared.
 
         Noise that is taken for motion has more evidence without the map. So the comparison begins again where
-        the model changes, and until it is chosen the comparison is not settled, and nothing counts while the
-        object rests; where noise is filtered, it is taken for motion at rest as well, and nothing is found.
+        the model or the tracked point changes, and until it is chosen the comparison is not settled, and
+        nothing counts while the object rests; where noise is filtered, it is taken for motion at rest as
+        well, and nothing is found.
         """
         if stream.best is None:
             return self
@@ -110,7 +111,8 @@ class Contradiction(Check):
         if not len(poses):
             return self
         before = self
-        if self.with_map is not None and self.with_map.grid.model != stream.best:
+        grid = None if self.with_map is None else self.with_map.grid
+        if grid is not None and (grid.model != stream.best or (grid.body_m != stream.body_m).any()):
             before = Contradiction()
         return before._compared(poses, stream)
 
@@ -146,8 +148,8 @@ class Contradiction(Check):
         what = "--up" if stream.map.up is not None else "what is given"
         if stream.map.up is not None and (stream.map.environment or stream.map.object):
             what = "--up or what else is given"
-        if stream.map.states is not None:
-            others = ", ".join(one for one in CONTACTS if one not in stream.map.states)
+        others = ", ".join(one for one in CONTACTS if one not in stream.map.possible)
+        if others:
             given = f"{what}, or --states" if stream.map else "--states"
             text = f"{given} without {others} does not fit the motion: other contacts explain more: check it"
             return [Finding("knowledge", text, True)]

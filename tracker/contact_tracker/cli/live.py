@@ -126,7 +126,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
 
         def report(beliefs: "list[Belief]") -> None:
             if beliefs:
-                source.warn_of_news(tracker.report)
+                source.warn_of_news(tracker.report_so_far)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)

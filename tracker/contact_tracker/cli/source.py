@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.terminal import detail, say, warn
-from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, NoPoses
 from contact_tracker.exit_codes import DAMAGED, DONE
 from contact_tracker.motion.pose_validation import Arrival
@@ -42,7 +41,7 @@ class Source:
         self._start_ns = round(args.start * 1e9)
         self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
         self._begin_s = time.monotonic()
-        self._is_as_named = args.table == AS_NAMED
+        self._is_as_named = not args.table.is_of_table
         if log.note is not None:
             warn(f"{self._name}: {log.note}")
         self.origin_ns = 0

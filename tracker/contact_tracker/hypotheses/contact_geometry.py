@@ -1,12 +1,14 @@
 """Convert a fitted hypothesis to elements with covariance, in the frames of the user."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.parameter_layout import directions
-from contact_tracker.geometry.elements import ContactGeometry, Origins, by_foot, shifted
+from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane, by_foot, shifted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import NOISE_MARGIN, information_spectrum, observed_geometry
@@ -44,7 +46,19 @@ def contact_geometry(
     if not np.isnan(one.line_anchor).all():  # other lines have their point near the body already
         body_m = one.weighted_position_sum[0] / one.weight[0]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
-    return ContactGeometry(shifted(found.object, origins.body_m), shifted(found.environment, origins.world_m))
+    return _in_users_frames(found, window.zeta[-1, R].reshape(3, 3), origins)
+
+
+def _in_users_frames(found: ContactGeometry, rotation: Array, origins: Origins) -> ContactGeometry:
+    """The elements in the frames of the body, which has this ``rotation`` (3, 3), and of the world.
+
+    Of two faces motion shows the difference of the offsets only: the object's stays at the origin.
+    """
+    ours, theirs = found.object, shifted(found.environment, origins.world_m)
+    if isinstance(ours, Plane) and isinstance(theirs, Plane):
+        swung_m = theirs.normal @ rotation @ origins.body_m
+        return ContactGeometry(ours, replace(theirs, offset_m=float(theirs.offset_m - swung_m)))
+    return ContactGeometry(shifted(ours, origins.body_m), theirs)
 
 
 def element_estimate(

@@ -60,10 +60,13 @@ def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origins: Or
     world = _element(kind, frames.world_axes, frames.world_point_m, _block(whole, WORLD_TURN, WORLD_POINT))
     pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: frames.pitch_m}.get(kind)
     deviation = float(np.sqrt(whole[PITCH, PITCH])) if kind is JointKind.SCREW else None
+    if kind is JointKind.SLIDER:  # lines of any point: that of the body's origin
+        body = shifted(body, -origins.body_m)
+        world = shifted(world, -frames.world_axes @ frames.body_axes.T @ origins.body_m)
     return Joint(
         kind,
         probability,
-        shifted(by_foot(body, np.zeros(3)), origins.body_m),
+        by_foot(shifted(body, origins.body_m), np.zeros(3)),
         shifted(by_foot(world, near_m), origins.world_m),
         pitch,
         deviation,

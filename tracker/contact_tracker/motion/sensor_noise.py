@@ -39,6 +39,8 @@ NEW_SHARE: Final = 0.05
 standard error."""
 SPREAD_M: Final = 0.3
 """Usual distance of the centre of the noise from the body's origin."""
+SLOW_PERIOD_S: Final = 0.045
+"""Above this period, differences of poses may be motion as much as noise."""
 POINT_POSES: Final = 20_000
 """Number of poses of a recording that decide which point is tracked, at most."""
 POINT_ROUNDS: Final = 6
@@ -146,8 +148,10 @@ def independent_point(poses: Poses) -> Array:
 
     Parameters
     ----------
-    poses : consecutive ones; of long recordings a part decides.
+    poses : consecutive ones; of long recordings a part decides, and of slow ones none does.
     """
+    if len(poses) <= ORDER or np.median(np.diff(poses.stamp_ns)) > SLOW_PERIOD_S * 1e9:
+        return np.zeros(3)
     differences = _third_differences(poses[:POINT_POSES].fresh)
     across, about, count = differences[:3], differences[3:6], differences.shape[1]
     point_m, gain = np.zeros(3), 0.0

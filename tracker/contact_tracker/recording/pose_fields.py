@@ -95,8 +95,9 @@ def fields_with_poses(channel: Channel) -> list[str]:
 def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
     """Frame, child frame and pose of each pose at a path in a decoded message, whichever library decoded it;
     None for an element without one. Unexpected attributes and values can raise any error."""
+    seen = set[str]()
     for inside, number in _reached((message,), re.findall(r"(\w+)(?:\[(\d+)\])?", path), ""):
-        is_deleted = any(hasattr(part, "ns") and part.action != _ADDED for part in inside)
+        is_deleted = any(hasattr(part, "ns") and getattr(part, "action", _ADDED) != _ADDED for part in inside)
         if not inside or is_deleted:
             yield None
             continue
@@ -113,7 +114,10 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
         frame = next(filter(None, _nearest(inside, _FRAMES)), "")
         if not isinstance(frame, str):
             raise TypeError("the name of a frame is no text")
-        yield frame, _child(inside, number), Pose(stamp_ns, (px, py, pz), (x, y, z, w))
+        child = _child(inside, number)
+        child = f"{child}#{number}" if child in seen else child  # of two cups, the second
+        seen.add(child)
+        yield frame, child, Pose(stamp_ns, (px, py, pz), (x, y, z, w))
 
 
 def _reached(
@@ -151,7 +155,7 @@ def _child(inside: tuple[Any, ...], number: str) -> str:
     """The name of the body, of a marker ``ns/id``; its number where it has no name."""
     found = list[str]()
     for part in reversed(inside):
-        if hasattr(part, "ns"):
+        if hasattr(part, "ns") and hasattr(part, "id"):
             found.append(f"{part.ns}/{part.id}")
             continue
         names = _NAMES_IN_LISTS if number and part is not inside[0] else _NAMES

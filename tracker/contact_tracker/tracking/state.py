@@ -38,7 +38,7 @@ class FilterState(NamedTuple):
     known_map: Map
     """Known elements."""
     origins: Origins
-    """(3,) origin of the ticks in the world, once there is one."""
+    """Those of the ticks, once there are some."""
     free_motion: FreeMotion | None
     """Free motion as this filter sees it, if its ticks have been averaged for another one."""
     sliding_window: SlidingWindow
