@@ -206,7 +206,7 @@ def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFix
     assert_read(path, "--time-unit", "200Hz")
     assert_read(write(tmp_path / "b.csv", [NAMES], rows(POSE)), "--time-unit", "200Hz")  # by rows
     assert run(["info", str(path)]) == 1
-    assert f"read them by contact-tracker segment {path} --time-unit 100Hz" in capsys.readouterr().err
+    assert f"read them by contact-tracker info {path} --time-unit 100Hz" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["list of seven", "two lists", "lists of any length"])
