@@ -73,12 +73,12 @@ def write_samples(name: str, folder: Path) -> None:
 
 
 def write_beginnings(folder: Path, *names: str) -> None:
-    """The first 6 s of recordings of the repository."""
+    """The first 9 s of recordings of the repository."""
     folder.mkdir()
     for name in names:
         path = str(ROOT / "recordings" / name)
         poses = Poses.collect(open_log(path))
-        first = poses[: int(poses.stamp_ns.searchsorted(poses.stamp_ns[0] + 6_000_000_000))]
+        first = poses[: int(poses.stamp_ns.searchsorted(poses.stamp_ns[0] + 9_000_000_000))]
         write_recording(str(folder / name), first, read_truth(path), {})
 
 
