@@ -95,7 +95,7 @@ def fields_with_poses(channel: Channel) -> list[str]:
 def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
     """Frame, child frame and pose of each pose at a path in a decoded message, whichever library decoded it;
     None for an element without one. Unexpected attributes and values can raise any error."""
-    seen = set[str]()
+    seen = set[tuple[str, str, int]]()
     for inside, number in _reached((message,), re.findall(r"(\w+)(?:\[(\d+)\])?", path), ""):
         is_deleted = any(hasattr(part, "ns") and getattr(part, "action", _ADDED) != _ADDED for part in inside)
         if not inside or is_deleted:
@@ -115,8 +115,8 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
         if not isinstance(frame, str):
             raise TypeError("the name of a frame is no text")
         child = _child(inside, number)
-        child = f"{child}#{number}" if child in seen else child  # of two cups, the second
-        seen.add(child)
+        child = f"{child}#{number}" if (frame, child, stamp_ns) in seen else child  # a second cup
+        seen.add((frame, child, stamp_ns))
         yield frame, child, Pose(stamp_ns, (px, py, pz), (x, y, z, w))
 
 
