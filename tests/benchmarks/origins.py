@@ -2,8 +2,9 @@
 
     python tests/benchmarks/origins.py [RECORDING ...]
 
-Share of the ticks whose label changes if the origin is moved by some distance: offline, and online while the
-noise is that of the whole recording. Without arguments, the three shipped recordings of single contacts.
+Distance between the tracked points, and share of the ticks whose label changes, if the origin is moved by
+some distance: offline, and online while the noise is that of the whole recording. Without arguments, the
+three shipped recordings of single contacts.
 """
 
 import argparse
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.recording import open_log
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
@@ -48,10 +50,14 @@ def main() -> int:
         poses = Poses.collect(open_log(str(path)))
         as_recorded = rows_of(poses)
         for away_m in DISTANCES_M:
-            moved = rows_of(poses.of_point(away_m * DIRECTION))
+            aside_m = away_m * DIRECTION
+            apart_m = independent_point(poses.of_point(aside_m)) + aside_m - independent_point(poses)
+            moved = rows_of(poses.of_point(aside_m))
             shares = (changed(*pair) for pair in zip(as_recorded, moved, strict=True))
-            rows.append((path.stem, f"{away_m:g}", *map(number, shares)))
-    print(table(("recording", "moved m", "offline", "online"), rows))
+            rows.append(
+                (path.stem, f"{away_m:g}", f"{1e3 * np.linalg.norm(apart_m):.1f}", *map(number, shares))
+            )
+    print(table(("recording", "moved m", "apart mm", "offline", "online"), rows))
     return 0
 
 

@@ -1,6 +1,5 @@
 """The online tracker of one stream, which adapts to it and checks it for mistakes."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Final, Self
@@ -188,8 +187,7 @@ class Tracker:
         best, grid, sigma = filters.best, filters.grid, None
         if grid is not None and grid.stream is not None:
             noise = grid.stream.noise
-            swing_sq = 2.0 / 3.0 * (filters.body_m @ filters.body_m) * noise.sigma_rotation_rad**2
-            sigma = math.sqrt(noise.sigma_position_m**2 + swing_sq), noise.sigma_rotation_rad
+            sigma = noise.sigma_at(-filters.body_m), noise.sigma_rotation_rad
         return Stream(
             filters.known_map,
             filters.model,

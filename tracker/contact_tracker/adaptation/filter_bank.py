@@ -83,8 +83,8 @@ class FilterBank:
     rest : whether the object rests, and the ticks by which the others are not updated yet.
     latest_ns : stamps of the latest poses, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
-    body_m : (3,) point of the body that is tracked, in the body frame; by the first poses where the period is
-        not known in advance.
+    body_m : (3,) point of the body that is tracked, in the body frame; by the first
+        ``RATIO_POSES`` where the period is not known in advance.
     map : that of before the rate has changed; None if it has not.
     earlier_outliers : number of outliers from before.
     changed_since_ns : time since which the rate is another one; None if it is not.
@@ -233,8 +233,6 @@ class FilterBank:
         assert self.pending is not None
         period_s = usual_period_s(self.pending.stamp_ns) if self.period_s is None else self.period_s
         model = with_ticks_for(self.model, period_s)
-        if self.period_s is None:
-            self.body_m = independent_point(self.pending)
         return self._begin(model, detail)
 
     def _begin(self, model: Model, detail: Detail) -> list[Belief]:

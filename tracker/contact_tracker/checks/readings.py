@@ -65,9 +65,6 @@ def angles_in(order: str) -> Angles:
     return Angles(axes, places) if order.isupper() else Angles(axes[::-1], places[::-1])
 
 
-FIXED: Final = angles_in("xyz")
-
-
 class Numbers(NamedTuple):
     """Three numbers (N, 3) of which orientations were made, and the log density (N,) of orientations per
     volume of them."""

@@ -269,13 +269,11 @@ class Drawing(NamedTuple):
     ----------
     meshes : the object's element and its uncertainty in the body frame, the surroundings' in the world frame.
     label_m : (3,) position of the label in the world frame.
-    reach_m : distance of the contact from the object's centre.
     is_open : whether the position of two faces along their normal is unknown.
     """
 
     meshes: tuple[Mesh, Mesh, Mesh, Mesh]
     label_m: Array
-    reach_m: float
     is_open: bool
 
 
@@ -291,7 +289,7 @@ def draw_all(
 ) -> Drawing | None:
     """Draw simultaneous touching pairs as ``draw`` does; None without any.
 
-    Label, reach and ``is_open`` are those of the first.
+    Label and ``is_open`` are those of the first.
     """
     if not geometries:
         return None
@@ -348,7 +346,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
         of_surroundings(geometry.environment, middle, half_m),
         open_ways[1],
     )
-    return Drawing(meshes, _label_position(geometry.environment, middle, half_m, up), reach_m, is_open)
+    return Drawing(meshes, _label_position(geometry.environment, middle, half_m, up), is_open)
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
