@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import contact_tracker as ct
+from contact_tracker.adaptation.filter_bank import RATIO_POSES
 from contact_tracker.geometry.elements import Line, shifted
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
@@ -36,6 +37,15 @@ def test_the_point_is_found_wherever_the_origin_is(seed: int, away_m: float) -> 
     point_m = away_m * Rotation.random(random_state=rng).as_matrix()[0]
     found = independent_point(noisy_poses(point_m, rng))
     np.testing.assert_allclose(found, point_m, atol=8.0 * POSITION_M / ROTATION_RAD / np.sqrt(COUNT))
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_far_origin_is_found_by_the_first_poses(seed: int) -> None:
+    """Those that decide online."""
+    rng = np.random.default_rng(seed)
+    point_m = 10.0 * Rotation.random(random_state=rng).as_matrix()[0]
+    found = independent_point(noisy_poses(point_m, rng)[:RATIO_POSES])
+    np.testing.assert_allclose(found, point_m, atol=0.2)
 
 
 def test_it_is_the_origin_where_no_noise_shows_another() -> None:

@@ -42,8 +42,9 @@ SPREAD_M: Final = 0.3
 SLOW_PERIOD_S: Final = 0.045
 """Above this period, differences of poses may be motion as much as noise."""
 POINT_ROUNDS: Final = 3
-"""Rounds of the search of the tracked point: if the origin is moved by 10 m, the first leaves 0.1 m of that
-in the median of 17 recordings, the second 2 mm, and the third nothing."""
+"""Rounds of the search of the tracked point, from one without weights. By the first 60 poses of 17 recordings
+whose origin is moved by 10 m, one is 6 mm (median; at most 16) from the limit of many rounds, three are 1 mm
+(4), and by 2,000 poses one is 0.1 mm."""
 SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
 MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
 """Median of the chi-squared distribution with three degrees of freedom."""
@@ -158,9 +159,10 @@ def independent_point(poses: Poses) -> Array:
         return np.zeros(3)
     differences = _third_differences(poses[: STRIDE * MEMORY].fresh)
     across, about, count = differences[:3], differences[3:6], differences.shape[1]
-    point_m, gain = np.zeros(3), 0.0
     if count < 2 * ORDER or not np.any(about):
-        return point_m
+        return np.zeros(3)
+    gain, swung = 0.0, cross_matrix(-about.T).reshape(-1, 3)
+    point_m = np.linalg.lstsq(swung, across.T.ravel(), rcond=None)[0]  # without weights, nearly there
     for _ in range(POINT_ROUNDS):  # each is shrunk towards the last, the limit is not
         rows = np.array([across - cross_matrix(point_m) @ about, about])
         deviation = np.sqrt(np.maximum(np.mean(rows**2, axis=(1, 2)), TINY))
