@@ -162,8 +162,8 @@ def independent_point(poses: Poses) -> Array:
     if count < 2 * ORDER or not np.any(about):
         return np.zeros(3)
     gain, swung = 0.0, cross_matrix(-about.T).reshape(-1, 3)
-    point_m = np.linalg.lstsq(swung, across.T.ravel(), rcond=None)[0]  # without weights, nearly there
-    for _ in range(POINT_ROUNDS):  # each is shrunk towards the last, the limit is not
+    point_m = np.array(np.linalg.lstsq(swung, across.T.ravel(), rcond=None)[0], np.float64)
+    for _ in range(POINT_ROUNDS):  # with weights; the prior of isotropy shrinks the steps, not their limit
         rows = np.array([across - cross_matrix(point_m) @ about, about])
         deviation = np.sqrt(np.maximum(np.mean(rows**2, axis=(1, 2)), TINY))
         shape = _shape((rows / deviation[:, None, None]).reshape(6, -1), np.eye(6), FIRST_ITERATIONS)
