@@ -80,7 +80,8 @@ class TableReading:
         if self.time_unit is not None:
             _ = self.time_ns
         if self.euler is not None and not _EULER.fullmatch(self.euler):
-            raise ValueError(f"euler is three of the letters xyz or XYZ, then :deg or :rad, as XYZ:deg, not {self.euler!r}")
+            letters = "three of the letters xyz or XYZ, then :deg or :rad, as in XYZ:deg"
+            raise ValueError(f"euler is {letters}, not {self.euler!r}")
         if self.matrix not in (None, "rows", "columns"):
             raise ValueError(f"matrix is rows or columns, not {self.matrix!r}")
         if self.field is not None and not _FIELD.fullmatch(self.field):
