@@ -22,8 +22,8 @@ J. Ota move a cube of 0.2 m by hand on a desk, measure it by motion capture, and
 ([theory](theory.md#4-the-papers-objective-functions) has their equations and our errata). This page repeats both of their experiments. One
 command writes it, with its pictures, in a few minutes:
 
-```console
-$ python docs/examples/paper.py
+```bash
+python docs/examples/paper.py
 ```
 
 **Comparison.** The paper's recordings are not published. Ours are simulated: the same cube, desk, contacts, durations and rate, motion as by
