@@ -17,7 +17,7 @@ from contact_tracker.inspection.turning_point import NO_TURNING_POINTS, TurningP
 from contact_tracker.inspection.two_bodies import ALARM, BACK, is_of_two_bodies, page_sum, returned
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
 from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
-from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE
+from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, independent_point
 
 Array = NDArray[np.float64]
 
@@ -219,7 +219,11 @@ def _inspect_noise(before: Inspection, window: Poses, new: int, interval_s: floa
     if not before.filtered and len(smooth) >= REACH + new:
         whiteness = compare(before.whiteness, smooth, new, interval_s)
         after = after._replace(whiteness=whiteness, filtered=is_filtered(whiteness))
-    return after if after.units or after.bodies else after._replace(units=_are_other_units(after))
+    if after.units or after.bodies or not _are_other_units(after):
+        return after
+    near = window.of_point(independent_point(window))  # an origin far away has the noise of the orientation
+    smooth[:, :3] = near.position_m[1:]
+    return after._replace(units=_are_other_units(after._replace(noise=_histogram(smooth[-new - 3 :]))))
 
 
 def _median(values: Array) -> float:
