@@ -33,7 +33,9 @@ class Jobs(Protocol):
 
 
 class Workers(ProcessPoolExecutor):
-    """Up to ``count`` processes, at most ``MOST_WORKERS``, which first call ``prepare``, and end with this context.
+    """Up to ``count`` processes, which first call ``prepare``, and end with this context.
+
+    They are ``MOST_WORKERS`` at most.
 
     If it ends by an error, running calls are interrupted. An interrupt is left to this process: a terminal
     sends it to all of them, but only one has to end the others.

@@ -143,8 +143,8 @@ class ChannelFilter:
     Parameters
     ----------
     topic : ``/name``, or ``/name:TYPE`` where a topic has several types; TYPE may be without its package.
-    table : with the path to the poses in messages, if these are not those of known types, and the command that
-        reads them.
+    table : with the path to the poses in messages, if these are not those of known types, and the command
+        that reads them.
     """
 
     def __init__(self, topic: str | None, table: TableReading = AS_NAMED) -> None:
