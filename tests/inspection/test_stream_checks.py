@@ -167,7 +167,9 @@ def test_metres_in_columns_of_smaller_units_are_reported(recordings, name, facto
 def test_an_object_far_from_its_origin_is_in_metres(recordings, name):
     """The origin moves with the errors of the orientation, here by 20 to 120 mm."""
     far = recordings[name].of_point(10.0 * np.array([0.6, -0.48, 0.64]))
-    assert "units" not in kinds(far)
+    (finding,) = findings(inspected(far))  # the same motion as that of the world in a body
+    assert finding.kind == "inverse"
+    assert "if the body's origin is that far from the object" in finding.text
     assert "units" in kinds(scaled(far, 1e3))
 
 

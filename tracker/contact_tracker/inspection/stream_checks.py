@@ -140,7 +140,8 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
         from_body_m, from_world_m = inspection.turning.median_m
         text = (
             f"poses look inverse, of the world in the body (they turn about points {from_body_m:.1f} m from "
-            f"the body's origin and {from_world_m:.1f} m from the world's): invert them"
+            f"the body's origin and {from_world_m:.1f} m from the world's): "
+            "invert them, or, if the body's origin is that far from the object, give it one near the object"
         )
         found.append(Finding("inverse", text, True))
     if inspection.filtered and not inspection.bodies:
