@@ -250,4 +250,4 @@ class Tracker:
         report = report_of(
             filters.model, best.model, self.is_decided, filters.grid.stream.noise, frames, found
         )
-        return report._replace(map_use=map_use(best.map))
+        return report._replace(map_use=map_use(best.map), point_m=tuple(filters.body_m.tolist()))

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from contact_tracker.cli.source import Source
     from contact_tracker.config.parameters import Model
+    from contact_tracker.ground_truth import Truth
     from contact_tracker.map.map import Map
     from contact_tracker.motion.poses import Pose
     from contact_tracker.segmenting import OfflineTracker
@@ -147,6 +148,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             "--labels FILE is of use with one LOG and -o FILE.png, .pdf or .svg; evaluate compares"
         )
+    if args.labels is not None and jobs[0].log == "-":
+        raise UsageError("--labels reads the recording twice, which standard input does not allow")
     if args.map_out is not None and len(jobs) > 1:
         raise UsageError("--map-out is of one recording: go from one to the next with --known and --map-out")
     notes = list[str]()
@@ -197,6 +200,7 @@ def _segment(
     read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
     arguments.check_map_out(args, known_map)
+    labels = None if args.labels is None else arguments.load_labels(args, args.log)
     notes = [*before]
     wrenches = arguments.load_wrenches(args.log, args, model, known_map, _noting(notes))
     log = arguments.open_poses(args, args.log)
@@ -207,7 +211,7 @@ def _segment(
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]
         else:
-            _write(source, tracker, known_map, set_done, args, check, notes)
+            _write(source, tracker, known_map, set_done, args, check, notes, labels)
     if args.output is None:
         for line in table(segments, source.origin_ns, wrenches is not None):
             show(line)
@@ -228,8 +232,9 @@ def _write(
     args: argparse.Namespace,
     check: Callable[[], None],
     notes: Iterable[str],
+    labels: "Truth | None",
 ) -> None:
-    """Write incrementally where the format allows it, to save memory."""
+    """Write incrementally where the format allows it, to save memory; ``labels`` are the user's own."""
     from contact_tracker.exports.formats import write_outcome, write_pieces
     from contact_tracker.motion.poses import Poses
     from contact_tracker.tracking.belief import Detail
@@ -245,8 +250,6 @@ def _write(
     kept: list[Poses] = []
     found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
     outcome = source.outcome(Poses.join(kept), found, tracker, known_map, notes)
-    if args.labels is not None:
-        last_ns = int(outcome.poses.stamp_ns[-1])
-        labels = arguments.load_labels(args, source.origin_ns, last_ns)
+    if labels is not None:
         outcome = replace(outcome, truth=lambda: labels)
     write_outcome(outcome, args.output, check)

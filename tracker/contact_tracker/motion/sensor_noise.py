@@ -48,6 +48,8 @@ whose origin is moved by 10 m, one is 6 mm (median; at most 16) from the limit o
 SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
 MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
 """Median of the chi-squared distribution with three degrees of freedom."""
+ROUNDING_RAD: Final = 1e-9
+"""Smaller differences of orientations are rounding errors, by which a point may seem to be anywhere."""
 TINY: Final = 1e-30
 
 
@@ -159,7 +161,7 @@ def independent_point(poses: Poses) -> Array:
         return np.zeros(3)
     differences = _third_differences(poses[: STRIDE * MEMORY].fresh)
     across, about, count = differences[:3], differences[3:6], differences.shape[1]
-    if count < 2 * ORDER or not np.any(about):
+    if count < 2 * ORDER or np.abs(about).max() < ROUNDING_RAD:
         return np.zeros(3)
     gain, swung = 0.0, cross_matrix(-about.T).reshape(-1, 3)
     point_m = np.array(np.linalg.lstsq(swung, across.T.ravel(), rcond=None)[0], np.float64)
