@@ -60,16 +60,15 @@ class ContactFilter:
         state = self.state if self.state.ticks else begun(self.state, tick)
         window = advance_window(state.window, state.ticks, tick, state.model)
         rest = newest_rest(window, state.model.tick_s)
-        if state.belief is not None and is_uninformative(state, tick, window, rest):  # at rest and in gaps
-            belief = replace(state.belief, stamp_ns=tick.stamp_ns)
-            state = pass_over(state, window, tick.outliers)
+        if is_uninformative(state, tick, window, rest):  # in gaps, and at rest
+            state, belief = pass_tick(state, tick, window)
         else:
             transitions = predict_transitions(
                 state, window, rest.completes
             )  # by containment; births by the map
             ticks = tick_input(state, tick, window, transitions)
             banks, weights = updated_banks(state, ticks)  # fit of the geometry, evidence, search, pruning
-            state = weighed(state, tick, window, transitions, ticks.births, banks, weights)  # HMM
+            state = weighed(state, tick, ticks, transitions, banks, weights)  # HMM
             state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
         self.state, belief = with_rest(state, belief, rest.is_in_rest)
         return belief
@@ -131,13 +130,20 @@ def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: Newes
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
     the posterior. With known elements every tick is informative, since it shows whether they touch, and with
     those of the map each up to the one that completes a rest, except after a gap."""
-    before = state.window.innovation_excess[-1:]
-    if state.known_map or not len(before) or before.any() or tick.innovation_excess != NO_EXCESS:
+    if state.belief is None or state.known_map or tick.innovation_excess != NO_EXCESS:
+        return False
+    if state.window.innovation_excess[-1].any():
         return False
     assert window.frames is not None
     if state.knows_elements and window.frames[-rest_ticks(state.model.tick_s) :].all():
         return rest.is_in_rest and not rest.completes
     return not rest.completes
+
+
+def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterState, Belief]:
+    """Pass over an uninformative tick, after which the belief is that of before."""
+    assert state.belief is not None
+    return pass_over(state, window, tick.outliers), replace(state.belief, stamp_ns=tick.stamp_ns)
 
 
 def pass_over(state: FilterState, window: Window, outliers: int, count: int = 1) -> FilterState:
@@ -200,23 +206,22 @@ def updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], Tic
 def weighed(
     state: FilterState,
     tick: Tick,
-    window: Window,
+    ticks: TickInput,
     transitions: TransitionPrediction,
-    births: Births,
     banks: Sequence[Bank],
     weights: TickWeights,
 ) -> FilterState:
     """The state after an informative tick, with the updated banks and weights."""
-    past = births.lag_history
+    past = ticks.births.lag_history
     if past.size:
         banks, free = _with_longer_histories(banks), fixed_lag.grown(past[FREE], FREE)
         past = np.array([*(fixed_lag.mixed(b.lag_history, b.log_weight) for b in banks), free])
     was_free = state.label is Contact.FREE
     return state._replace(
-        window=window,
+        window=ticks.window,
         cached_proposals=transitions.cached_proposals,
         ticks=state.ticks + 1,
-        next_hypothesis_id=state.next_hypothesis_id + births.total + 1,
+        next_hypothesis_id=state.next_hypothesis_id + ticks.births.total + 1,
         deferred_exposure=0.0,
         banks=tuple(banks),
         log_state_weight=weights.log_state_weight,
