@@ -73,12 +73,14 @@ class Tracker:
         """
         beliefs = list[Belief]()
         for pose in arrival.poses:
-            if self.filters.grid is not None and self.filters.grid.is_late(pose.stamp_ns):
+            grid = self.filters.grid
+            if grid is not None and grid.is_late(pose.stamp_ns):
                 self.late += 1
             else:
                 beliefs += self.add(pose, detail)
-        if arrival.next_ns is not None and not self.filters.goes_on(arrival.next_ns):  # the tick is complete
-            beliefs += self._update_filters(detail, arrival.next_ns)
+        grid, next_ns = self.filters.grid, arrival.next_ns
+        if next_ns is not None and (grid is None or not grid.goes_on(next_ns)):  # the tick is complete
+            beliefs += self._update_filters(detail, next_ns)
         return beliefs
 
     def finish(self) -> list[Belief]:
@@ -108,7 +110,8 @@ class Tracker:
             self.last_ns = poses.stamp_ns
             self.uninspected.append(poses)
             self.many += 1
-            if self.many < BATCH_POSES and self.filters.goes_on(poses.stamp_ns):
+            grid = self.filters.grid
+            if self.many < BATCH_POSES and grid is not None and grid.goes_on(poses.stamp_ns):
                 return []  # most poses: the filters need them at the end of the tick only
             return self._update_all(detail)
         beliefs = list[Belief]()

@@ -131,10 +131,6 @@ class FilterBank:
         """Poses left out of their ticks so far."""
         return self.earlier_outliers + (self.filters[0].state.outliers if self.filters else 0)
 
-    def goes_on(self, stamp_ns: int) -> bool:
-        """Whether a pose that follows closes no tick."""
-        return self.grid is not None and self.grid.goes_on(stamp_ns)
-
     def add(self, poses: Poses, detail: Detail) -> list[Belief]:
         """Add poses; returns the beliefs of the ticks that they close."""
         beliefs = self._add(poses, detail)
@@ -268,7 +264,7 @@ class FilterBank:
         """Update the filters by ticks; those that are dropped are left out of later ticks."""
         beliefs = list[Belief]()
         while ticks:
-            if self.is_decided:
+            if len(self.filters) == 1 and self.pending is None:
                 for tick in ticks:
                     self.filters[0].update(tick, detail)
                     beliefs += filter(None, [self.filters[0].reported])

@@ -134,10 +134,11 @@ class Window:
             self.zeta[first - 1] if first else self.before,
             frames,
         )
-        inverse = np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]])
-        return moved_on.with_cached(
-            inverse, np.concatenate([self.displacement_variance[first:], displaced[None]])
+        vars(moved_on).update(
+            inverse=np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]]),
+            displacement_variance=np.concatenate([self.displacement_variance[first:], displaced[None]]),
         )
+        return moved_on
 
     def with_cached(self, inverse: Array, displacement_variance: Array) -> "Window":
         """The same window with ``inverse`` and ``displacement_variance`` computed already."""

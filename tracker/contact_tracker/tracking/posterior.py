@@ -20,7 +20,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact
-from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, CurvedMotion, update_curved_motion
+from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.state import FilterState
 
 Array = NDArray[np.float64]
@@ -43,8 +43,11 @@ def read_posterior(
     belief = state_posterior(state, tick.stamp_ns)
     shared, learns = belief, _should_update_map(state, belief)
     if learns or detail >= Detail.SHARED:  # sharing never raises the label's probability
-        if tests_curvature or belief.contact is not Contact.FREE:
-            state = state._replace(curved=_curved_motion(state, belief.contact))
+        if belief.contact is not Contact.FREE:
+            state = state._replace(curved=NO_CURVED_MOTION)
+        elif tests_curvature:  # at intervals
+            known = state.curved, state.window, state.free_since, state.scales, state.known_map
+            state = state._replace(curved=update_curved_motion(*known))
         shared = share_among_indistinguishable(state, belief)
         learns = learns and _should_update_map(state, shared)
     if detail >= Detail.SHARED:
@@ -70,14 +73,6 @@ def _should_update_map(state: FilterState, belief: Belief) -> bool:
     ):
         return False
     return belief.stamp_ns >= state.map.due_ns.get(belief.onset_ns, belief.stamp_ns)
-
-
-def _curved_motion(state: FilterState, label: Contact) -> CurvedMotion:
-    """The test of free motion for a curved surface, which is made at intervals."""
-    if label is not Contact.FREE:
-        return NO_CURVED_MOTION
-    known = state.curved, state.window, state.free_since
-    return update_curved_motion(*known, state.scales, state.known_map)
 
 
 def _had_begun(belief: Belief, stamp_ns: int) -> bool:
@@ -147,7 +142,7 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     p_restricted = ambiguity.p_restricted(freedom.underused, since, state.model.tick_s)
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
-    inseparable = tuple(other for other in others if state.known_map.allows(other))
+    inseparable = tuple(filter(state.known_map.allows, others))
     return _shared(state, belief, inseparable, p_restricted, belief)
 
 
@@ -232,7 +227,8 @@ def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sightin
 def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[FilterState, Belief]:
     """Update the further contacts after an informative tick; returns the state and the belief with them."""
     label = belief.contact
-    least = STILL_ESTABLISHED if any(one.is_present for one in state.formation.tracked) else ESTABLISHED
+    tracked = state.formation.tracked
+    least = STILL_ESTABLISHED if tracked and any(one.is_present for one in tracked) else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
         return state._replace(formation=online.suspend(state.formation)), belief
     bank, row = state.banks[label.column], int(state.best_rows[label.column])
@@ -247,7 +243,8 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
     formation = online.advance(state.formation, ticks, first)
     state = state._replace(formation=formation)
-    belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
+    if formation.tracked:
+        belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
     if formation.is_open:
         capped = ambiguity.at_most(belief.probability, label, possible=state.known_map.possible)
         belief = replace(belief, probability=capped, is_open=True)
