@@ -15,8 +15,8 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import tempered
-from contact_tracker.tracking.forward_pass import RecordedPass
 from contact_tracker.tracking.transition_model import log_initial
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.scoring import Subset, scoring
 from fixed_windows import Emission, Recorded, Windows

@@ -27,8 +27,7 @@ from contact_tracker.map.same_element import is_same_element
 from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.lifted_pose import T
-from contact_tracker.motion.rests import at_rest
-from contact_tracker.motion.window import SlidingWindow, Window
+from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import FurtherContact, Segment
@@ -316,7 +315,7 @@ class FinishedSegment(NamedTuple):
 
     def _rests(self) -> NDArray[np.bool_]:
         """Which ticks (n,) are at rest; motion too short to be told from the end of a rest belongs to it."""
-        resting = at_rest(SlidingWindow(self.ticks.window, self.rows["count"]), self.ticks.model.tick_s)
+        resting = at_rest(self.ticks.window, self.ticks.model.tick_s)
         edges = np.flatnonzero(np.diff(resting, prepend=False, append=False))
         for first, end in pairwise([0, *edges, len(resting)]):
             if end - first < NOW_TICKS and resting.any():
