@@ -21,7 +21,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
-from contact_tracker.paper.reported import REPORTED_ERRORS
+from contact_tracker.paper.objectives import REPORTED_ERRORS
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment

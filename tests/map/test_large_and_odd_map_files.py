@@ -19,7 +19,7 @@ from contact_tracker.config.shipped import shipped
 from contact_tracker.errors import KnowledgeError, ModelError
 from contact_tracker.geometry import polyhedron
 from contact_tracker.map.file import map_from, read_map
-from contact_tracker.map.triangles import triangles_of_obj, triangles_of_stl
+from contact_tracker.map.mesh import triangles_of_obj, triangles_of_stl
 
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
 CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"

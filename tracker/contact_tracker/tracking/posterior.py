@@ -248,7 +248,7 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     ticks = FormationTicks(
         some, scales_of(state.model), leave_per_s, origins, state.known_map, state.model.systematic
     )
-    first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
+    first = KnownContact(label, bank.x[row])
     formation = online.advance(state.formation, ticks, first)
     state = state._replace(formation=formation)
     belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
