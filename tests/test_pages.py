@@ -51,6 +51,10 @@ def test_every_page_with_the_command_says_how_it_is_found() -> None:
 def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
     if name == "tutorial_map.md":  # on the first seconds of its takes
         write_beginnings(tmp_path / "recordings", "mug_first_take.mcap", "mug_second_take.mcap")
+    elif name == "models.md":  # which learns from all recordings: two of them
+        (tmp_path / "recordings").mkdir()
+        for recording in ("robot_1khz.mcap", "vision_30hz.mcap"):
+            (tmp_path / "recordings" / recording).symlink_to(ROOT / "recordings" / recording)
     else:
         (tmp_path / "recordings").symlink_to(ROOT / "recordings")
     (tmp_path / "models").symlink_to(ROOT / "models")

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.paper.reported import REPORTED_ERRORS
+from contact_tracker.paper.objectives import REPORTED_ERRORS
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.evaluation.bound import errors_at_bound
 from contact_tracker_lab.evaluation.geometry_errors import ElementError

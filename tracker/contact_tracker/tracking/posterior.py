@@ -240,7 +240,7 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
     leave_per_s, origins = state.model.transitions.leave_per_s, state.origins
     ticks = FormationTicks(some, state.scales, leave_per_s, origins, state.known_map, state.model.systematic)
-    first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
+    first = KnownContact(label, bank.x[row])
     formation = online.advance(state.formation, ticks, first)
     state = state._replace(formation=formation)
     if formation.tracked:
