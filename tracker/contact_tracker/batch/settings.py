@@ -8,7 +8,7 @@ from contact_tracker import __version__
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.map.map import Map
-from contact_tracker.saved_state.encoding import fingerprint
+from contact_tracker.saved_state import fingerprint
 
 
 class WrenchSettings(NamedTuple):
