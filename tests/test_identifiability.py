@@ -15,8 +15,8 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.segmentation import Beliefs
+from contact_tracker_lab.evaluation.metrics import tally
 from contact_tracker_lab.evaluation.scoring import Subset, scoring
-from contact_tracker_lab.evaluation.tallying import tally
 from identifiability_tables import Class, Mistake
 from resampling import Phases
 from short_recordings import FACE_TO_EDGE, MODEL, recorded

@@ -28,12 +28,12 @@ from tqdm import tqdm
 
 import kept_tables
 from contact_tracker import segmenting
-from contact_tracker.api.given import model_from
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking import offline_smoother
+from contact_tracker.trajectory.arguments import model_from
 from contact_tracker_lab.evaluation.answers import answers_to
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number, table

@@ -112,16 +112,6 @@ def test_a_report_has_what_was_warned_of_before_the_first_pose(log: Path, tmp_pa
     assert "is not convex" in (tmp_path / "out.html").read_text(encoding="utf-8")
 
 
-def test_a_recording_for_foxglove_never_replaces_its_own_recording(log: Path, tmp_path: Path) -> None:
-    before = log.read_bytes()
-    for more in ((), ("--overwrite",)):
-        done = run("segment", log, "-o", log, *more)
-        assert (done.returncode, log.read_bytes()) == (2, before)
-    (tmp_path / "other.mcap").write_bytes(before)
-    assert run("segment", log, "-o", tmp_path / "other.mcap").returncode == 2
-    assert run("segment", log, "-o", tmp_path / "other.mcap", "--overwrite").returncode == 0
-
-
 def test_standard_input_gives_result_channels_alone(log: Path, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     done = run("segment", "-", "-o", tmp_path / "out.mcap", stdin=log.read_bytes())

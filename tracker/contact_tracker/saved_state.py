@@ -1,6 +1,6 @@
 """Saving the state of a stream to a file, to resume it after a restart.
 
-A value of known classes becomes a tree of JSON that refers to arrays by number. No other class is built, and no
+A value of known classes becomes a tree of JSON that refers to arrays by number. No other class is built, no
 code is run. Shared objects stay shared, as some are compared by identity.
 """
 
@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import __version__
-from contact_tracker.atomic_file import whole_file
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import ContactTrackerError, StateError
+from contact_tracker.files import read_regular, whole_file
 from contact_tracker.hypotheses.bank import Bank, Onsets
 from contact_tracker.hypotheses.row_layout import Layout, layout
 from contact_tracker.motion.default_poses import DefaultPoseFilter
@@ -30,7 +30,6 @@ from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Step
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.stamp_order import Ordered, Periods, StampOrder
-from contact_tracker.regular_file import read_regular
 from contact_tracker.tracker import Tracker
 
 FORMAT: Final = 2

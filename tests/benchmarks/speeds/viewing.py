@@ -1,21 +1,20 @@
 """Writing for the viewer: poses per second, streamed with each belief and as a whole recording."""
 
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from itertools import islice, pairwise
 from typing import Final
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.recording import open_log, read_metadata
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.trajectory import Trajectory, vertices_from_metadata
 from contact_tracker.viewer.live import LiveViewer
-from contact_tracker.viewer.offline import Shown, write_rrd
-from contact_tracker.viewer.scene import vertices_from_metadata
+from contact_tracker.viewer.offline import write_rrd
 from contact_tracker.viewer.sinks import to_file
 from speeds.figures import Figure, Setup, cpu_s
 
@@ -30,7 +29,8 @@ def measure(setup: Setup) -> list[Figure]:
     for pose in poses:
         beliefs = [one.update(tick) for tick in grid.add(Poses.collect([pose]))]
         tracked.append((pose, beliefs[-1] if beliefs else None))
-    segmentation, path = segment(poses, model), setup.scratch / "view.rrd"
+    path = setup.scratch / "view.rrd"
+    outcome = Outcome(Trajectory(Poses.collect(poses), vertices_m=vertices), segment(poses, model))
 
     def stream() -> None:
         with LiveViewer(vertices, to_file(path)) as viewer:
@@ -39,12 +39,8 @@ def measure(setup: Setup) -> list[Figure]:
                 if belief is not None:
                     viewer.belief(belief)
 
-    def segmented(poses: Iterable[Pose]) -> list[Segmentation]:
-        deque(poses, maxlen=0)
-        return [segmentation]
-
     def write() -> None:
-        write_rrd(path, Shown(poses, segmented, vertices_m=vertices))
+        write_rrd(path, outcome)
 
     def rate(work: Callable[[], None]) -> float:
         return len(poses) / cpu_s(work, setup.runs)

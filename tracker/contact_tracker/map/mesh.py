@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.errors import KnowledgeError
+from contact_tracker.files import read_regular
 from contact_tracker.geometry.elements import Array
 from contact_tracker.geometry.polyhedron import Polyhedron, TooManyFaces, convex
 from contact_tracker.map.keys import SIZES_M
 from contact_tracker.map.triangles import triangles_of_obj, triangles_of_stl
-from contact_tracker.regular_file import read_regular
 
 READERS: Final = {".stl": triangles_of_stl, ".obj": triangles_of_obj}
 MOST_BYTES: Final = 20_000_000
