@@ -17,7 +17,7 @@ import pytest
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from command_line import ENVIRONMENT, PROGRAM, ROOT, Done, run, shown_on_a_terminal
+from command_line import DEVNULL, ENVIRONMENT, PIPE, PROGRAM, ROOT, Done, run, shown_on_a_terminal, started
 from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.main import COMMANDS, LAB_COMMANDS
@@ -46,7 +46,6 @@ needs_proc = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that l
 
 def wait_until_it_waits(process: "subprocess.Popen[bytes]") -> None:
     """Wait until a command with ``-v`` has opened its recording, and sleeps without using CPU time."""
-    assert process.stderr is not None
     while b"reading " not in (line := process.stderr.readline()):
         assert line, "it has ended"
     before = None
@@ -285,10 +284,7 @@ def test_truncated_input_gives_the_readable_part_and_3(truncated: Path, tmp_path
 
 def test_follow_waits_for_more_data(truncated: Path) -> None:
     rest = write_waves(truncated.with_name("whole.mcap"), 1000).read_bytes()[truncated.stat().st_size :]
-    command = [*PROGRAM, "live", str(truncated), "--json", "--follow"]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(command, env=ENVIRONMENT, stdout=pipe, stderr=pipe, text=True) as process:
-        assert process.stdout is not None
+    with started("live", truncated, "--json", "--follow", stdout=PIPE, stderr=PIPE, text=True) as process:
         first = process.stdout.readline()
         with open(truncated, "ab") as growing:
             growing.write(rest)
@@ -368,14 +364,8 @@ def test_a_full_disk_under_stdout_is_one_line_and_1(log: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path, number: signal.Signals) -> None:
-    command = [*PROGRAM, "segment", "-", "-o", str(tmp_path / "out.csv")]
-    with subprocess.Popen(
-        command,
-        env=ENVIRONMENT,
-        stdin=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
-    ) as process:
-        assert process.stdin is not None
+    words = "segment", "-", "-o", tmp_path / "out.csv"
+    with started(*words, stdin=PIPE, preexec_fn=lambda: signal.signal(number, signal.SIG_DFL)) as process:
         process.stdin.write(log.read_bytes())  # and there may be more
         process.stdin.flush()
         while not any(tmp_path.iterdir()):
@@ -578,12 +568,9 @@ def test_a_live_stream_resumes_after_a_restart_byte_for_byte(recording: Path, tm
 
 def test_a_terminated_live_stream_resumes(recording: Path, tmp_path: Path) -> None:
     state = tmp_path / "s.state"
-    command = [*PROGRAM, "live", str(recording), "--json", "--rate", "2", "--state", str(state)]
-    output = b""
+    words, output = ("live", recording, "--json", "--rate", "2", "--state", state), b""
     for number in (signal.SIGTERM, signal.SIGINT):
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-        with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
-            assert live.stdout is not None
+        with started(*words, stdout=PIPE, stderr=DEVNULL) as live:
             output += live.stdout.readline() + live.stdout.readline()
             live.send_signal(number)
             output += live.stdout.read()
@@ -598,9 +585,7 @@ def test_a_terminated_live_stream_resumes(recording: Path, tmp_path: Path) -> No
 @needs_proc
 def test_a_live_stream_that_is_replayed_slowly_ends_at_once_and_loses_no_pose(tmp_path: Path) -> None:
     log, state = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(60))]), tmp_path / "s.state"
-    command = [*PROGRAM, "live", str(log), "--rate", "1e-6", "--state", str(state), "-v"]
-    with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE) as live:
-        assert live.stderr is not None
+    with started("live", log, "--rate", "1e-6", "--state", state, "-v", stderr=PIPE) as live:
         wait_until_it_waits(live)  # for the third pose, with which the second is released
         live.send_signal(signal.SIGTERM)
         assert live.wait(timeout=20) == 128 + signal.SIGTERM
@@ -612,9 +597,7 @@ def test_a_live_stream_that_is_replayed_slowly_ends_at_once_and_loses_no_pose(tm
 def test_a_followed_stream_that_is_terminated_ends_with_143(tmp_path: Path) -> None:
     log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(600))])
     (growing := tmp_path / "b.mcap").write_bytes(log.read_bytes()[:-3000])
-    command = [*PROGRAM, "live", str(growing), "--follow", "-v"]
-    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
+    with started("live", growing, "--follow", "-v", stdout=DEVNULL, stderr=PIPE) as live:
         wait_until_it_waits(live)  # for the file to grow
         live.send_signal(signal.SIGTERM)
         assert live.wait(timeout=20) == 128 + signal.SIGTERM
@@ -623,11 +606,8 @@ def test_a_followed_stream_that_is_terminated_ends_with_143(tmp_path: Path) -> N
 @needs_proc
 def test_a_live_stream_is_saved_while_it_waits_on_standard_input(tmp_path: Path) -> None:
     state = tmp_path / "s.state"
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-    command = [*PROGRAM, "live", "-", "--json", "--state", str(state), "-v"]
-    with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
-        assert live.stdin is not None
-        assert live.stderr is not None
+    pipes = {"stdin": PIPE, "stdout": DEVNULL, "stderr": PIPE}
+    with started("live", "-", "--json", "--state", state, "-v", **pipes) as live:
         live.stdin.write(RECORDING.read_bytes()[:200_000])
         live.stdin.flush()
         wait_until_it_waits(live)  # for more than was sent

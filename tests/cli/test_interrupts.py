@@ -84,7 +84,6 @@ def test_an_interrupt_at_any_time_ends_in_order(start: str, arguments: list[str]
             text=True,
             start_new_session=True,
         ) as process:
-            assert process.stdout is not None
             process.stdout.readline()
             time.sleep(delay_s)
             os.killpg(process.pid, signal.SIGINT)

@@ -36,7 +36,6 @@ def begin(target: Path) -> "subprocess.Popen[str]":
 def orphaned_file(target: Path) -> Path:
     """The temporary file of a process that was killed while it wrote ``target``."""
     with begin(target) as process:
-        assert process.stdout is not None
         temporary = Path(process.stdout.readline().rstrip("\n"))
         process.send_signal(signal.SIGKILL)
     assert temporary.read_text() == "half"
@@ -184,7 +183,6 @@ def test_temporary_files_of_killed_processes_are_removed(tmp_path: Path) -> None
 def test_temporary_files_of_running_processes_are_kept(tmp_path: Path) -> None:
     target = tmp_path / "out.csv"
     with begin(target) as process:
-        assert process.stdout is not None
         temporary = Path(process.stdout.readline().rstrip("\n"))
         write(target)
         assert temporary.exists()
