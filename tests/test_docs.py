@@ -12,9 +12,9 @@ import pytest
 
 import document
 from contact_tracker.batch.rows import SUMMARY_COLUMNS
+from contact_tracker.config import preset_names
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
-from contact_tracker.config.shipped import preset_names
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.recording.pose_fields import POSE_TYPES

@@ -22,12 +22,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker import segmenting
-from contact_tracker.api.given import model_from
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking import offline_smoother
+from contact_tracker.trajectory.arguments import model_from
 from contact_tracker_lab.evaluation.answers import answers_to
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number

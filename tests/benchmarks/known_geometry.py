@@ -38,7 +38,7 @@ from contact_tracker.recording import need_truth, open_log, read_metadata
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.scene import vertices_from_metadata
+from contact_tracker.trajectory import vertices_from_metadata
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from runner import FIGURES, Table, figures, find_sets, measured, parser_of, show

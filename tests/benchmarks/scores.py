@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.states import STATES
-from contact_tracker_lab.evaluation.metrics import Tally
+from contact_tracker_lab.evaluation.metrics import Tally, tally
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset
-from contact_tracker_lab.evaluation.tallying import tally
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

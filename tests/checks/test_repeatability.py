@@ -8,7 +8,6 @@ import pytest
 from benchmarks.distortions import bent
 
 from checked_stream import MODEL, stream_of
-from contact_tracker.api.given import model_from
 from contact_tracker.checks import repeatability
 from contact_tracker.checks.repeatability import Repeatability, difference
 from contact_tracker.config.parameters import SystematicErrors
@@ -19,6 +18,7 @@ from contact_tracker.recording import open_log
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.trajectory.arguments import model_from
 
 PAPER = Path(__file__).resolve().parents[2] / "recordings" / "paper_experiment.mcap"
 NONE = SystematicErrors()

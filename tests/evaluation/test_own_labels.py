@@ -14,8 +14,8 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.recording import read_labels
 from contact_tracker.recording.labels import meanings_of
 from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker_lab.evaluation.metrics import tally
 from contact_tracker_lab.evaluation.scoring import scoring
-from contact_tracker_lab.evaluation.tallying import tally
 from mcap_logs import poses_topic, smooth_poses, write_log
 
 FIRST_NS, LAST_NS = 1_700_000_000 * 10**9, 1_700_000_010 * 10**9

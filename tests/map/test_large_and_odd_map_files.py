@@ -14,8 +14,8 @@ from scipy.spatial import ConvexHull
 
 from command_line import ENVIRONMENT, PROGRAM
 from contact_tracker.cli.main import run
+from contact_tracker.config import shipped
 from contact_tracker.config.loading import load_model
-from contact_tracker.config.shipped import shipped
 from contact_tracker.errors import KnowledgeError, ModelError
 from contact_tracker.geometry import polyhedron
 from contact_tracker.map.file import map_from, read_map

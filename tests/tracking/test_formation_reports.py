@@ -15,7 +15,7 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
-from contact_tracker.outputs.changes import Changes
+from contact_tracker.outputs.text import Changes
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief

@@ -3,7 +3,6 @@
 Data go to stdout, messages to stderr; progress and status only to a terminal.
 """
 
-import logging
 import os
 import re
 import shutil
@@ -112,19 +111,20 @@ def _has_colours(stream: TextIO) -> bool:
 
 def take_over_warnings() -> None:
     """Print warnings and log messages of Python and libraries like our own warnings."""
+    import logging
+
+    class LogLine(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            warn(f"{record.name}: {' '.join(record.getMessage().split())}")
+
     warnings.showwarning = _show_warning  # type: ignore[assignment]
-    logging.lastResort = _LogLine(logging.WARNING)
+    logging.lastResort = LogLine(logging.WARNING)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any) -> None:
     """Print a warning in one line, without its place in the code."""
     text = " ".join(str(message).split())
     warn(text if issubclass(category, ContactTrackerWarning) else f"{category.__name__}: {text}")
-
-
-class _LogLine(logging.Handler):
-    def emit(self, record: logging.LogRecord) -> None:
-        warn(f"{record.name}: {' '.join(record.getMessage().split())}")
 
 
 @contextmanager

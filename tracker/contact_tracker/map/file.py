@@ -10,9 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from contact_tracker.config.loading import MOST_BYTES
-from contact_tracker.config.toml_text import parse_toml
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KnowledgeError
+from contact_tracker.files import parse_toml, read_regular
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.map.keys import FARTHEST_M, Keys
@@ -30,7 +30,6 @@ from contact_tracker.map.map import (
 )
 from contact_tracker.map.mesh import read_mesh
 from contact_tracker.map.pairs import named_pairs
-from contact_tracker.regular_file import read_regular
 
 Note = Callable[[str], None]
 MOST_ELEMENTS: Final = 200

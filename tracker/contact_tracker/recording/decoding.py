@@ -16,8 +16,7 @@ from typing import Any, Final, NamedTuple
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from contact_tracker.errors import MissingExtra
-from contact_tracker.extras import module_of_extra
+from contact_tracker.errors import MissingExtra, module_of_extra
 from contact_tracker.motion.poses import Pose
 from contact_tracker.recording.bytestream import BYTES_PER_RECORD, ZSTD_MAGIC, TooMuchWork, WorkBudget
 from contact_tracker.recording.definitions import (
