@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
 import duckdb
-from contact_tracker.batch.rows import Settings
 
 from contact_tracker.batch import rows
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find
+from contact_tracker.batch.rows import Settings
 from contact_tracker.batch.segmenting import Answer, segment_recording
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.map import EMPTY_MAP
