@@ -133,6 +133,13 @@ def test_it_does_not_depend_on_where_the_bodys_origin_is():
     assert near.worst[2].sigmas == pytest.approx(far.worst[2].sigmas, rel=1e-3)
 
 
+def test_faces_whose_offset_is_not_known_differ_by_their_normals_alone():
+    """As in f-f, with the origin of the body far away: a small angle there is a large distance."""
+    body = plane(offset_m=0.0)
+    found = observed(segments((body, plane()), (body, plane((1e-3, 0.0, 1.0), offset_m=0.55))))
+    assert (found.near, found.apart) == (2, 0)
+
+
 def test_lines_are_compared_across_and_without_regard_to_their_sense():
     across = np.diag([0.0, 1.0, 1.0])
     covariance = np.zeros((6, 6))

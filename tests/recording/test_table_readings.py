@@ -345,3 +345,12 @@ def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:
         np.testing.assert_allclose(np.abs(np.sum(found.quat_xyzw * Q, axis=1)), 1.0, rtol=0, atol=1e-9)
     with pytest.raises(UsageError, match=r"Trajectory\.from_dataframe\(table, euler='xyz:deg'\)"):
         Trajectory.from_dataframe(table)
+
+
+def test_columns_without_names_beside_named_ones_have_numbers(tmp_path: Path) -> None:
+    """As where one name stands for the four columns of a quaternion, and dates have hours of one digit."""
+    seconds = [f"2022-08-15 9:28:{58.177 + t:.6f}" for t in T]
+    path = write(tmp_path / "a.csv", ["time,x,y,z,rotation,,,"], rows(seconds, P, Q))
+    with pytest.raises(UnreadableRecording, match="z, rotation, c5, c6, c7: missing are qx"):
+        open_log(str(path))
+    assert_read(path, "--columns", "qx=rotation,qy=c5,qz=c6,qw=c7")

@@ -72,6 +72,15 @@ def difference(first: Element, second: Element) -> Difference:
     raise TypeError(f"{type(first).__name__} and {type(second).__name__}")
 
 
+def _normal_alone(element: Element) -> Element:
+    """A face with the offset 0, by which it then differs from no other."""
+    if not isinstance(element, Plane) or element.covariance is None:
+        return element
+    covariance = np.eye(4)
+    covariance[:3, :3] = element.covariance[:3, :3]
+    return replace(element, offset_m=0.0, covariance=covariance)
+
+
 def _angle_rad(first: Array, second: Array) -> float:
     """Angle of two directions without regard to their senses."""
     return float(np.arctan2(np.linalg.norm(np.cross(first, second)), abs(first @ second)))
@@ -119,9 +128,10 @@ class Repeatability(Check):
             # an object that tilts stays on its face; later it may be on another, parallel one
             if (one.has_open_offset or new.has_open_offset) and one.touch != new.touch:
                 continue
-            by = difference(one.element, new.element)
+            first, second = one.element, new.element
             if one.has_open_offset or new.has_open_offset:
-                by = by._replace(distance_m=0.0)
+                first, second = _normal_alone(first), _normal_alone(second)
+            by = difference(first, second)
             if by.angle_rad > NEAR_RAD or by.distance_m > NEAR_M:
                 continue
             found = replace(found, near=found.near + 1)

@@ -348,7 +348,8 @@ def layout_of_text(lines: Sequence[str], reading: TableReading, path: str = "FIL
             break  # the rows have begun
         units = _units(following, separator)
         try:
-            layout = layout_of_names(names, reading, path, "table", separator, i + 1 + bool(units), units)
+            named = [name or f"{UNNAMED}{place}" for place, name in enumerate(names)]
+            layout = layout_of_names(named, reading, path, "table", separator, i + 1 + bool(units), units)
         except (UnreadableRecording, ChoiceError) as error:
             errors.setdefault(-1 if i in comments else len(names), error)
             continue
