@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_averaging import TickGrid
 from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_averaging import Tick, TickGrid
 from contact_tracker.tracking import forward_pass
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter

@@ -5,7 +5,7 @@ from pathlib import Path
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_averaging import TickGrid
 from contact_tracker.recording import open_log
 from speeds.figures import Figure, Setup, cpu_s
 

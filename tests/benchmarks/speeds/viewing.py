@@ -7,7 +7,7 @@ from typing import Final
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_averaging import TickGrid
 from contact_tracker.recording import open_log, read_metadata
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.contact_filter import ContactFilter

@@ -17,8 +17,7 @@ from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relax
 from contact_tracker.geometry.elements import ContactGeometry, Origins
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, Contact
 
 Array = NDArray[np.float64]

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.motion.poses import Pose, batches
-from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.tick_grid import ORIGIN_M, TickGrid
+from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.state import FilterState

@@ -19,8 +19,8 @@ from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact
-from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.state import FilterState
 
 Array = NDArray[np.float64]
