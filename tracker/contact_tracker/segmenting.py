@@ -81,7 +81,7 @@ class OfflineTracker:
             yield Segmentation()
             return
         one = ContactFilter.start(self._model, known_map=self._known_map)
-        ticks = ticks_of(_Stream(stream), self._model, progress, self._tracker.filters.body_m)
+        ticks = ticks_of(stream, self._model, progress, self._tracker.filters.body_m)
         segmenter = Segmenter(self._executor, self._wrenches, self._record)
         found = pieces(ticks, one, segmenter, detail)  # filter, smooth, decode, fit each segment
         if self._record is not None:
@@ -221,19 +221,6 @@ def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentatio
         beliefs=piece.beliefs.with_probability(mixed(piece.beliefs.probability)),
         filtered=piece.filtered.with_probability(mixed(piece.filtered.probability)),
     )
-
-
-class _Stream:
-    """Stream of poses in columns, as ``poses.Batched``."""
-
-    def __init__(self, columns: Iterator[Poses]) -> None:
-        self._columns = columns
-
-    def batches(self) -> Iterator[Poses]:
-        return self._columns
-
-    def __iter__(self) -> Iterator[Pose]:
-        return (pose for some in self._columns for pose in some)
 
 
 def _released(parts: list[Poses]) -> Iterator[Poses]:

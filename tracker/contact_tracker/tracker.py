@@ -151,7 +151,7 @@ class Tracker:
         """The beliefs, mixed with uniform ones while the stream may be in doubt."""
         if not beliefs:
             return beliefs
-        basis = self.inspection, *self.checks.basis
+        basis = *self.inspection.basis, *self.checks.basis
         if any(map(is_not, basis, self._doubt_basis)):
             self._doubt_basis, self._doubt = basis, self.may_be_in_doubt
         if not self._doubt:

@@ -159,6 +159,12 @@ class Inspection(NamedTuple):
     filtered: bool = False
     read_as: ReadAs = AS_GIVEN
 
+    @property
+    def basis(self) -> tuple[object, ...]:
+        """What doubts depend on: values that do not change, so that the same objects mean the same doubts."""
+        counts = self.total >= ENOUGH_CONSTANT, self.blocks > 0
+        return self.units, self.bodies, self.moved, self.turning.distances, *counts
+
 
 NOTHING_INSPECTED: Final = Inspection()
 

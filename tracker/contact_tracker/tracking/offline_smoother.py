@@ -21,7 +21,7 @@ from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS
-from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -91,7 +91,7 @@ def segment(
     -------
     Segmentation with the Viterbi path, the smoothed posterior and the online beliefs.
     """
-    start, ticks = ContactFilter.start(model, known_map=known_map), ticks_of(poses, model, progress)
+    start, ticks = ContactFilter.start(model, known_map=known_map), ticks_of(batches(poses), model, progress)
     return Segmentation.join(list(pieces(ticks, start, Segmenter(executor), Detail.GEOMETRY, watch)))
 
 
