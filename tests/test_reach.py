@@ -10,7 +10,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.tracking import pass_record
+from contact_tracker.tracking import offline_smoother
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.scoring import Subset
@@ -51,7 +51,7 @@ def test_labels_are_right_geometry_within_its_deviations_and_nothing_is_reported
 def test_a_map_that_does_not_win_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """The result is then that of the first pass, as for a recording that is too long for a second one."""
     _, found = tracked("robot_1khz")
-    monkeypatch.setattr(pass_record, "MOST_TICKS", 10)
+    monkeypatch.setattr(offline_smoother, "MOST_TICKS", 10)
     alone = Segmentation.join(list(OfflineTracker(load_model()).pieces(poses_of("robot_1khz"))))
     np.testing.assert_array_equal(found.beliefs.probability, alone.beliefs.probability)
     assert [(one.contact, one.start_ns) for one in found.segments] == [

@@ -14,9 +14,14 @@ from scipy.signal import lfilter
 import as_values
 from contact_tracker import hmm, segmenting
 from contact_tracker.adaptation.candidates import RATE_POSES, candidates, period_for_all_s, with_ticks_for
-from contact_tracker.adaptation.comparison import TickEvidence, are_compared, relative_evidence
+from contact_tracker.adaptation.comparison import (
+    TickEvidence,
+    are_compared,
+    mixed_with_uniform,
+    mixture,
+    relative_evidence,
+)
 from contact_tracker.adaptation.filter_bank import RATIO_POSES
-from contact_tracker.adaptation.mixture import mixed_with_uniform, mixture
 from contact_tracker.adaptation.rest import LASTING_TICKS, SPAN_TICKS, is_moving
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled

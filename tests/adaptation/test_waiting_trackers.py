@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import as_values
 from contact_tracker.adaptation import rest
-from contact_tracker.checks import window_scores
+from contact_tracker.checks import conventions
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
 from contact_tracker.map.file import map_from
@@ -78,7 +78,7 @@ def test_at_rest_only_the_first_tracker_takes_in_ticks() -> None:
     others = states[-1].filters.filters[1:]
     assert len({one.state.ticks for one in others}) == 1
     assert len(states[-1].filters.rest.kept) <= rest.KEPT_TICKS
-    assert len(states[-1].checks.conventions.waiting) <= (window_scores.TICKS + 2) * RATE_HZ * MODEL.tick_s
+    assert len(states[-1].checks.conventions.waiting) <= (conventions.TICKS + 2) * RATE_HZ * MODEL.tick_s
 
 
 @needs_kernels

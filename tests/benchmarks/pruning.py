@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -49,7 +49,7 @@ def with_margin(model: Model, margin_nats: float) -> Model:
 def track(poses: Poses, model: Model) -> Run:
     """Track at least one pose."""
     began_s, probabilities, hypotheses = time.process_time(), [], 0
-    for tick in forward(ticks_of(poses, model), ContactFilter.start(model), Detail.SHARED):
+    for tick in forward(ticks_of(batches(poses), model), ContactFilter.start(model), Detail.SHARED):
         probabilities.append(tick.belief.probability)
         hypotheses += sum(map(len, tick.state.banks))
     cpu_s = time.process_time() - began_s

@@ -16,7 +16,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_window
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
@@ -174,7 +174,7 @@ def _normals(true: ContactGeometry, rotation: Array) -> Array:
 def fitted_geometry(poses: Poses, contact: Contact, model: Model | None = None) -> ContactGeometry:
     """The geometry that the offline tracker fits to a segment of these poses with this label."""
     model = load_model() if model is None else model
-    closed = list(ticks_of(poses, model))
+    closed = list(ticks_of(batches(poses), model))
     noise = closed[-1].noise
     counts = np.array([float(tick.count) for tick in closed])
     window = Window(

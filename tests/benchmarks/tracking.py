@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -46,7 +46,7 @@ def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Track
     lags = {lag_s: round(lag_s / model.tick_s) for lag_s in lags_s}
     lagged: dict[float, list[Array]] = {lag_s: [] for lag_s in lags_s}
 
-    for filtered in forward(ticks_of(poses, model), one, Detail.FORMATION):
+    for filtered in forward(ticks_of(batches(poses), model), one, Detail.FORMATION):
         recorded.note(filtered)
         segmenter.note(filtered)
         for lag_s, lag in lags.items():

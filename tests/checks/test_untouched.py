@@ -8,9 +8,8 @@ import pytest
 from checked_stream import stream_of
 from contact_tracker.api import Trajectory, read, segment
 from contact_tracker.api.learned_map import map_of
-from contact_tracker.checks import face_names
-from contact_tracker.checks.face_names import FaceNameDelay
-from contact_tracker.checks.map_use import MapUse
+from contact_tracker.checks import map_use
+from contact_tracker.checks.map_use import FaceNameDelay, MapUse
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
@@ -101,7 +100,7 @@ def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
     waiting = FaceNameDelay(known_map)
     assert names(waiting.release(flat_on("wall", (1.0, 0.0, 0.0)), other)) == []
     assert names(waiting.finish(other)) == ["wall"], "of another direction"
-    monkeypatch.setattr(face_names, "MOST_TICKS", 15)
+    monkeypatch.setattr(map_use, "MOST_TICKS", 15)
     assert names(waiting.release(flat_on("plane 1"), nothing)) == []
     assert names(waiting.release(flat_on("plane 1"), nothing)) == ["plane 1"] * 2, "memory is bounded"
 

@@ -12,12 +12,11 @@ from contact_motions import point_of, touching
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
-from contact_tracker.motion import tick_grid
+from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import ONE, R, T, lift
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_averaging import tick_variances, with_excess
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_averaging import TickGrid, tick_variances, with_excess
 from contact_tracker.states import Contact
 from smooth_motion import START_NS, moving
 
@@ -294,7 +293,7 @@ def test_a_long_gap_costs_no_more_than_a_short_one(seconds):
     late = poses.stamp_ns + np.where(np.arange(400) >= 205, round(seconds * 1e9), 0)
     found = averaged(replace(poses, stamp_ns=late))
     missed = sum(tick.count == 0 for tick in found)
-    assert missed == pytest.approx(min(seconds, tick_grid.LONGEST_GAP_S) / MODEL.tick_s, abs=1)
+    assert missed == pytest.approx(min(seconds, tick_averaging.LONGEST_GAP_S) / MODEL.tick_s, abs=1)
     assert sum(tick.count + tick.outliers for tick in found) == 400
 
 

@@ -4,9 +4,8 @@ from collections.abc import Iterator
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.poses import Pose, Poses, batches
+from contact_tracker.motion.tick_averaging import Tick, TickGrid
 from contact_tracker.tracking import forward_pass
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -19,7 +18,7 @@ def forward(
 ) -> Iterator[FilteredTick]:
     """The ticks of a recording by one filter."""
     one = ContactFilter.start(model, known_map=known_map)
-    return forward_pass.forward(ticks_of(poses, model), one, detail)
+    return forward_pass.forward(ticks_of(batches(poses), model), one, detail)
 
 
 def after(state: FilterState, tick: Tick) -> tuple[FilterState, Belief]:

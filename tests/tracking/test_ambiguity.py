@@ -22,8 +22,7 @@ from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion import lifted_pose
-from contact_tracker.motion.used_directions import used_directions
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, used_directions
 from contact_tracker.outputs.text import describe, table
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity

@@ -11,8 +11,8 @@ from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, know
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking import curved_motion, offline_smoother, segment_fit
-from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
+from contact_tracker.tracking import ambiguity, offline_smoother, segment_fit
+from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
@@ -108,7 +108,7 @@ def test_free_motion_is_free():
 def test_free_motion_is_tested_at_intervals(monkeypatch):
     """After a minimum duration, then after each growth by half; it starts again after a contact."""
     asked = []
-    monkeypatch.setattr(curved_motion, "curved_evidence", lambda window, _: asked.append(len(window)) or 9.0)
+    monkeypatch.setattr(ambiguity, "curved_evidence", lambda window, _: asked.append(len(window)) or 9.0)
     known = NO_CURVED_MOTION
     for tick in range(100):
         window = Window(np.arange(tick + 1), np.zeros((tick + 1, 25)), *np.ones((2, tick + 1, 2)))

@@ -12,8 +12,7 @@ from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.map.file import map_from
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_averaging import empty_tick
-from contact_tracker.motion.tick_grid import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
+from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid, empty_tick
 from contact_tracker.saved_state import is_same
 from contact_tracker.tracking import forward_pass
 from contact_tracker.tracking.belief import Detail

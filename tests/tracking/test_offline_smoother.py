@@ -11,7 +11,7 @@ import pytest
 
 from contact_tracker.geometry.elements import Origins, numbers
 from contact_tracker.map.map import EMPTY_MAP
-from contact_tracker.motion.poses import BATCH, Poses
+from contact_tracker.motion.poses import BATCH, Poses, batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -147,7 +147,7 @@ def again_and_again(times):
 
 
 def pieces_of(poses, progress=None):
-    ticks = ticks_of(poses, MODEL, progress)
+    ticks = ticks_of(batches(poses), MODEL, progress)
     return list(pieces(ticks, ContactFilter.start(MODEL), Segmenter()))
 
 

@@ -10,7 +10,7 @@ from contact_tracker.exports.formats import json_line
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.row_buffer import Columns
+from contact_tracker.tracking.offline_smoother import Columns
 from contact_tracker.tracking.segmentation import Beliefs
 
 seeds = st.integers(0, 2**32 - 1)

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.adaptation.candidates import period_for_all_s
-from contact_tracker.adaptation.mixture import mixed_with_uniform
+from contact_tracker.adaptation.comparison import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, map_findings, map_use
-from contact_tracker.checks.face_names import FaceNameDelay
+from contact_tracker.checks.map_use import FaceNameDelay
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -25,8 +25,7 @@ from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import ticks_of
 from contact_tracker.tracking.map_passes import with_map
-from contact_tracker.tracking.offline_smoother import Segmenter, pieces
-from contact_tracker.tracking.pass_record import PassRecord
+from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
@@ -82,7 +81,7 @@ class OfflineTracker:
             yield Segmentation()
             return
         one = ContactFilter.start(self._model, known_map=self._known_map)
-        ticks = ticks_of(_Stream(stream), self._model, progress, self._tracker.filters.body_m)
+        ticks = ticks_of(stream, self._model, progress, self._tracker.filters.body_m)
         segmenter = Segmenter(self._executor, self._wrenches, self._record)
         found = pieces(ticks, one, segmenter, detail)  # filter, smooth, decode, fit each segment
         if self._record is not None:
@@ -222,19 +221,6 @@ def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentatio
         beliefs=piece.beliefs.with_probability(mixed(piece.beliefs.probability)),
         filtered=piece.filtered.with_probability(mixed(piece.filtered.probability)),
     )
-
-
-class _Stream:
-    """Stream of poses in columns, as ``poses.Batched``."""
-
-    def __init__(self, columns: Iterator[Poses]) -> None:
-        self._columns = columns
-
-    def batches(self) -> Iterator[Poses]:
-        return self._columns
-
-    def __iter__(self) -> Iterator[Pose]:
-        return (pose for some in self._columns for pose in some)
 
 
 def _released(parts: list[Poses]) -> Iterator[Poses]:

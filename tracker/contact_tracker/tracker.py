@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from operator import is_not
 from typing import Final, Self
 
+from contact_tracker.adaptation.comparison import mixed_with_uniform
 from contact_tracker.adaptation.filter_bank import FilterBank
-from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, map_findings, map_use, report_of
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import Checks
@@ -151,7 +151,7 @@ class Tracker:
         """The beliefs, mixed with uniform ones while the stream may be in doubt."""
         if not beliefs:
             return beliefs
-        basis = self.inspection, *self.checks.basis
+        basis = *self.inspection.basis, *self.checks.basis
         if any(map(is_not, basis, self._doubt_basis)):
             self._doubt_basis, self._doubt = basis, self.may_be_in_doubt
         if not self._doubt:

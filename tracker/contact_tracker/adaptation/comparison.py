@@ -1,10 +1,11 @@
 """Comparison of trackers with different noise of a tick, by their evidence (docs/theory.md, T33).
 
 A tracker's evidence is relative to its own model of free motion. For a comparison the model of free motion
-must be the same for all, and noise at rest must not be taken for motion.
+must be the same for all, and noise at rest must not be taken for motion. By the weights beliefs are mixed.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Motion
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking.ambiguity import at_most, with_rivals
+from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.state import FilterState
 
 Array = NDArray[np.float64]
@@ -87,3 +91,48 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray
     if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == best_by_evidence):
         return np.asarray(np.arange(len(log_weight)) == best_by_evidence, np.bool_)
     return np.asarray(np.any([one > one.max() - margin for one in scores], axis=0))
+
+
+DOUBT: Final = 0.5
+"""Weight of the uniform distribution while the stream is in doubt."""
+
+
+def mixture(beliefs: Sequence[Belief], log_weight: Array, possible: tuple[Contact, ...] = CONTACTS) -> Belief:
+    """The belief of K trackers by their ``log_weight`` (K,): the mean posterior and its most probable state.
+
+    Onset, elements and alternatives are those of the most probable tracker with this label. Without one,
+    onset and elements are unknown, and the label is indistinguishable from all states that the trackers
+    report. ``possible`` are the contacts that can occur.
+    """
+    if len(beliefs) == 1:
+        return beliefs[0]
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    probability = weight @ np.array([belief.probability for belief in beliefs])
+    label = STATES[int(probability.argmax())]
+    share = [w * b.probability[label.column] for w, b in zip(weight, beliefs, strict=True)]
+    ranked = sorted(zip(beliefs, share, strict=True), key=lambda one: (one[0].contact is label, one[1]))
+    source, _ = ranked[-1]
+    if source.contact is not label:
+        reported = {one for belief in beliefs for one in (belief.contact, *belief.inseparable)} - {label}
+        source = replace(
+            source,
+            contact=label,
+            onset_ns=source.stamp_ns,
+            geometry=None,
+            inseparable=tuple(one for one in STATES if one in reported),
+            p_restricted=0.0,
+            further=(),
+            is_open=False,
+        )
+    probability = with_rivals(probability, label, source.inseparable)  # as of the other trackers they may be
+    limited = at_most(probability, label, possible=possible)
+    # only one of the trackers searches further contacts, and only its label is limited
+    return replace(source, probability=limited if source.is_open else probability)
+
+
+def mixed_with_uniform(probability: Array, possible: tuple[Contact, ...] = CONTACTS) -> Array:
+    """Posterior (..., 7) mixed with a uniform one over free motion and the ``possible`` contacts, while the
+    poses or the map may be wrong."""
+    uniform = np.array([one in (*possible, Contact.FREE) for one in STATES]) / (1 + len(possible))
+    return np.asarray((1.0 - DOUBT) * probability + DOUBT * uniform)

@@ -26,10 +26,10 @@ from contact_tracker.adaptation.candidates import (
 from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
+    mixture,
     relative_evidence,
     tick_evidence,
 )
-from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.adaptation.rest import NO_REST, Rest
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -37,8 +37,7 @@ from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
-from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.tick_grid import ORIGIN_M, TickGrid
+from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter

@@ -40,7 +40,7 @@ class Checks(NamedTuple):
 
     @property
     def basis(self) -> tuple[object, ...]:
-        """What doubts depend on: values that do not change, so that the same objects mean the same doubts."""
+        """What doubts depend on, as ``Inspection.basis``."""
         compared = self.conventions.nats, self.conventions.found, self.conventions.is_settled
         return self.impacts, *compared, self.clearance, self.contradiction
 

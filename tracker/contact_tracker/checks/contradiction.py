@@ -17,7 +17,7 @@ from contact_tracker.hypotheses.evidence import AS_WELL
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_averaging import TickGrid
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
-from contact_tracker.checks.vertices_and_faces import Faces, faces_by_body, vertices_of
+from contact_tracker.checks.clearance import Faces, faces_by_body, vertices_of
 from contact_tracker.geometry.elements import Array
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.motion.poses import NO_POSES, Poses

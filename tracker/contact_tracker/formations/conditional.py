@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion import lifted_pose
-from contact_tracker.motion.used_directions import LEVER_M
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import LEVER_M, Window
 
 Array = NDArray[np.float64]
 

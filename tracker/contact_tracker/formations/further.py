@@ -17,8 +17,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Origins,
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
 from contact_tracker.map.same_element import is_same_element
-from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, Contact
 
 Array = NDArray[np.float64]

@@ -29,7 +29,7 @@ from contact_tracker.formations.further import (
 from contact_tracker.formations.presence import Presence, Run
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import DECISIVE
-from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
+from contact_tracker.motion.window import DIRECTIONS, used_directions
 from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]

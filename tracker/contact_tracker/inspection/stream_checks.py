@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import between, rotation_vectors
-from contact_tracker.inspection import turning_point
-from contact_tracker.inspection.turning_point import NO_TURNING_POINTS, TurningPoints
 from contact_tracker.inspection.two_bodies import ALARM, BACK, is_of_two_bodies, page_sum, returned
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
 from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
@@ -55,6 +53,75 @@ BINS: Final = 285
 LOWEST: Final = -100.0
 
 
+STEP_NS: Final = 100_000_000
+SPAN: Final = 30
+"""Time between poses, and number of poses per span."""
+EXPLAINED: Final = 0.8
+"""Least share of the origin's motion in a span that is rotation about a point."""
+ENOUGH_SPANS: Final = 3
+"""Number of such spans that are needed."""
+FAR_M: Final = 0.6
+TIMES_FARTHER: Final = 2.0
+"""Poses are inverse if the point is farther than this from the body's origin, and this many times farther
+than from the world's."""
+SPANS_KEPT: Final = 200
+
+
+class TurningPoints(NamedTuple):
+    """The points about which an object rotates: near it (where it touches, or the hand), or for inverse poses
+    near the world's origin. These are rigid motion as well, with the roles of object and surroundings
+    exchanged: their point of rotation is as far from the body's origin as the object was from the world's.
+
+    ``sparse`` poses of the current span, and ``distances`` (n, 2) of the spans before: of the point of
+    rotation from the origins of the body and of the world (m)."""
+
+    sparse: Poses
+    distances: Array
+
+    @property
+    def median_m(self) -> tuple[float, float]:
+        """Median of both distances."""
+        from_body_m, from_world_m = np.median(self.distances, axis=0).tolist()
+        return from_body_m, from_world_m
+
+    @property
+    def are_inverse(self) -> bool:
+        """Whether the poses look like those of the world in the body."""
+        if len(self.distances) < ENOUGH_SPANS:
+            return False
+        from_body_m, from_world_m = self.median_m
+        return from_body_m > max(FAR_M, TIMES_FARTHER * from_world_m)
+
+
+NO_TURNING_POINTS: Final = TurningPoints(NO_POSES, np.zeros((0, 2)))
+
+
+def advance_turning(points: TurningPoints, poses: Poses) -> TurningPoints:
+    """Advance by poses of the stream, in order."""
+    sparse = points.sparse
+    next_ns = int(sparse.stamp_ns[-1]) + STEP_NS if len(sparse) else int(poses.stamp_ns[0])
+    while (row := int(np.searchsorted(poses.stamp_ns, next_ns))) < len(poses):
+        sparse = Poses.join([sparse, poses[row : row + 1]])
+        next_ns = int(poses.stamp_ns[row]) + STEP_NS
+        if len(sparse) == SPAN:
+            distances = np.concatenate([points.distances, turning_distances(sparse)])[-SPANS_KEPT:]
+            points, sparse = points._replace(distances=distances), sparse[-1:]
+    return points._replace(sparse=sparse)
+
+
+def turning_distances(span: Poses) -> Array:
+    """Its ``distances`` (1, 2); (0, 2) if the motion is no rotation about a point."""
+    turn, position = span.rotation, span.position_m
+    about = (turn - turn.mean(axis=0)).reshape(-1, 3)
+    moved = (position - position.mean(axis=0)).ravel()
+    in_body, *_ = np.linalg.lstsq(-about, moved, rcond=1e-3)
+    left = moved + about @ in_body
+    if left @ left > (1.0 - EXPLAINED) * (moved @ moved):
+        return np.zeros((0, 2))
+    in_world = position.mean(axis=0) + turn.mean(axis=0) @ in_body
+    return np.array([[np.linalg.norm(in_body), np.linalg.norm(in_world)]])
+
+
 class Finding(NamedTuple):
     """One finding: ``text`` is one line with a remedy."""
 
@@ -92,6 +159,12 @@ class Inspection(NamedTuple):
     filtered: bool = False
     read_as: ReadAs = AS_GIVEN
 
+    @property
+    def basis(self) -> tuple[object, ...]:
+        """What doubts depend on: values that do not change, so that the same objects mean the same doubts."""
+        counts = self.total >= ENOUGH_CONSTANT, self.blocks > 0
+        return self.units, self.bodies, self.moved, self.turning.distances, *counts
+
 
 NOTHING_INSPECTED: Final = Inspection()
 
@@ -105,7 +178,7 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
         return inspection
     first = inspection.first if inspection.total else new[np.zeros(1, int)]
     total, recent = inspection.total + len(new), Poses.join([inspection.recent, new])
-    turning = turning_point.advance(inspection.turning, new)
+    turning = advance_turning(inspection.turning, new)
     moved = _moved(inspection.moved, first, new)
     inspection = inspection._replace(first=first, total=total, moved=moved, turning=turning)
     end = len(recent) - (total - BLOCK * inspection.blocks)

@@ -14,8 +14,7 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.systematic_errors import added_covariance, representatives
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
 from contact_tracker.motion.lifted_pose import NOISE_OF_PERTURBATION
-from contact_tracker.motion.used_directions import used_directions
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, used_directions
 
 Array = NDArray[np.float64]
 

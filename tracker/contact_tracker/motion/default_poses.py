@@ -17,8 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.motion.pose_steps import STEPS_KEPT, Step, Steps, reach, step_between
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import STEPS_KEPT, Pose, Poses, Step, Steps, reach, step_between
 
 STEPS: Final = 10.0
 """A pose is away from the motion if it is farther than this many usual steps, and not near."""

@@ -19,8 +19,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.rotation import between, product, rotation_vectors
-from contact_tracker.motion.pose_steps import NEAR_M, STEPS_KEPT, Step, Steps, reach, step_between
-from contact_tracker.motion.poses import Array, Pose
+from contact_tracker.motion.poses import NEAR_M, STEPS_KEPT, Array, Pose, Step, Steps, reach, step_between
 
 JUMP: Final = 3.0
 """A jump is longer than this many usual steps."""

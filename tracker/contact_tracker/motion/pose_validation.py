@@ -47,8 +47,7 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
 from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
-from contact_tracker.motion.pose_steps import Steps
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import Pose, Poses, Steps
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS, RESET_RUN, Ordered, StampOrder
 
 ROUNDING: Final = 1e-3

@@ -20,8 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
-from contact_tracker.motion.pose_steps import Step, step_between
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import Pose, Poses, Step, step_between
 
 LONGEST_WAIT_NS: Final = 100_000_000
 """Held poses delay what is said of their time by this much at most."""

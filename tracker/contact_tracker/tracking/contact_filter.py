@@ -5,7 +5,7 @@ tick -> window -> births and transitions -> hypotheses (fit, evidence) -> weight
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,18 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hmm import fixed_lag
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.birth import BirthProposals
+from contact_tracker.hypotheses.birth_proposals import (
+    CachedProposals,
+    Frame,
+    propose_births,
+)
+from contact_tracker.hypotheses.proximity_prior import proximity_evidence, reweight_transitions
 from contact_tracker.hypotheses.pruning import Births
 from contact_tracker.hypotheses.tick_update import TickInput, TickWeights
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.free_motion import NO_EXCESS
-from contact_tracker.motion.lifted_pose import R
+from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.tick_averaging import Tick, with_excess
 from contact_tracker.motion.window import (
     NewestRest,
@@ -33,12 +40,80 @@ from contact_tracker.motion.window import (
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
-from contact_tracker.tracking.prediction import TransitionPrediction, predict_transitions
 from contact_tracker.tracking.state import FilterState, start
-from contact_tracker.tracking.transition_model import FREE, hazard_exposure, tick_transitions
+from contact_tracker.tracking.transition_model import (
+    FREE,
+    REST_LOG_LIKELIHOOD,
+    hazard_exposure,
+    tick_transitions,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+class TransitionPrediction(NamedTuple):
+    """Prediction for a tick, before its evidence."""
+
+    proposals: tuple[BirthProposals, ...]
+    """Birth proposals of each contact."""
+    cached_proposals: tuple[CachedProposals, ...]
+    """The same with their keys, for reuse at the next tick."""
+    hazard_exposure: float
+    """Exposure to a change of state, in ticks of motion."""
+    log_transition: Array
+    """(7, 7) log probabilities of a change before the tick, from row to column."""
+    log_survival: Array
+    """(7,) log probabilities of staying through it."""
+    log_birth_weight: Array
+    """(7,) log birth weights."""
+
+
+def predict_transitions(
+    state: FilterState, window: Window, completes_rest: bool = False
+) -> TransitionPrediction:
+    """The prediction for the newest tick of ``window``, by which ``state`` has not been updated.
+
+    If it completes a rest, the object has rested until now in the state: that counts once.
+    """
+    model = state.model
+    cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
+    proposals, log_odds = [one.proposals for one in cached], np.zeros(len(STATES))
+    exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
+    if state.known_map:  # known elements come into contact by any displacement, however smooth
+        exposed = max(exposed, window.displacement_ratio)
+    transition, survival = tick_transitions(model, exposed)
+    if state.knows_elements:
+        scales, newest, beyond = state.scales, window.cut(-1), model.noise.extra_contact_variance
+        proximity = [
+            proximity_evidence(contact, begins, newest.with_error(more) if any(more) else newest, scales)
+            for contact, begins, more in zip(CONTACT_MODELS, proposals, beyond, strict=True)
+        ]
+        proposals = [near.proposals for near in proximity]
+        log_odds[:-1] = [near.log_odds for near in proximity]
+        transition, survival = reweight_transitions(transition, survival, proximity)
+    if completes_rest:
+        transition, survival = transition + REST_LOG_LIKELIHOOD[:, None], survival + REST_LOG_LIKELIHOOD
+    if state.ticks:
+        birth_weight = hmm.birth_log_weights(state.log_state_weight, transition)
+    else:
+        birth_weight = state.log_state_weight + log_odds
+        birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
+    return TransitionPrediction(tuple(proposals), cached, exposed, transition, survival, birth_weight)
+
+
+def _proposals(state: FilterState, frame: Frame) -> tuple[CachedProposals, ...]:
+    """Birth proposals of each contact by the map as it is."""
+    left_out = state.map.near(state.ticks, state.model.tick_s) if state.uses_later_contacts else ()
+    current = None if state.uses_later_contacts else state.current_pair
+    before = state.cached_proposals
+    if before[0].map is state.map and before[0][1:-1] == (left_out, current, frame):
+        return before
+    view = state.map.without(left_out) if left_out else state.map.whole
+    view = replace(view, current=current)
+    share = 0.0 if state.uses_later_contacts else state.model.geometry.revisit_prior
+    proposals = [propose_births(contact, state.known_map, view, share, frame) for contact in CONTACT_MODELS]
+    return tuple(CachedProposals(state.map, left_out, current, frame, begins) for begins in proposals)
 
 
 @dataclass(eq=False)
@@ -63,9 +138,7 @@ class ContactFilter:
         if is_uninformative(state, tick, window, rest):  # in gaps, and at rest
             state, belief = pass_tick(state, tick, window)
         else:
-            transitions = predict_transitions(
-                state, window, rest.completes
-            )  # by containment; births by the map
+            transitions = predict_transitions(state, window, rest.completes)  # by containment, births by map
             ticks = tick_input(state, tick, window, transitions)
             banks, weights = updated_banks(state, ticks)  # fit of the geometry, evidence, search, pruning
             state = weighed(state, tick, ticks, transitions, banks, weights)  # HMM

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.motion.poses import Pose, batches
-from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.tick_grid import ORIGIN_M, TickGrid
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.state import FilterState
@@ -33,7 +32,7 @@ class FilteredTick(NamedTuple):
 
 
 def ticks_of(
-    poses: Iterable[Pose],
+    parts: Iterable[Poses],
     model: Model,
     progress: Callable[[int], None] | None = None,
     body_m: Array = ORIGIN_M,
@@ -42,12 +41,12 @@ def ticks_of(
 
     Parameters
     ----------
-    poses : validated poses in order of time.
+    parts : validated poses in order of time, in batches.
     progress : called after each batch of poses with the number of those read so far.
     body_m : (3,) point of the body that is tracked, see ``sensor_noise.independent_point``.
     """
     grid, count = TickGrid(model, body_m), 0
-    for batch in batches(poses):
+    for batch in parts:
         yield from grid.add(batch) if len(batch) else ()
         count += len(batch)
         if progress is not None:

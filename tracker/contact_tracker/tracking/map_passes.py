@@ -17,8 +17,7 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.offline_smoother import Segmenter, pieces
-from contact_tracker.tracking.pass_record import PassRecord
+from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 
 MOST_PASSES: Final = 2

@@ -5,8 +5,9 @@ grow with the recording.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,18 +17,18 @@ from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS
-from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
-from contact_tracker.states import CONTACTS, STATES
+from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
-from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import FilteredTick, forward, ticks_of
-from contact_tracker.tracking.pass_record import PassRecord
-from contact_tracker.tracking.row_buffer import Columns
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
     SegmentFit,
@@ -90,7 +91,7 @@ def segment(
     -------
     Segmentation with the Viterbi path, the smoothed posterior and the online beliefs.
     """
-    start, ticks = ContactFilter.start(model, known_map=known_map), ticks_of(poses, model, progress)
+    start, ticks = ContactFilter.start(model, known_map=known_map), ticks_of(batches(poses), model, progress)
     return Segmentation.join(list(pieces(ticks, start, Segmenter(executor), Detail.GEOMETRY, watch)))
 
 
@@ -138,6 +139,59 @@ class _Gap(NamedTuple):
         share = np.minimum(np.arange(1, self.length + 1) / (self.empty + 1), 1.0)[-len(posterior) + 1 :, None]
         before = posterior[max(len(posterior) - self.length - 2, 0)]
         posterior[-self.length - 1 : -1] = (1.0 - share) * before + share * posterior[-1]
+
+
+MOST_TICKS: Final = 36_000
+"""Number of ticks up to which a recording is kept for a second pass, an hour of most: 1 kB each."""
+
+
+class PassRecord:
+    """The ``ticks`` of a pass, the ``state`` after it, the ``contacts`` and ``sightings`` of its segments."""
+
+    def __init__(self) -> None:
+        self.ticks: list[Tick] = []
+        self.contacts: list[Contact] = []
+        self.sightings: list[Sighting] = []
+        self.state: FilterState | None = None
+        self.is_full = False
+        self.best = self
+
+    @property
+    def map(self) -> GrowingMap | None:
+        """The map of the best pass, or of a very long recording as it has grown; None without poses."""
+        if self.state is None:
+            return None
+        start = self.state.map
+        if self.is_full:
+            return start
+        world = GrowingMap.learn(self.best.sightings, start.reach_m, prior=start.prior)
+        return replace(world, origins=start.origins, prior_is_dropped=start.prior_is_dropped)
+
+    @property
+    def log_evidence(self) -> float:
+        """Log probability of all ticks, relative to that of free motion (nats)."""
+        return 0.0 if self.state is None else self.state.log_evidence
+
+    def note(self, state: FilterState, tick: Tick) -> None:
+        """Append a tick, one of those that lead to ``state``."""
+        self.state = state
+        self.is_full = self.is_full or len(self.ticks) == MOST_TICKS
+        if not self.is_full:
+            self.ticks.append(tick)
+        elif self.ticks:
+            self.ticks.clear()
+            self.sightings.clear()
+
+    def note_segment(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> None:
+        """Append a segment with its moved and resting parts; only a sure one says something about its
+        elements."""
+        if fit.contact is not Contact.FREE:
+            self.contacts.append(fit.contact)
+        is_sure = any(one.probability >= MAP_INSERTION_PROBABILITY and not one.inseparable for one in parts)
+        if fit.estimate is not None and is_sure and not self.is_full:
+            index, start_ns = finished.ticks.window.index, int(finished.rows["start_ns"][0])
+            span = int(index[0]), int(index[-1]) + 1
+            self.sightings.append(Sighting(*span, fit.estimate, start_ns, finished.end_ns))
 
 
 class Segmenter:
@@ -352,3 +406,53 @@ def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:
     first = int((rows["count"] > 0.0).argmax())
     rows["zeta"][:first] = rows["zeta"][first]
     return rows
+
+
+_BLOCK: Final = 1024
+
+
+class Columns:
+    """Rows of a structured ``dtype``, indexed from the oldest."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self._dtype = dtype
+        self._blocks: list[NDArray[Any]] = []
+        self._start = self._end = 0  # within the blocks
+
+    def __len__(self) -> int:
+        return self._end - self._start
+
+    def append(self, row: tuple[Any, ...]) -> None:
+        block, place = divmod(self._end, _BLOCK)
+        if block == len(self._blocks):
+            self._blocks.append(np.empty(_BLOCK, self._dtype))
+        self._blocks[block][place] = row
+        self._end += 1
+
+    def rows(self, first: int, end: int) -> NDArray[Any]:
+        """A copy of the rows ``first`` to ``end``."""
+        copy = np.empty(end - first, self._dtype)
+        place = first + self._start
+        while first < end:
+            block, row = divmod(place, _BLOCK)
+            count = min(_BLOCK - row, end - first)
+            copy[len(copy) - (end - first) :][:count] = self._blocks[block][row : row + count]
+            first, place = first + count, place + count
+        return copy
+
+    def drop(self, count: int) -> None:
+        """Drop the oldest rows."""
+        self._start += count
+        blocks = self._start // _BLOCK
+        del self._blocks[:blocks]
+        self._start -= blocks * _BLOCK
+        self._end -= blocks * _BLOCK
+
+    def take(self, count: int) -> NDArray[Any]:
+        """Remove and return the oldest rows."""
+        taken = np.empty(count, self._dtype)
+        for first in range(0, count, _BLOCK):  # in blocks, so that memory never doubles
+            some = min(_BLOCK, count - first)
+            taken[first : first + some] = self.rows(0, some)
+            self.drop(some)
+        return taken

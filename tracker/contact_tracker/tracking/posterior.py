@@ -19,8 +19,8 @@ from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact
-from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.state import FilterState
 
 Array = NDArray[np.float64]
@@ -87,33 +87,25 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
     probability = np.einsum("j,js->s", weight, state.lag_history[:, back])
     probability = ambiguity.tempered(probability / probability.sum(), state.model.certainty.posterior_power)
     contact = STATES[int(np.argmax(probability))]
+    same = [one for one in state.recent[row:] if one.contact is contact]
     # the geometry of that contact is in its belief of that time, or soon after
-    telling = next((b for b in state.recent[row:] if b.contact is contact), then)
-    onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
-    geometry = telling.geometry if telling.contact is contact else None
-    inseparable = telling.inseparable if telling.contact is contact else ()
-    p_restricted = telling.p_restricted if telling.contact is contact else 0.0
+    telling = (
+        same[0] if same else Belief(then.stamp_ns, contact, probability, then.stamp_ns, None, then.residual)
+    )
     # from the latest belief whose further contacts had all begun: their constraints are counted
-    begun = (b.further for b in state.recent[row:] if b.contact is contact and _had_begun(b, then.stamp_ns))
-    further = max(begun, key=len, default=())
-    is_open = telling.contact is contact and telling.is_open
-    possible = state.known_map.allowed
-    probability = ambiguity.redistribute(probability, contact, inseparable, p_restricted, possible)
-    probability = ambiguity.with_rivals(probability, contact, inseparable)
-    if is_open:
+    further = max((one.further for one in same if _had_begun(one, then.stamp_ns)), key=len, default=())
+    others, possible = telling.inseparable, state.known_map.allowed
+    probability = ambiguity.redistribute(probability, contact, others, telling.p_restricted, possible)
+    probability = ambiguity.with_rivals(probability, contact, others)
+    if telling.is_open:
         probability = ambiguity.at_most(probability, contact, possible=state.known_map.possible)
-    onset_ns = min(onset_ns, then.stamp_ns)
-    return Belief(
-        then.stamp_ns,
-        contact,
-        probability,
-        onset_ns,
-        geometry,
-        then.residual,
-        inseparable,
-        p_restricted,
-        further,
-        is_open=is_open,
+    return replace(
+        telling,
+        stamp_ns=then.stamp_ns,
+        probability=probability,
+        onset_ns=min(telling.onset_ns, then.stamp_ns),
+        residual=then.residual,
+        further=further,
     )
 
 

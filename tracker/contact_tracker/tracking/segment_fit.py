@@ -30,8 +30,8 @@ from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.ambiguity import curved_probabilities, is_mostly_curved
 from contact_tracker.tracking.belief import FurtherContact, Segment
-from contact_tracker.tracking.curved_motion import curved_probabilities, is_mostly_curved
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence

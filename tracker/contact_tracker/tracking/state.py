@@ -21,8 +21,8 @@ from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import FreeMotion
 from contact_tracker.motion.window import EMPTY_WINDOW, Window
 from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, CurvedMotion
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, CurvedMotion
 from contact_tracker.tracking.transition_model import log_initial
 
 Array = NDArray[np.float64]

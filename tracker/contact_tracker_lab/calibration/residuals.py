@@ -18,7 +18,7 @@ from contact_tracker.config.parameters import ZERO, Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.evidence import residual_noise
 from contact_tracker.hypotheses.window_fit import fit_window
-from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import tick_variances
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS
@@ -72,7 +72,7 @@ class Observed:
 
 def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
     """Average poses into ticks as the tracker does; None without poses."""
-    closed = list(ticks_of(poses, model))
+    closed = list(ticks_of(batches(poses), model))
     if not closed:
         return None
     count = np.array([float(tick.count) for tick in closed])
