@@ -20,8 +20,8 @@ from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.colours import COLOUR
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import COLOUR
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation

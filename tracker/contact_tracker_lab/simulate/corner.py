@@ -19,8 +19,8 @@ from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import lift, perturbations
 from contact_tracker.states import Contact
-from contact_tracker_lab.simulate.chart import Rigid
 from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
+from contact_tracker_lab.simulate.plan import Rigid
 from contact_tracker_lab.simulate.scenarios import Further, Scenario
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.elements import Element, Line, Point
 from contact_tracker.joints.models import JointKind
-from contact_tracker_lab.simulate.chart import Rigid
 from contact_tracker_lab.simulate.motion import band_limited
+from contact_tracker_lab.simulate.plan import Rigid
 from contact_tracker_lab.simulate.scenarios import Scenario
 
 Array = NDArray[np.float64]
