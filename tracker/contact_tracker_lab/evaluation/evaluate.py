@@ -140,15 +140,8 @@ def score_further(scored: Scoring, truth: Truth, tick: Ints, beliefs: Beliefs) -
     return total
 
 
-class _TrueSet(NamedTuple):
-    """The true contacts: the first and the further ones."""
-
-    first: Contact
-    further: tuple[Contact, ...]
-
-
-def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[_TrueSet, Ints]]:
-    """The true sets of contacts, each with the indices of its scored frames."""
+def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[tuple[Contact, ...], Ints]]:
+    """The true sets of contacts, the first one and further ones, with the indices of their scored frames."""
     stamp_ns = scored.stamp_ns
     bounds = np.searchsorted(truth.at(stamp_ns), np.arange(len(truth.intervals) + 1))
     for interval, (begin, end) in zip(truth.intervals, pairwise(bounds.tolist()), strict=True):
@@ -162,7 +155,7 @@ def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[_TrueSet, Ints]]
             contacts = (
                 one.contact for one, is_there in zip(interval.further, present, strict=True) if is_there
             )
-            yield _TrueSet(interval.contact, tuple(contacts)), frames[(holds == present).all(axis=1)]
+            yield (interval.contact, *contacts), frames[(holds == present).all(axis=1)]
 
 
 def _summed(cells: Ints, seconds: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], float]]:
@@ -172,15 +165,17 @@ def _summed(cells: Ints, seconds: NDArray[np.float64]) -> Iterator[tuple[tuple[i
     yield from zip(map(tuple, rows.tolist()), sums.tolist(), strict=True)
 
 
-def _score(true: _TrueSet, label: tuple[Contact, ...], further: Kinds, seconds: float) -> FurtherScore:
+def _score(
+    true: tuple[Contact, ...], label: tuple[Contact, ...], further: Kinds, seconds: float
+) -> FurtherScore:
     """Score of frames with one reported set of contacts; ``label`` is empty where there is no belief."""
-    if not true.further:
+    if len(true) == 1:
         return FurtherScore(alone_s=seconds, false_s=seconds if further else 0.0)
-    contacts, first = (true.first, *true.further), tuple((one,) for one in label)
+    first = tuple((one,) for one in label)
     score = FurtherScore(several_s=seconds)
-    if _matches(contacts, (*first, *((one[0],) for one in further))):
+    if _matches(true, (*first, *((one[0],) for one in further))):
         return score + FurtherScore(right_s=seconds)
-    return score + FurtherScore(open_s=seconds if _matches(contacts, (*first, *further)) else 0.0)
+    return score + FurtherScore(open_s=seconds if _matches(true, (*first, *further)) else 0.0)
 
 
 def _matches(true: tuple[Contact, ...], found: Kinds) -> bool:

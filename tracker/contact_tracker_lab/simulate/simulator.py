@@ -181,24 +181,25 @@ def _simulate_corner(setting: _Setting, further: Further) -> Simulated:
     """One contact on a table, and a further one on a wall."""
     body, world, time_s = setting.body, setting.world, setting.time_s
     contact, duration_s, _ = setting.scenario.phases[0]
-    moved = move_in_corner(setting.motion_rng, setting.object, setting.scenario, further, time_s)
-    stamp_ns, poses = setting.measured(moved.pose)
+    rng, scenario = setting.motion_rng, setting.scenario
+    pose, on_table, on_wall = move_in_corner(rng, setting.object, scenario, further, time_s)
+    stamp_ns, poses = setting.measured(pose)
     start_s, end_s = further.start_s or 0.0, further.end_s or duration_s
     first, last = np.searchsorted(time_s, (start_s, end_s))
     span = int(stamp_ns[first]), int(stamp_ns[min(last, len(stamp_ns) - 1)])
-    second = FurtherTruth(*span, further.contact, moved.second.geometry(body, world))
+    second = FurtherTruth(*span, further.contact, on_wall.geometry(body, world))
     whole = int(stamp_ns[0]), int(stamp_ns[-1])
-    geometry = moved.first.geometry(body, world)
+    geometry = on_table.geometry(body, world)
     truth = Truth((TruthInterval(*whole, contact, geometry=geometry, further=(second,)),))
     return Simulated(poses, truth, setting.metadata)
 
 
 def _simulate_joint(setting: _Setting, kind: JointKind) -> Simulated:
     """An object in a joint: no contact is scored."""
-    moved = move_in_joint(setting.motion_rng, kind, setting.scenario, setting.time_s)
-    stamp_ns, poses = setting.measured(moved.pose)
+    frames = setting.body, setting.world
+    pose, joint = move_in_joint(setting.motion_rng, kind, setting.scenario, setting.time_s, *frames)
+    stamp_ns, poses = setting.measured(pose)
     truth = Truth((TruthInterval(int(stamp_ns[0]), int(stamp_ns[-1]), None),))
-    joint = moved.joint(setting.body, setting.world)
     return Simulated(poses, truth, setting.metadata | {"joint": joint.to_json()}, joint)
 
 
