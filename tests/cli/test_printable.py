@@ -111,3 +111,14 @@ def test_warnings_in_worker_processes_are_one_line(capfd: pytest.CaptureFixture[
     Runner(2, lambda: None, terminal.take_over_warnings)(warnings.warn, [("a\x1b",), ("b\x1b",)])
     lines = sorted(capfd.readouterr().err.splitlines())
     assert lines == [f"contact-tracker: warning: UserWarning: {name}\\x1b" for name in "ab"]
+
+
+def test_a_very_narrow_terminal_keeps_times_label_and_probability(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    figures = "    0.00     15.90  f-f      0.99  "
+    terminal.show(f"{figures}face normal (0.35 0.92 0.19) on face normal (0.56 0.56 0.61); or v-f, e-e")
+    assert capsys.readouterr().out == f"{figures[:33]}...; or v-f, e-e\n"

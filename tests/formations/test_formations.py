@@ -12,7 +12,7 @@ import as_values
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.exports.formats import json_line
-from contact_tracker.formations.naming import named_by
+from contact_tracker.formations.further import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled

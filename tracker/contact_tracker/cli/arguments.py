@@ -114,11 +114,15 @@ def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
     )
 
 
-def load_labels(args: argparse.Namespace, first_ns: int, last_ns: int) -> "Truth":
-    """The labels of ``--labels``, of poses between two stamps; raises NoTruth or ChoiceError."""
+def load_labels(args: argparse.Namespace, log: str) -> "Truth":
+    """The labels of ``--labels``, which are of the whole recording ``log``; raises NoTruth or ChoiceError."""
     from contact_tracker.recording import read_labels
     from contact_tracker.recording.labels import meanings_of
 
+    poses = open_poses(args, log)
+    first_ns = last_ns = poses.first_stamp_ns
+    for some in poses.batches():
+        last_ns = int(some.stamp_ns[-1])
     truth, text = read_labels(args.labels, first_ns, last_ns, meanings_of(args.map))
     say(text)
     return truth

@@ -141,6 +141,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             "--labels FILE is of use with one LOG and -o FILE.png, .pdf or .svg; evaluate compares"
         )
+    if args.labels is not None and jobs[0].log == "-":
+        raise UsageError("--labels reads the recording twice, which standard input does not allow")
     if args.map_out is not None and len(jobs) > 1:
         raise UsageError("--map-out is of one recording: go from one to the next with --known and --map-out")
     notes = list[str]()
@@ -193,6 +195,7 @@ def _segment(
     read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
     arguments.check_map_out(args, known_map)
+    labels = None if args.labels is None else arguments.load_labels(args, args.log)
     notes = [*before]
     wrenches = arguments.load_wrenches(args.log, args, model, known_map, _noting(notes))
     log = arguments.open_poses(args, args.log)
@@ -201,10 +204,7 @@ def _segment(
         if args.output is not None and format_of(args.output).rows == "whole":
             trajectory = source.trajectory()
             outcome = segmented(trajectory, model, known_map, wrenches, executor, set_done, notes)
-            if args.labels is not None:
-                labels = arguments.load_labels(args, source.origin_ns, int(trajectory.stamp_ns[-1]))
-                outcome = replace(outcome, labels=labels)
-            write_outcome(outcome, args.output, check)
+            write_outcome(replace(outcome, labels=labels), args.output, check)
             source.outliers = outcome.segmentation.outliers
             report, touched = outcome.report, outcome.touched
         else:  # incrementally, to save memory

@@ -24,6 +24,8 @@ _ROW: Final = re.compile(r"\s*[\d.]+\s+(?:[\d.]+\s+)?(?:[-+=] )?[a-z]|\s+(?:star
 """A line of a table of contacts, or its header."""
 _DEVIATION: Final = re.compile(r" \+/- [\d.]+ \w+")
 _CUT: Final = "..."
+_FIGURES: Final = 33
+"""Width of the times, label and probability of a row, which are never cut."""
 _LABELLED: Final = re.compile(rf"(\s*[\d.]+\s+(?:[\d.]+\s+)?)([+-] )?({'|'.join(STATES)})(?=\s|$)")
 """A line of data with a label after one or two times."""
 
@@ -42,7 +44,7 @@ def _fitted(line: str) -> str:
         return line
     line = _DEVIATION.sub("", line)
     where, semicolon, others = line.partition("; or ")
-    room = max(width - len(semicolon + others) - len(_CUT), 0)
+    room = max(width - len(semicolon + others) - len(_CUT), _FIGURES)
     return line if len(line) <= width else f"{where[:room]}{_CUT}{semicolon}{others}"
 
 

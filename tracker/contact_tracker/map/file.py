@@ -15,7 +15,6 @@ from contact_tracker.errors import KnowledgeError
 from contact_tracker.files import parse_toml, read_regular
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
-from contact_tracker.map.covered_faces import mark_covered
 from contact_tracker.map.keys import FARTHEST_M, Keys
 from contact_tracker.map.learned_file import learned_from
 from contact_tracker.map.map import (
@@ -26,6 +25,7 @@ from contact_tracker.map.map import (
     axis_name,
     elements_of,
     known_to,
+    mark_covered,
     number_name,
 )
 from contact_tracker.map.mesh import read_mesh

@@ -123,6 +123,9 @@ class _Layouts:
         blocks, order = _blocks(data, self._type), _order(data)
         if not blocks or len(blocks) != len(found):
             return
+        bodies = {(one.frame_id, one.child_frame_id.partition("#")[0]) for one, _ in found}
+        if len(bodies) < len(found):  # their names depend on whether their stamps are equal
+            return
         fields, fixed, at = [order], list[tuple[int, int, bytes]](), 0
         for stamp_at, numbers_at in blocks:
             names_at = stamp_at + _STAMP

@@ -66,11 +66,7 @@ def _truth(name: str, args: argparse.Namespace) -> "Truth":
 
     if args.labels is None:
         return need_truth(name, args.topic, args.frame, args.table)
-    log = arguments.open_poses(args, name)
-    first_ns = last_ns = log.first_stamp_ns
-    for poses in log.batches():
-        last_ns = int(poses.stamp_ns[-1])
-    return arguments.load_labels(args, first_ns, last_ns)
+    return arguments.load_labels(args, name)
 
 
 def _evaluate(
