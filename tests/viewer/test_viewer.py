@@ -215,7 +215,7 @@ def test_events_have_time_probability_and_geometry(written: Path) -> None:
 
 def test_the_blueprint_is_in_the_file(written: Path) -> None:
     reader = RrdReader(written)
-    (recording,), (blueprint,) = reader.recordings(), reader.blueprints()
+    (recording,), (_, blueprint) = reader.recordings(), reader.blueprints()
     assert blueprint.application_id == recording.application_id == canvas.APPLICATION
     batches = [c.to_record_batch() for c in reader.stream(store=blueprint).to_chunks()]
     classes = [

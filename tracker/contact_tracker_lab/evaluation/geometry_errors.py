@@ -197,11 +197,6 @@ class GeometryErrors:
         rows = tuple(row for row in self.rows if row.kind in kinds)
         return GeometryErrors(rows, self.true_segments, self.found_segments)
 
-    def of_contact(self, contact: Contact) -> "GeometryErrors":
-        """Only the errors of the elements of ``contact``."""
-        rows = tuple(row for row in self.rows if row.contact is contact)
-        return GeometryErrors(rows, self.true_segments, self.found_segments)
-
     @property
     def angle_deg(self) -> Array:
         return _known(row.angle_deg for row in self.rows)
