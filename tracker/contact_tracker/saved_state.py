@@ -71,7 +71,7 @@ def _classes_in(*roots: type) -> dict[str, type]:
     return found
 
 
-_CLASSES: Final[Mapping[str, type]] = _classes_in(
+_CLASSES: Final[Mapping[str, type[Any]]] = _classes_in(
     Tracker, Ordered, Step, *(type(empty()) for empty in _EMPTY.values())
 )
 
