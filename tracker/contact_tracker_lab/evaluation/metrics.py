@@ -5,7 +5,7 @@ metric of several recordings is computed from the sum of their tallies.
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,7 @@ class Tally:
         """The sum; both have the same coarse labels."""
         a, b = vars(self), vars(other)
         sums = {name: a[name] + b[name] for name in a if name not in (*_CHANGES, "coarse")}
-        lists = {name: np.concatenate([a[name], b[name]]) for name in _CHANGES}
+        lists: dict[str, Any] = {name: np.concatenate([a[name], b[name]]) for name in _CHANGES}
         return Tally(**sums, **lists, coarse=self.coarse)
 
     @property
