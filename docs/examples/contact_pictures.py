@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, convex
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker_lab.simulate.chart import Chart
+from contact_tracker_lab.simulate.plan import Chart
 from drawing import OBJECT, SURROUNDINGS, draw_body, show_scene
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Polyhedron
-from contact_tracker_lab.evaluation.elements import nearest
+from contact_tracker_lab.evaluation.geometry_errors import nearest
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
-from contact_tracker.outputs.colours import COLOUR
+from contact_tracker.outputs.text import COLOUR
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.evaluation.geometry_errors import places
 from drawing import OBJECT, SURROUNDINGS, draw_body, draw_element, show_scene

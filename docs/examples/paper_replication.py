@@ -33,7 +33,7 @@ from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_ra
 from contact_tracker_lab.evaluation.geometry_errors import SIDES, ElementError, geometry_errors
 from contact_tracker_lab.evaluation.scoring import scoring, tick_in_force
 from contact_tracker_lab.simulate import Phase, Scenario, Simulated, simulate
-from contact_tracker_lab.simulate.sensor import low_pass
+from contact_tracker_lab.simulate.simulator import low_pass
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

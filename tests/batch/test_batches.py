@@ -15,10 +15,9 @@ import contact_tracker
 from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_recordings
 from contact_tracker import errors
 from contact_tracker.batch import rows, segmenting
-from contact_tracker.batch.dataset import open_dataset
+from contact_tracker.batch.dataset import Batch, open_dataset
 from contact_tracker.batch.finding import find, matching, recordings_among
 from contact_tracker.batch.rows import Tally, WrenchSettings
-from contact_tracker.batch.run import Batch
 from contact_tracker.batch.segmenting import segment_recording
 from contact_tracker.errors import ContactTrackerWarning, StateError, UnreadableRecording, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS

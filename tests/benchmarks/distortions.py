@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
 from contact_tracker.motion.poses import Poses
-from contact_tracker_lab.simulate.sensor import low_pass, rate_hz, smoothed
+from contact_tracker_lab.simulate.simulator import low_pass, rate_hz, smoothed
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

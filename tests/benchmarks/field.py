@@ -28,8 +28,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.trajectory.arguments import model_from
-from contact_tracker_lab.evaluation.answers import answers_to
-from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from distortions import DISTORTIONS
 from runner import FIGURES, Table, figures, find_sets, measured, parser_of, show

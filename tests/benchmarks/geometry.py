@@ -27,8 +27,7 @@ from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_rao, errors_at_bound
-from contact_tracker_lab.evaluation.elements import Deviation
-from contact_tracker_lab.evaluation.geometry_errors import ElementError, geometry_errors
+from contact_tracker_lab.evaluation.geometry_errors import Deviation, ElementError, geometry_errors
 from contact_tracker_lab.evaluation.scoring import Scoring, scoring
 from contact_tracker_lab.evaluation.tables import number, table
 from runner import Table, find_sets, measured, parser_of, show

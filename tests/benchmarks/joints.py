@@ -33,8 +33,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
-from contact_tracker_lab.evaluation.elements import angle_rad, deviation, distance_m
-from contact_tracker_lab.evaluation.geometry_errors import places
+from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation, distance_m, places
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
 from contact_tracker_lab.simulate.jointed import TrueJoint

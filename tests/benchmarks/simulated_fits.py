@@ -24,8 +24,7 @@ from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.forward_pass import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.evaluation.bound import cramer_rao, errors
-from contact_tracker_lab.evaluation.elements import Deviation
-from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
+from contact_tracker_lab.evaluation.geometry_errors import Deviation, geometry_errors
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from distortions import turned

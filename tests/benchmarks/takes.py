@@ -44,10 +44,9 @@ def score(path: Path, known: Map = EMPTY_MAP) -> tuple[Score, LearnedElements]:
     tracker = OfflineTracker(load_model("default"), known)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
     done = evaluate(poses, need_truth(str(path)), found)
-    wrong = float(done.offline.sure_wrong_by_state_s.sum() / done.offline.seconds())
     world = tracker.map
     learned = NOTHING_LEARNED if world is None else world.learned
-    return Score(done.offline.accuracy(), wrong, done.online.accuracy()), learned
+    return Score(done.offline.accuracy(), done.offline.sure_wrong, done.online.accuracy()), learned
 
 
 def score_scene(first: Path, *later: Path) -> list[tuple[str, Score]]:

@@ -16,11 +16,11 @@ from chain_oracle import NOTHING, random_model
 from contact_tracker import __version__
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
-from contact_tracker.errors import ContactTrackerError, InputError
+from contact_tracker.errors import ContactTrackerError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import Runner
-from contact_tracker.recording import need_truth, open_log, read_truth, write_recording
+from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import Contact
 from contact_tracker_lab.calibration.calibrate import Plan, Source, calibrate, score_model, study_recording
 from contact_tracker_lab.calibration.parameters import How, model_text, select
@@ -175,18 +175,13 @@ def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.C
 @pytest.mark.parametrize(
     ("arguments", "code", "parts"),
     [
-        (["LOGS"], 2, ["-o"]),
-        (["LOGS", "-o", "mine.txt"], 2, ["mine.txt", ".toml"]),
-        (["LOGS", "-o", "nowhere/mine.toml"], 2, ["no folder nowhere"]),
         (["LOGS", "-o", "folder.toml"], 2, ["folder.toml", "it is a folder"]),
         (["LOGS", "--only", "nose", "-o", "m.toml"], 2, ["nose", "noise.floor_position_m"]),
         (["LOGS", "--start", "unheard_of", "-o", "m.toml"], 2, ["unheard_of", "default"]),
         (["LOGS", "--folds", "4", "-o", "m.toml"], 2, ["--folds 4 of 3 recordings"]),
         (["LOGS", "--folds", "1", "-o", "m.toml"], 2, ["--folds", "above 1"]),
-        (["LOGS", "--processes", "0", "-o", "m.toml"], 2, ["--processes"]),
         (["LOGS", "--labelled", "--unlabelled", "-o", "m.toml"], 2, ["--unlabelled", "not allowed"]),
         (["-", "-o", "m.toml"], 2, ["calibrate", "file"]),
-        (["absent.mcap", "-o", "m.toml"], 1, ["absent.mcap"]),
         (["folder.toml", "-o", "m.toml"], 1, ["folder.toml", "holds no recording (.mcap"]),
         (["LOGS", "UNLABELLED", "--labelled", "-o", "m.toml"], 1, ["unlabelled.mcap", "no truth"]),
     ],
@@ -236,13 +231,6 @@ def test_the_readable_part_of_a_damaged_recording_is_learned_from(
     assert code == 3
     assert "damaged.mcap" in capsys.readouterr().err
     load_model(str(output))
-
-
-def test_an_error_in_a_process_is_the_users_error_and_ends_all_processes(tmp_path: Path) -> None:
-    (tmp_path / "text.mcap").write_text("no recording at all")
-    with pytest.raises(InputError, match=r"text\.mcap"):
-        Runner(2)(need_truth, [(str(tmp_path / "text.mcap"),)] * 4)
-    assert not active_children()
 
 
 def test_processes_answer_in_order_and_a_killed_one_is_reported() -> None:

@@ -623,7 +623,7 @@ def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: P
     assert_one_line_error(run("live", log, "--state", state, "--lag", "1"), 2, "another model, --lag")
     assert_one_line_error(run("live", log, "--state", state, "--start", "1"), 2, "--state")
     state.write_bytes(state.read_bytes()[:-2000])
-    assert_one_line_error(run("live", log, "--state", state), 1, "no saved state")
+    assert_one_line_error(run("live", log, "--state", state), 1, "it is damaged")
     assert_one_line_error(run("live", log, "--state", tmp_path), 1, "it is a folder")
 
 

@@ -17,10 +17,14 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
-from contact_tracker_lab.evaluation.answers import Answers
-from contact_tracker_lab.evaluation.elements import angle_rad, deviation, distance_m, nearest
-from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
-from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
+from contact_tracker_lab.evaluation.evaluate import Answers, Evaluation, evaluate
+from contact_tracker_lab.evaluation.geometry_errors import (
+    angle_rad,
+    deviation,
+    distance_m,
+    geometry_errors,
+    nearest,
+)
 from contact_tracker_lab.evaluation.report import Report
 
 Array = NDArray[np.float64]

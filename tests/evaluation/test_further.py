@@ -9,8 +9,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
-from contact_tracker_lab.evaluation.evaluate import evaluate
-from contact_tracker_lab.evaluation.further import FurtherScore
+from contact_tracker_lab.evaluation.evaluate import FurtherScore, evaluate
 
 STEP_NS = 10_000_000
 FRAMES = 100

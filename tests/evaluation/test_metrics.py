@@ -195,16 +195,9 @@ def test_figures_by_state_by_hand() -> None:
     assert result.recall[[ff, ef, ee, free]] == pytest.approx([1.0, 0.0, np.nan, 0.0], nan_ok=True)
     assert result.f1[[ff, ef, ee, free]] == pytest.approx([2 / 3, 0.0, np.nan, 0.0], nan_ok=True)
     assert result.macro_f1 == pytest.approx(2 / 9)
-    assert result.log_loss_by_state[[ff, ef, free]] == pytest.approx(-np.log([0.7, 0.3, 1e-12]))
-    # f-f: half the time 0.3 off, half the time 0.7; e-f: a quarter 0.7 off, else 0.3; free: a quarter 1
-    expected = [(0.09 + 0.49) / 2, 0.49 / 4 + 0.09 * 0.75, 0.0, 0.25]
-    assert result.brier_by_state[[ff, ef, ee, free]] == pytest.approx(expected)
-    # f-f is true half the time and has 0.7, e-f a quarter and 0.3, free a quarter and 0
-    assert result.calibration_error_by_state[[ff, ef, ee, free]] == pytest.approx([0.2, 0.05, 0.0, 0.25])
     assert result.calibration_error == pytest.approx(0.2)
-    assert result.sure_wrong_by_state[[ff, ef, free]].tolist() == [0.0, 0.0, 0.0]
-    sure = tally_of(scored, np.zeros(400, np.int64))
-    assert sure.sure_wrong_by_state[[ff, ef, free]] == pytest.approx([0.0, 1.0, 1.0])
+    assert result.sure_wrong == 0.0
+    assert tally_of(scored, np.zeros(400, np.int64)).sure_wrong == pytest.approx(0.5)
     assert result.into.tolist() == [ef, free]
     assert np.isnan(result.detection_delay_s).all()
 

@@ -21,7 +21,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.evaluation.bound import cramer_rao
-from contact_tracker_lab.evaluation.elements import angle_rad, deviation
+from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from smooth_motion import moving

@@ -27,7 +27,7 @@ from contact_tracker.outputs.text import table
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.state import scales_of
-from contact_tracker_lab.evaluation.elements import deviation
+from contact_tracker_lab.evaluation.geometry_errors import deviation
 from contact_tracker_lab.simulate import Phase, named_scenario, simulate
 from contact_tracker_lab.simulate.motion import band_limited
 

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from contact_tracker.outputs.colours import ANSI_LEVELS, COLOUR, COLOURS, ansi_of
+from contact_tracker.outputs.text import ANSI_LEVELS, COLOUR, COLOURS, ansi_of
 
 # Machado, Oliveira and Fernandes, 2009: severity 1, on linear RGB
 SIGHT = {

@@ -20,8 +20,8 @@ from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.colours import COLOUR
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import COLOUR
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
@@ -215,7 +215,7 @@ def test_events_have_time_probability_and_geometry(written: Path) -> None:
 
 def test_the_blueprint_is_in_the_file(written: Path) -> None:
     reader = RrdReader(written)
-    (recording,), (blueprint,) = reader.recordings(), reader.blueprints()
+    (recording,), (_, blueprint) = reader.recordings(), reader.blueprints()
     assert blueprint.application_id == recording.application_id == canvas.APPLICATION
     batches = [c.to_record_batch() for c in reader.stream(store=blueprint).to_chunks()]
     classes = [

@@ -103,10 +103,24 @@ def test_a_viewer_that_does_not_answer_is_ended(
         os.kill(int(note.read_text()), 0)
 
 
-@pytest.mark.parametrize("asked", [{}, {"FORCE_RERUN_ANALYTICS": "1"}, {"CI": "1"}])
-def test_a_viewer_is_started_locally_with_the_users_choice_on_analytics(
-    asked: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_home: Path, free_port: int
+@pytest.mark.parametrize(
+    ("asked", "kept"),
+    [
+        ({}, {"CI": "true"}),
+        ({"FORCE_RERUN_ANALYTICS": "1", "RUST_LOG": SILENT}, {"CI": "true", "FORCE_RERUN_ANALYTICS": "1"}),
+        ({"CI": "1", "RUST_LOG": "debug"}, {"CI": "1", "RUST_LOG": "debug"}),
+    ],
+    ids=["nothing", "analytics", "their log"],
+)
+def test_a_viewer_is_started_locally_with_what_the_user_has_chosen(
+    asked: dict[str, str],
+    kept: dict[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    at_home: Path,
+    free_port: int,
 ) -> None:
+    monkeypatch.delenv("RUST_LOG", raising=False)
     for name, value in asked.items():
         monkeypatch.setenv(name, value)
     note = shlex.quote(str(tmp_path / "note"))
@@ -115,8 +129,8 @@ def test_a_viewer_is_started_locally_with_the_users_choice_on_analytics(
         LiveViewer(sink=to_viewer(free_port))
     arguments, *environment = (tmp_path / "note").read_text().splitlines()
     assert f"--bind 127.0.0.1 --port {free_port}" in arguments
-    kept = {line for line in environment if line.startswith(("CI=", "FORCE_RERUN_ANALYTICS="))}
-    assert kept == {f"{name}={value}" for name, value in ({"CI": "true"} | asked).items()}
+    names = ("CI=", "FORCE_RERUN_ANALYTICS=", "RUST_LOG=")
+    assert dict(one.split("=", 1) for one in environment if one.startswith(names)) == kept
 
 
 @LINUX
@@ -129,24 +143,6 @@ def test_a_viewer_has_no_analytics_and_is_reachable_from_this_machine_only(
     socket.create_connection(("127.0.0.1", free_port), timeout=5).close()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.2", free_port), timeout=5)
-
-
-@pytest.mark.parametrize(
-    ("given", "kept"),
-    [(None, None), (SILENT, None), ("debug", "RUST_LOG=debug")],
-    ids=["no", "ours", "theirs"],
-)
-def test_a_viewer_logs_at_the_users_level(
-    given: str | None, kept: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
-) -> None:
-    monkeypatch.delenv("RUST_LOG", raising=False)
-    if given is not None:
-        monkeypatch.setenv("RUST_LOG", given)
-    stand_in(tmp_path, monkeypatch, f"env > {shlex.quote(str(tmp_path / 'note'))}")
-    with pytest.raises(ViewerError):
-        LiveViewer(sink=to_viewer(free_port))
-    lines = (tmp_path / "note").read_text().splitlines()
-    assert [line for line in lines if line.startswith("RUST_LOG=")] == ([kept] if kept else [])
 
 
 @pytest.mark.parametrize("level", [SILENT, "debug"])

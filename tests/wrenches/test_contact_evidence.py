@@ -15,12 +15,13 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_wrenches
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.with_wrenches import wrench_evidence
 from contact_tracker.wrenches.contact_evidence import WindowEvidence, WrenchEvidence
 from contact_tracker.wrenches.load import contact_wrenches, estimate_load
 from contact_tracker.wrenches.tick_wrench import average
 from contact_tracker.wrenches.wrenches import Wrenches, about_body
-from contact_tracker_lab.evaluation.evaluate import Evaluator
+from contact_tracker_lab.evaluation.evaluate import evaluate
 
 DECISIVE = np.log(20.0)
 MOST_RAD = np.radians(15.0)
@@ -187,10 +188,7 @@ def test_wrenches_decide_what_motion_leaves_open(shared_recordings: Path) -> Non
     poses = Poses.join(list(log.batches()))
     found = read_wrenches(path, "/object/wrench", log.source, poses)
     evidence, _ = wrench_evidence(poses, found.wrenches, model)
-    evaluator = Evaluator(need_truth(path))
-    evaluator.add_poses(poses)
-    for piece in OfflineTracker(model, wrenches=evidence).pieces(poses):
-        evaluator.add_piece(piece)
-    offline = evaluator.finish().offline
+    pieces = OfflineTracker(model, wrenches=evidence).pieces(poses)
+    offline = evaluate(poses, need_truth(path), Segmentation.join(list(pieces))).offline
     assert offline.accuracy() > 0.9
     assert offline.sure_wrong < 0.03

@@ -275,8 +275,8 @@ class _Decoder:
                 return [self.decode(one, depth + 1) for one in items]
             case ["scalar", number] if self._arrays[number].ndim == 0:
                 return self._arrays[number][()]
-            case ["member", name, member] if issubclass(_CLASSES[name], enum.Enum):
-                return _CLASSES[name][member]
+            case ["member", name, member]:
+                return _member(_CLASSES[name], member)
             case ["same", number]:
                 return self._objects[number]
         value = self._decode_object(tree, depth)
@@ -306,3 +306,9 @@ class _Decoder:
                 vars(value).update(own)
                 return value
         raise ValueError("it is no value of a state")
+
+
+def _member(kind: type, name: str) -> Any:
+    if not issubclass(kind, enum.Enum):
+        raise TypeError(f"{kind.__name__} has no members")
+    return kind[name]

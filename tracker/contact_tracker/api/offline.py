@@ -20,8 +20,7 @@ from contact_tracker.exports.columns import (
     segment_columns,
     to_pandas,
 )
-from contact_tracker.exports.formats import SUFFIXES, require_library, write_outcome
-from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.formats import SUFFIXES, check_output, require_library, write_outcome
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.geometry.task_frame import TaskFrame, task_frame
 from contact_tracker.map.map import Map as KnownMap

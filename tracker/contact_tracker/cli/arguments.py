@@ -252,7 +252,7 @@ def add_map_out(parser: argparse.ArgumentParser) -> None:
 
 def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
     """Refuse ``--map-out`` where no map is learned, or over a recording; raises UsageError."""
-    from contact_tracker.exports.replacement import check_output
+    from contact_tracker.exports.formats import check_output
 
     if args.map_out is None:
         return

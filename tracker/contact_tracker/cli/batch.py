@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
 from contact_tracker.errors import DAMAGED, DONE, INPUT, UnreadableRecording, UsageError, extra
-from contact_tracker.exports.formats import require_library
-from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.formats import check_output, require_library
 
 if TYPE_CHECKING:
     from contact_tracker.processes import Jobs
@@ -64,10 +63,9 @@ def run(args: argparse.Namespace) -> int:
         )
     require_library(Path("summary.parquet"))
 
-    from contact_tracker.batch.dataset import OWN_FILES, open_dataset
+    from contact_tracker.batch.dataset import OWN_FILES, Batch, open_dataset
     from contact_tracker.batch.finding import find
     from contact_tracker.batch.rows import Settings, WrenchSettings
-    from contact_tracker.batch.run import Batch
 
     arguments.require_wrench_for_mass(args)
     settings = Settings(

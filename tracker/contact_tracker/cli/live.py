@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import DONE, INTERRUPTED, UsageError
-from contact_tracker.exports.formats import TICKS, require_library
-from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.formats import TICKS, check_output, require_library
 from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:

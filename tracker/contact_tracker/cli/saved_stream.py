@@ -131,11 +131,7 @@ class SavedStream:
         if self.signal:
             raise SystemExit(128 + number)
         self.signal = number
-        if self._source.is_stdin:
-            self._end_wait(number)
+        if self._source.is_stdin:  # a second signal ends the wait for the next pose, once it has lasted
+            repeat_unless(number, lambda: not self._waits, _WAIT_S)
         if self._follow is not None:
             self._follow.stop()
-
-    def _end_wait(self, number: int) -> None:
-        """End the wait for the next pose by a second signal, once it has lasted for ``_WAIT_S``."""
-        repeat_unless(number, lambda: not self._waits, _WAIT_S)

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.errors import DONE, ChoiceError, NoPoses, UsageError
-from contact_tracker.exports.formats import FIGURES, SUFFIXES, format_of, require_library
-from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.formats import FIGURES, SUFFIXES, check_output, format_of, require_library
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor

@@ -35,14 +35,14 @@ class Source:
 
     def __init__(self, log: PoseLog, name: str, args: argparse.Namespace) -> None:
         self._log = log
-        self._name = name
+        self.name = name
         detail(f"reading {log.source}")
         self._start_ns = round(args.start * 1e9)
         self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
         self._begin_s = time.monotonic()
         self._is_as_named = not args.table.is_of_table
         if log.note is not None:
-            warn(f"{self._name}: {log.note}")
+            warn(f"{self.name}: {log.note}")
         self.origin_ns = 0
         self.first_ns = 0
         self.last_ns = 0
@@ -103,14 +103,9 @@ class Source:
         return slice(first, end), end < count
 
     @property
-    def name(self) -> str:
-        """The recording as given by the user."""
-        return self._name
-
-    @property
     def is_stdin(self) -> bool:
         """Whether the input is standard input, which cannot be read again."""
-        return self._name == "-"
+        return self.name == "-"
 
     def carry_on(self, origin_ns: int, first_ns: int, last_ns: int, used: int) -> None:
         """Continue where another reading has stopped."""
@@ -120,7 +115,7 @@ class Source:
         """Warn of late sources beyond the first ``reported``; returns their number."""
         for other in self._log.late_sources[reported:]:
             warn(
-                f"{self._name}: another source of poses shows up: {other}; going on with {self._log.source}: "
+                f"{self.name}: another source of poses shows up: {other}; going on with {self._log.source}: "
                 "choose with --topic or --frame"
             )
         return len(self._log.late_sources)
@@ -131,9 +126,9 @@ class Source:
             return
         if self._read_ns is None:
             reason = "" if self._log.loss is None else f": {self._log.loss}"
-            raise NoPoses(f"{self._name}: no pose that can be used{reason}{self._noted()}")
+            raise NoPoses(f"{self.name}: no pose that can be used{reason}{self._noted()}")
         raise ChoiceError(
-            f"{self._name}: no pose in the interval that --start and --duration leave; poses were read until "
+            f"{self.name}: no pose in the interval that --start and --duration leave; poses were read until "
             f"{self._read_ns * 1e-9:.2f} s{self._noted()}"
         )
 
@@ -159,13 +154,13 @@ class Source:
     def trajectory(self) -> Trajectory:
         """All poses of the interval, in memory."""
         poses = Poses.join(list(self.batches()))
-        is_rereadable = not self.is_stdin and os.path.exists(self._name) and self._is_as_named
-        return Trajectory.from_log(self._log, self._name, poses, is_rereadable, self.origin_ns)
+        is_rereadable = not self.is_stdin and os.path.exists(self.name) and self._is_as_named
+        return Trajectory.from_log(self._log, self.name, poses, is_rereadable, self.origin_ns)
 
     def finish(self, adapted: "Report | None") -> int:
         """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""
         if self._log.damage is not None:
-            warn(f"{self._name}: {self._log.damage}")
+            warn(f"{self.name}: {self._log.damage}")
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if adapted is not None:
@@ -174,7 +169,7 @@ class Source:
             say(adapted.map_use)
         self.warn_of_news(adapted)
         for line in self._log.remarks:
-            warn(f"{self._name}: {line}")
+            warn(f"{self.name}: {line}")
         return DONE if self._log.damage is None else DAMAGED
 
     def warn_of_news(self, adapted: "Report | None") -> None:

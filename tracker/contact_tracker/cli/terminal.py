@@ -51,7 +51,7 @@ def _fitted(line: str) -> str:
 def _with_coloured_label(line: str) -> str:
     if not _has_colours(sys.stdout) or (found := _LABELLED.match(line)) is None:
         return line
-    from contact_tracker.outputs.colours import ansi_of
+    from contact_tracker.outputs.text import ansi_of
 
     first, end = found.span(3)
     return f"{line[:first]}\x1b[{ansi_of(Contact(found[3]))}m{found[3]}\x1b[0m{line[end:]}"

@@ -16,8 +16,8 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from contact_tracker.ground_truth import Truth
-from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import COLOUR, Colour
 from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.viewer.parts import SIDES, Part, known_parts

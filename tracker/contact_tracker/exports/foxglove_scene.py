@@ -14,8 +14,8 @@ from foxglove import messages as fox
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import COLOUR, Colour
 from contact_tracker.recording import (
     BELIEF_TOPIC,
     FRAMES_TOPIC,

@@ -16,9 +16,8 @@ from contact_tracker.errors import printable
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.colours import COLOUR, Colour
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.text import describe
+from contact_tracker.outputs.text import COLOUR, Colour, describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.parts import SIDES, Part, known_parts

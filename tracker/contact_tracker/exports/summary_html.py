@@ -5,8 +5,7 @@ from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
-from contact_tracker.outputs.colours import COLOUR
-from contact_tracker.outputs.text import segment_rows
+from contact_tracker.outputs.text import COLOUR, segment_rows
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.colours import COLOUR, COLOURS
-from contact_tracker.outputs.text import OPEN_OFFSET, alternatives, describe
+from contact_tracker.outputs.text import COLOUR, COLOURS, OPEN_OFFSET, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.viewer.parts import Part

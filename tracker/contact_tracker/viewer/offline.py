@@ -65,8 +65,8 @@ def begin(sink: Sink, name: str, is_one_of_several: bool = False) -> Draw:
     ------
     ViewerError : the viewer does not start, or later, does not take the data.
     """
-    recording = canvas.new_recording(name)
-    sink(recording, None)
+    recording, eye = canvas.new_recording(name), Upward(UNKNOWN_EXTENT).eye(UNKNOWN_EXTENT.radius_m)
+    sink(recording, layout.offline(eye, is_one_of_several))
     return partial(_draw, recording, is_one_of_several)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.colours import Colour
+from contact_tracker.outputs.text import Colour
 
 GREY: Final[Colour] = (170, 176, 186)
 OBJECT: Final[Colour] = (244, 240, 228)

@@ -13,7 +13,7 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.config import preset_names
 from contact_tracker.errors import DAMAGED, DONE, UsageError
-from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.formats import check_output
 
 if TYPE_CHECKING:
     from contact_tracker_lab.calibration.calibrate import Calibration, Source

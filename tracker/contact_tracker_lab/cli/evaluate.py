@@ -77,7 +77,7 @@ def _evaluate(
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.trajectory import Trajectory
     from contact_tracker_lab.evaluation import evaluate
-    from contact_tracker_lab.evaluation.answers import Answering
+    from contact_tracker_lab.evaluation.evaluate import Answering
 
     truth = _truth(name, args)
     if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):

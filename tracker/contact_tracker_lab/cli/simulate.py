@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import say, show
 from contact_tracker.errors import DONE, UsageError
-from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.formats import check_output
 
 if TYPE_CHECKING:
     from contact_tracker_lab.simulate.scenarios import Further

@@ -18,8 +18,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Plane, numbers
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
-from contact_tracker_lab.evaluation.elements import error_at
-from contact_tracker_lab.evaluation.geometry_errors import places
+from contact_tracker_lab.evaluation.geometry_errors import error_at, places
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ metric of several recordings is computed from the sum of their tallies.
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +36,9 @@ class Tally:
         Coarse labels have further rows, here and in what is by state.
     calibration : (15, 3) per bin of the top probability, equally wide over [0, 1]: seconds,
         seconds x probability, seconds in which the top state was true.
-    calibration_by_state : (7, 15, 3) the same for each state's probability and the seconds it was true.
-    log_loss_by_state_s : (7,) seconds x -log p(truth), by the true state.
-    brier_by_state_s : (7,) seconds x squared distance of each state's probability from 1 where it was true,
-        from 0 elsewhere.
-    sure_wrong_by_state_s : (7,) seconds with a probability above 0.9 on a wrong state, by the true state.
+    log_loss_s : seconds x -log p(truth), in nats.
+    brier_s : seconds x squared distance of posterior and truth, summed over the states.
+    sure_wrong_s : seconds with a probability above 0.9 on a wrong state.
     into : (C,) column of the state after each true change.
     boundary_error_s : (C,) time between the true change and the nearest found one; nan: none found.
     detection_delay_s : (C,) from the onset until the label is right for 0.3 s; nan: never.
@@ -48,10 +46,9 @@ class Tally:
 
     confusion_s: Array
     calibration: Array
-    calibration_by_state: Array
-    log_loss_by_state_s: Array
-    brier_by_state_s: Array
-    sure_wrong_by_state_s: Array
+    log_loss_s: float
+    brier_s: float
+    sure_wrong_s: float
     into: Ints
     boundary_error_s: Array
     detection_delay_s: Array
@@ -61,7 +58,7 @@ class Tally:
         """The sum; both have the same coarse labels."""
         a, b = vars(self), vars(other)
         sums = {name: a[name] + b[name] for name in a if name not in (*_CHANGES, "coarse")}
-        lists = {name: np.concatenate([a[name], b[name]]) for name in _CHANGES}
+        lists: dict[str, Any] = {name: np.concatenate([a[name], b[name]]) for name in _CHANGES}
         return Tally(**sums, **lists, coarse=self.coarse)
 
     @property
@@ -107,49 +104,25 @@ class Tally:
         return float(known.mean()) if len(known) else float("nan")
 
     @property
-    def log_loss_s(self) -> float:
-        """Seconds x -log p(truth)."""
-        return float(self.log_loss_by_state_s.sum())
-
-    @property
     def log_loss(self) -> float:
         """Mean of -log p(truth), in nats."""
         return _ratio(self.log_loss_s, self.seconds())
 
     @property
-    def log_loss_by_state(self) -> Array:
-        """Mean (7,) of -log p(truth) while each state was true, in nats."""
-        return _ratios(self.log_loss_by_state_s, self.seconds_by_state)
-
-    @property
     def brier(self) -> float:
         """Mean squared distance of posterior and truth, summed over the states: 0 perfect, 2 worst."""
-        return float(self.brier_by_state.sum())
-
-    @property
-    def brier_by_state(self) -> Array:
-        """Contribution (7,) of each state to ``brier``, over all the time scored: 0 perfect, 1 worst."""
-        return _ratios(self.brier_by_state_s, np.full(len(STATES), self.seconds()))
+        return _ratio(self.brier_s, self.seconds())
 
     @property
     def calibration_error(self) -> float:
         """Expected calibration error: mean |share true - probability| of the bins, weighted by time."""
-        return _ratio(float(_miscalibrated_s(self.calibration)), self.seconds())
-
-    @property
-    def calibration_error_by_state(self) -> Array:
-        """The same (7,) for each state's probability, over all the time scored."""
-        return _ratios(_miscalibrated_s(self.calibration_by_state), np.full(len(STATES), self.seconds()))
+        expected_s, right_s = self.calibration[:, 1], self.calibration[:, 2]
+        return _ratio(float(np.abs(right_s - expected_s).sum()), self.seconds())
 
     @property
     def sure_wrong(self) -> float:
         """Share of the time with a probability above 0.9 on a wrong state."""
-        return _ratio(float(self.sure_wrong_by_state_s.sum()), self.seconds())
-
-    @property
-    def sure_wrong_by_state(self) -> Array:
-        """The same (7,) of the time in which each state was true."""
-        return _ratios(self.sure_wrong_by_state_s, self.seconds_by_state)
+        return _ratio(self.sure_wrong_s, self.seconds())
 
     @property
     def boundary_s(self) -> Array:
@@ -181,11 +154,6 @@ def right_states(coarse: tuple[CoarseLabel, ...]) -> NDArray[np.bool_]:
 def quantile(values: Array, q: float) -> float:
     """Quantile of values (K,) by linear interpolation; nan where there are none."""
     return float(np.quantile(values, q)) if len(values) else float("nan")
-
-
-def _miscalibrated_s(calibration: Array) -> Array:
-    """Seconds x |share true - probability|, summed over the bins (..., 15, 3)."""
-    return np.asarray(np.abs(calibration[..., 2] - calibration[..., 1]).sum(axis=-1))
 
 
 def _found(values: Array) -> Array:
@@ -235,21 +203,17 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
     p = posterior[scored]
     top, top_p = p.argmax(axis=1), p.max(axis=1, initial=0.0)
     states = right_states(scoring.coarse)
-    is_one, is_class = states[truth], np.eye(len(states))[truth]
+    is_one = states[truth]
     right = is_one[np.arange(len(p)), top] & (frame_label[scored] != NO_LABEL)
     shares = np.maximum(p, SMALLEST_PROBABILITY) * is_one
-    p_true = shares.sum(axis=1, keepdims=True)
-    is_true = shares / p_true  # of a coarse label the states are as probable as they are found
-    log_loss = -np.log(p_true[:, 0])
+    p_true = shares.sum(axis=1)
+    is_true = shares / p_true[:, None]  # of a coarse label the states are as probable as they are found
     return Tally(
         confusion_s=np.stack([_confusion(scoring, frame_label, subset) for subset in Subset]),
         calibration=_calibration(seconds, top_p, right),
-        calibration_by_state=np.stack(
-            [_calibration(seconds, p[:, i], is_true[:, i]) for i in range(len(STATES))]
-        ),
-        log_loss_by_state_s=(seconds * log_loss) @ is_class,
-        brier_by_state_s=seconds @ (p - is_true) ** 2,
-        sure_wrong_by_state_s=(seconds * ((top_p > SURE) & ~right)) @ is_class,
+        log_loss_s=float(seconds @ -np.log(p_true)),
+        brier_s=float((seconds @ (p - is_true) ** 2).sum()),
+        sure_wrong_s=float(seconds @ ((top_p > SURE) & ~right)),
         into=np.zeros(0, np.int64),
         boundary_error_s=np.zeros(0),
         detection_delay_s=np.zeros(0),
@@ -264,7 +228,7 @@ def _confusion(scoring: Scoring, frame_label: Columns, subset: Subset) -> Array:
     return confusion
 
 
-def _calibration(seconds: Array, p: Array, right: NDArray[np.bool_] | Array) -> Array:
+def _calibration(seconds: Array, p: Array, right: NDArray[np.bool_]) -> Array:
     bins = np.clip((p * CALIBRATION_BINS).astype(int), 0, CALIBRATION_BINS - 1)
     columns = (seconds, seconds * p, seconds * right)
     return np.stack([np.bincount(bins, c, CALIBRATION_BINS) for c in columns], axis=1)

@@ -15,10 +15,8 @@ from contact_tracker.errors import UsageError, printable
 from contact_tracker.recording import read_labels
 from contact_tracker.states import STATES
 from contact_tracker.trajectory.arguments import ModelLike, model_from, path_from
-from contact_tracker_lab.evaluation.answers import answers_to
-from contact_tracker_lab.evaluation.evaluate import Evaluation
+from contact_tracker_lab.evaluation.evaluate import Evaluation, FurtherScore, answers_to
 from contact_tracker_lab.evaluation.evaluate import evaluate as evaluate_segmentation
-from contact_tracker_lab.evaluation.further import FurtherScore
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
 from contact_tracker_lab.evaluation.metrics import Array, Tally, quantile
 from contact_tracker_lab.evaluation.scoring import Subset

@@ -5,7 +5,6 @@ residuals of all contacts: zero while a contact lasts. The table is the plane z 
 object is at positive z and x.
 """
 
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,8 +18,8 @@ from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import lift, perturbations
 from contact_tracker.states import Contact
-from contact_tracker_lab.simulate.chart import Rigid
 from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
+from contact_tracker_lab.simulate.plan import Rigid
 from contact_tracker_lab.simulate.scenarios import Further, Scenario
 
 Array = NDArray[np.float64]
@@ -74,19 +73,11 @@ class Touch(NamedTuple):
         return ContactGeometry(self.feature.element(body.rotation, body.translation, near), plane)
 
 
-@dataclass(frozen=True, eq=False)
-class CornerMotion:
-    """Poses (object to scene) at given times and the contacts; ``second`` lasts only for part of the time."""
-
-    pose: Rigid
-    first: Touch
-    second: Touch
-
-
 def move_in_corner(
     rng: np.random.Generator, object: Polyhedron, scenario: Scenario, further: Further, time_s: Array
-) -> CornerMotion:
-    """The motion of a scenario of one phase with a ``further`` contact at times (N,).
+) -> tuple[Rigid, Touch, Touch]:
+    """The motion of a scenario of one phase with a ``further`` contact at times (N,): poses, object to scene,
+    the contact with the table, and that with the wall, which lasts only for part of the time.
 
     Raises
     ------
@@ -97,7 +88,7 @@ def move_in_corner(
         calm = 0.97**attempt
         pose = _motion(rng, first, second, base, scenario, further, time_s, calm)
         if pose is not None and _is_outside(object, pose):
-            return CornerMotion(pose, first, second)
+            return pose, first, second
     raise UsageError(f"scenario: a {scenario.object} cannot be moved like that between table and wall")
 
 

@@ -1,7 +1,6 @@
 """An object in a joint of its surroundings: a hinge, a slider, a screw or a ball joint."""
 
 import json
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -10,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.elements import Element, Line, Point
 from contact_tracker.joints.models import JointKind
-from contact_tracker_lab.simulate.chart import Rigid
 from contact_tracker_lab.simulate.motion import band_limited
+from contact_tracker_lab.simulate.plan import Rigid
 from contact_tracker_lab.simulate.scenarios import Scenario
 
 Array = NDArray[np.float64]
@@ -49,36 +48,17 @@ class TrueJoint(NamedTuple):
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Jointed:
-    """Poses (N,) of the object in the joint's frame, where the axis is z, and the middle of the object from
-    there at rest."""
-
-    kind: JointKind
-    pose: Rigid
-    arm_m: Array
-    pitch_m: float
-
-    def joint(self, body: Rigid, world: Rigid) -> TrueJoint:
-        """The joint after the changes of frame ``body`` and ``world``."""
-        pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: self.pitch_m}.get(self.kind)
-        # Every line along a slider's axis is one: that on which the body's origin moves stands for all.
-        in_object = body.inverse().translation if self.kind is JointKind.SLIDER else -self.arm_m
-        return TrueJoint(
-            self.kind,
-            self._element(in_object, body),
-            self._element(self.arm_m + in_object, world),
-            pitch,
-        )
-
-    def _element(self, point_m: Array, frame: Rigid) -> Element:
-        place = frame.rotation @ point_m + frame.translation
-        return Point(place) if self.kind is JointKind.BALL else Line(frame.rotation @ _AXIS, place)
-
-
-def move_in_joint(rng: np.random.Generator, kind: JointKind, scenario: Scenario, time_s: Array) -> Jointed:
+def move_in_joint(
+    rng: np.random.Generator, kind: JointKind, scenario: Scenario, time_s: Array, body: Rigid, world: Rigid
+) -> tuple[Rigid, TrueJoint]:
     """Move an object as its joint allows: by ``amplitude_rad`` about the axis or the centre, by
-    ``amplitude_m`` along the axis of a slider (root mean squares)."""
+    ``amplitude_m`` along the axis of a slider (root mean squares).
+
+    Returns
+    -------
+    Poses (N,) of the object in the frame of the joint, whose axis is z, and the joint after the changes of
+    frame ``body`` and ``world``.
+    """
     signal = band_limited(rng, time_s, 3, rng.uniform(*scenario.bandwidth_hz))
     pitch_m = float(rng.choice([-1.0, 1.0]) * rng.uniform(*_PITCH_M))
     outwards = rng.uniform(0.0, 2.0 * np.pi)
@@ -95,4 +75,15 @@ def move_in_joint(rng: np.random.Generator, kind: JointKind, scenario: Scenario,
         case JointKind.BALL:
             turn = scenario.amplitude_rad * signal
     rotation = Rotation.from_rotvec(turn)
-    return Jointed(kind, Rigid(rotation.as_matrix(), rotation.apply(arm) + shift), arm, pitch_m)
+    # Every line along a slider's axis is one: that on which the body's origin moves stands for all.
+    in_object = body.inverse().translation if kind is JointKind.SLIDER else -arm
+    pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: pitch_m}.get(kind)
+    elements = _element(kind, in_object, body), _element(kind, arm + in_object, world)
+    pose = Rigid(rotation.as_matrix(), rotation.apply(arm) + shift)
+    return pose, TrueJoint(kind, *elements, pitch)
+
+
+def _element(kind: JointKind, point_m: Array, frame: Rigid) -> Element:
+    """The joint's axis or centre through a point."""
+    place = frame.rotation @ point_m + frame.translation
+    return Point(place) if kind is JointKind.BALL else Line(frame.rotation @ _AXIS, place)

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.polyhedron import Feature, unit
 from contact_tracker.states import Contact
-from contact_tracker_lab.simulate.chart import Chart, Rigid
-from contact_tracker_lab.simulate.plan import SETTLE_S, Anchor, Leg, sample_normal, sample_point
+from contact_tracker_lab.simulate.plan import SETTLE_S, Anchor, Chart, Leg, Rigid, sample_normal, sample_point
 
 Array = NDArray[np.float64]
 Weights = tuple[Array, Array, Array]

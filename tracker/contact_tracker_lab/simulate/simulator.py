@@ -1,25 +1,26 @@
-"""Simulation of a scenario from a seed: measured poses and ground truth."""
+"""Simulation of a scenario from a seed: poses measured with noise, outliers and dropouts, and the truth."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import UsageError
-from contact_tracker.geometry.polyhedron import Polyhedron
+from contact_tracker.geometry.polyhedron import Polyhedron, unit
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
-from contact_tracker_lab.simulate.chart import Rigid
 from contact_tracker_lab.simulate.corner import move_in_corner
 from contact_tracker_lab.simulate.jointed import TrueJoint, move_in_joint
 from contact_tracker_lab.simulate.motion import Hand, Path, move
-from contact_tracker_lab.simulate.plan import Leg, plan
+from contact_tracker_lab.simulate.plan import Leg, Rigid, plan
 from contact_tracker_lab.simulate.scenarios import (
     Further,
     Scenario,
@@ -27,10 +28,66 @@ from contact_tracker_lab.simulate.scenarios import (
     object_shape,
     surroundings_shape,
 )
-from contact_tracker_lab.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
 from contact_tracker_lab.simulate.wrench import measure_wrenches
 
 Array = NDArray[np.float64]
+
+START_NS = 1_700_000_000_000_000_000
+OUTLIER_M = (0.01, 0.06)
+OUTLIER_RAD = (float(np.radians(4.0)), float(np.radians(25.0)))
+
+
+def stamps(rng: np.random.Generator, count: int, scenario: Scenario) -> NDArray[np.int64]:
+    """Stamps (count,) in ns, strictly increasing; jitter moves the stamp, not the pose."""
+    period = 1e9 / scenario.rate_hz
+    jitter = np.clip(rng.normal(0.0, 1.0, count) * scenario.jitter_s * 1e9, -0.4 * period, 0.4 * period)
+    return START_NS + np.rint(np.arange(count) * period + jitter).astype(np.int64)
+
+
+def measure(rng: np.random.Generator, stamp_ns: NDArray[np.int64], pose: Rigid, scenario: Scenario) -> Poses:
+    """Measured poses of the true poses ``pose`` (N,) of the body in the world."""
+    count = len(stamp_ns)
+    turn = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_rotation_rad
+    shift = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_position_m
+    wrong = rng.random(count) < scenario.outlier_probability
+    turn[wrong] += _random_vectors(rng, count, OUTLIER_RAD)[wrong]
+    shift[wrong] += _random_vectors(rng, count, OUTLIER_M)[wrong]
+    quat = (Rotation.from_matrix(pose.rotation) * Rotation.from_rotvec(turn)).as_quat()
+    same = np.einsum("ni,ni->n", quat[1:], quat[:-1]) >= 0.0
+    quat[1:] *= np.cumprod(np.where(same, 1.0, -1.0))[:, None]  # q and -q are one rotation
+    fresh = rng.random(count) >= scenario.hold_probability
+    fresh[0] = True
+    source = np.maximum.accumulate(np.where(fresh, np.arange(count), 0))
+    kept = rng.random(count) >= scenario.drop_probability
+    kept[0] = True
+    return Poses(stamp_ns, (pose.translation + shift)[source], quat[source])[kept]
+
+
+def _random_vectors(rng: np.random.Generator, count: int, length: tuple[float, float]) -> Array:
+    """Vectors (count, 3) of random direction, with lengths uniform in ``length``."""
+    directions = unit(rng.normal(0.0, 1.0, (count, 3)))
+    return np.asarray(directions * rng.uniform(*length, (count, 1)), float)
+
+
+def rate_hz(poses: Poses) -> float:
+    """Pose rate by the median step between stamps."""
+    return 1e9 / float(np.median(np.diff(poses.stamp_ns)))
+
+
+def smoothed(poses: Poses, smooth: Callable[[Array], Array]) -> Poses:
+    """Apply a filter along time to positions and quaternions of continuous sign."""
+    quat = smooth(poses.quat_xyzw)
+    norm = np.linalg.norm(quat, axis=1)[:, None]
+    return replace(poses, position_m=smooth(poses.position_m), quat_xyzw=quat / norm)
+
+
+def low_pass(poses: Poses, cutoff_hz: float) -> Poses:
+    """Second-order Butterworth filter, forward and backward; poses at too low a rate stay unchanged."""
+    if rate_hz(poses) <= 2.2 * cutoff_hz:
+        return poses
+    b, a = butter(2, 2.0 * cutoff_hz / rate_hz(poses))
+    return smoothed(poses, lambda rows: np.asarray(filtfilt(b, a, rows, axis=0)))
+
 
 _WORLD_M = 1.0  # spread of the scene's origin in the world
 _BODY_M = 0.06  # spread of the object's middle in the body frame
@@ -124,24 +181,25 @@ def _simulate_corner(setting: _Setting, further: Further) -> Simulated:
     """One contact on a table, and a further one on a wall."""
     body, world, time_s = setting.body, setting.world, setting.time_s
     contact, duration_s, _ = setting.scenario.phases[0]
-    moved = move_in_corner(setting.motion_rng, setting.object, setting.scenario, further, time_s)
-    stamp_ns, poses = setting.measured(moved.pose)
+    rng, scenario = setting.motion_rng, setting.scenario
+    pose, on_table, on_wall = move_in_corner(rng, setting.object, scenario, further, time_s)
+    stamp_ns, poses = setting.measured(pose)
     start_s, end_s = further.start_s or 0.0, further.end_s or duration_s
     first, last = np.searchsorted(time_s, (start_s, end_s))
     span = int(stamp_ns[first]), int(stamp_ns[min(last, len(stamp_ns) - 1)])
-    second = FurtherTruth(*span, further.contact, moved.second.geometry(body, world))
+    second = FurtherTruth(*span, further.contact, on_wall.geometry(body, world))
     whole = int(stamp_ns[0]), int(stamp_ns[-1])
-    geometry = moved.first.geometry(body, world)
+    geometry = on_table.geometry(body, world)
     truth = Truth((TruthInterval(*whole, contact, geometry=geometry, further=(second,)),))
     return Simulated(poses, truth, setting.metadata)
 
 
 def _simulate_joint(setting: _Setting, kind: JointKind) -> Simulated:
     """An object in a joint: no contact is scored."""
-    moved = move_in_joint(setting.motion_rng, kind, setting.scenario, setting.time_s)
-    stamp_ns, poses = setting.measured(moved.pose)
+    frames = setting.body, setting.world
+    pose, joint = move_in_joint(setting.motion_rng, kind, setting.scenario, setting.time_s, *frames)
+    stamp_ns, poses = setting.measured(pose)
     truth = Truth((TruthInterval(int(stamp_ns[0]), int(stamp_ns[-1]), None),))
-    joint = moved.joint(setting.body, setting.world)
     return Simulated(poses, truth, setting.metadata | {"joint": joint.to_json()}, joint)
 
 
