@@ -54,9 +54,7 @@ def log_probabilities_of_new(
     for numbers in touched:
         log_weight += len(numbers) * np.log(a) + gammaln(a) - gammaln(a + sum(numbers))
     log_weight -= log_sum_exp(log_weight)
-    ours, theirs = (
-        float(log_sum_exp(log_weight + np.log(a / (sum(numbers) + a)))) for numbers in touched
-    )
+    ours, theirs = (float(log_sum_exp(log_weight + np.log(a / (sum(numbers) + a)))) for numbers in touched)
     return ours, theirs
 
 
