@@ -75,7 +75,10 @@ def test_no_further_contact_repeats_another() -> None:
 @needs_kernels
 @pytest.mark.parametrize(
     ("name", "label", "constraints"),
-    [("vertex_and_vertex", Contact.VF, 2), ("edge_and_vertex", Contact.EF, 3)],
+    [
+        ("vertex_and_vertex", Contact.VF, 2),
+        pytest.param("edge_and_vertex", Contact.EF, 3, marks=pytest.mark.long),
+    ],
 )
 def test_a_vertex_on_the_wall_is_found_with_its_elements(name: str, label: Contact, constraints: int) -> None:
     further, segment = only_further(name), found(name).segments[-1]
@@ -100,6 +103,7 @@ def test_a_vertex_on_the_wall_is_found_with_its_elements(name: str, label: Conta
         assert min(deviations) < 4.0
 
 
+@pytest.mark.long
 @needs_kernels
 def test_with_a_table_an_edge_and_a_vertex_on_the_wall_are_indistinguishable() -> None:
     further = only_further("face_and_edge")

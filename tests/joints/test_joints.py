@@ -62,7 +62,7 @@ def poses_in(kind: JointKind, frames: JointFrames, rng: np.random.Generator, tim
 
 @cache
 def moved(
-    kind: JointKind, seed: int, seconds: float = 7.0, pitch_m: float = PITCH_M
+    kind: JointKind, seed: int, seconds: float = 5.0, pitch_m: float = PITCH_M
 ) -> tuple[JointFrames, Poses]:
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, seconds, 1.0 / 200.0)
@@ -271,7 +271,7 @@ def test_a_pitch_that_systematic_errors_explain_makes_no_screw() -> None:
 def test_a_screw_of_a_large_pitch_stays_one_with_large_systematic_errors() -> None:
     """Its hinge fits far worse than free motion, with which the screw has to compete."""
     model = load_model().with_systematic_errors(2e-3, np.radians(0.5))
-    _, poses = moved(JointKind.SCREW, 2, pitch_m=0.1)
+    _, poses = moved(JointKind.SCREW, 2, 7.0, pitch_m=0.1)
     poses = with_systematic_errors(poses, model.systematic, 2)
     found = segmenting.segment(poses, model)
     assert [one.joint.kind for one in found.segments if one.joint] == [JointKind.SCREW]

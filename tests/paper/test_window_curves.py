@@ -8,7 +8,7 @@ from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import matrix, minimise_slsqp, motion
-from contact_tracker.paper.window_curves import curves, minimise_windows
+from contact_tracker.paper.window_curves import WindowCurves, curves, minimise_windows
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.simulate import Phase, Scenario, simulate
 
@@ -34,7 +34,7 @@ def test_stamps_are_the_windows_ends():
     assert found.minimum.shape == found.normalised.shape == found.converged.shape == (6, 6)
 
 
-@pytest.mark.parametrize(("length", "windows"), [(0, 0), (1, 0), (49, 0), (50, 1), (69, 1), (70, 2)])
+@pytest.mark.parametrize(("length", "windows"), [(0, 0), (49, 0), (69, 1), (70, 2)])
 def test_short_recordings_have_few_windows(length, windows):
     found = curves(recording(Contact.VF)[:length], frames=50, step=20)
     assert found.minimum.shape == found.normalised.shape == (windows, 6)
@@ -60,9 +60,10 @@ def test_minima_are_low_for_the_true_contact_and_contained_ones(contact):
 
 
 def test_normalised_by_the_maximum():
-    found = curves(recording(Contact.FF, Contact.VF), frames=100, step=25)
+    minimum = np.random.default_rng(0).uniform(size=(9, 6)) * np.logspace(-9, 0, 6)
+    found = WindowCurves(np.arange(9), minimum, np.ones((9, 6), bool))
     np.testing.assert_allclose(found.normalised.max(axis=0), 1.0)
-    np.testing.assert_allclose(found.normalised * found.minimum.max(axis=0), found.minimum)
+    np.testing.assert_allclose(found.normalised * minimum.max(axis=0), minimum)
 
 
 def test_windows_do_not_depend_on_how_frames_and_step_divide():
@@ -113,7 +114,7 @@ def test_at_rest_every_contact_fits():
 
 
 def test_long_recordings_in_pieces_give_the_same(monkeypatch):
-    poses = recording(Contact.EF, Contact.VF)
+    poses = recording(Contact.EF, Contact.VF)[:225]
     whole = curves(poses, 100, 25)
     monkeypatch.setattr("contact_tracker.paper.window_curves.CHUNK_FRAMES", 75)
     pieces = curves(poses, 100, 25)

@@ -155,7 +155,7 @@ def _further_contacts(
     segment: FormationTicks, first: KnownContact, free: ConditionalMotion
 ) -> tuple[list[Further], bool]:
     """The further contacts of a segment, and whether the formation is open."""
-    window, found, motion = segment.window, list[Further](), free.keeping(first.c)
+    found, motion = list[Further](), free.keeping(first.c)
     while len(found) < MAX_FURTHER:
         best = best_of(_candidates(segment, motion))
         if best is None:
@@ -170,16 +170,11 @@ def _further_contacts(
         best, elements = refined
         run = longest_run(best.presence)
         holding = [first, *(one.known for one in found if any(map(run.overlaps, one.runs)))]
-        before = first.model.contact.codimension
-        if len(holding) > 1:
-            before = count_constraints(motion.cut(*run), [one.c for one in holding])
-        more = count_constraints(motion.cut(*run), [one.c for one in (*holding, best.known)])
-        geometry = segment.geometry_of(elements)
-        uses_freedom = used_directions(window.cut(*run)) >= DIRECTIONS - more
-        if geometry is None or more <= before or not uses_freedom:
-            # unused freedom: further constraints that this contact does not explain
+        confirmed = confirm(segment, motion, elements, holding, best.known, run)
+        if confirmed is None:
             return found, True
-        others = inseparable_kinds(segment, motion, best, some, run, more - before)
+        geometry, _, new = confirmed
+        others = inseparable_kinds(segment, motion, best, some, run, new)
         found.append(Further(best.known, geometry, best.presence.runs, best.presence.log_odds, others))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
@@ -203,6 +198,31 @@ def refine(
     elements = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
     refined = evaluate(segment, motion, KnownContact(model.contact, elements.bank.x[0]))
     return None if refined is None else (refined, elements)
+
+
+def confirm(
+    segment: FormationTicks,
+    motion: ConditionalMotion,
+    elements: FittedElements,
+    holding: Sequence[KnownContact],
+    one: KnownContact,
+    run: Run,
+) -> tuple[ContactGeometry, int, int] | None:
+    """The geometry of a contact in ``run`` beside those that are ``holding``, the number of constraints of
+    all of them, and how many it adds.
+
+    None if it adds none, or a complete map lacks its elements, or the motion does not use all freedom that
+    the contacts leave: there are further constraints, which they do not explain.
+    """
+    part, before = motion.cut(*run), holding[0].contact.codimension
+    if len(holding) > 1:
+        before = count_constraints(part, [other.c for other in holding])
+    constraints = count_constraints(part, [other.c for other in (*holding, one)])
+    geometry = segment.geometry_of(elements)
+    uses_freedom = used_directions(segment.window.cut(*run)) >= DIRECTIONS - constraints
+    if geometry is None or constraints <= before or not uses_freedom:
+        return None
+    return geometry, constraints, constraints - before
 
 
 def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:

@@ -20,6 +20,7 @@ from contact_tracker.formations.further import (
     KnownContact,
     allowed,
     best_of,
+    confirm,
     evaluate,
     inseparable_kinds,
     promising_kinds,
@@ -29,7 +30,6 @@ from contact_tracker.formations.further import (
 from contact_tracker.formations.presence import Presence, Run
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import DECISIVE
-from contact_tracker.motion.window import DIRECTIONS, used_directions
 from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
@@ -328,20 +328,16 @@ def _accept(
     if refined is None or not _is_now(refined[0].presence, motion):
         return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
     best, elements = refined
-    present = [one for one in state.tracked if one.is_present]
-    run = best.presence.runs[-1]
-    contacts = [first.c, *(one.elements.c for one in present)]
-    before = count_constraints(motion.cut(*run), contacts) if present else first.model.contact.codimension
-    constraints = count_constraints(motion.cut(*run), [*contacts, best.known.c])
-    uses_freedom = used_directions(ticks.window.cut(*run)) >= DIRECTIONS - constraints
-    geometry = ticks.geometry_of(elements)
-    if geometry is None or constraints <= before or not uses_freedom:
+    present, last = [one for one in state.tracked if one.is_present], best.presence.runs[-1]
+    holding = [first, *(one.elements for one in present)]
+    confirmed = confirm(ticks, motion, elements, holding, best.known, last)
+    if confirmed is None:
         return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
-    last = best.presence.runs[-1]
+    geometry, constraints, new = confirmed
     tracked = TrackedContact(
         best.known,
         geometry,
-        inseparable_kinds(ticks, motion, best, candidates, last, constraints - before),
+        inseparable_kinds(ticks, motion, best, candidates, last, new),
         best.presence.log_odds,
         int(ticks.window.index[last.first]),
         True,

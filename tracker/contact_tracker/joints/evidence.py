@@ -120,14 +120,16 @@ def _fit(model: JointModel, window: Window, scales: EvidenceParameters, most_pla
         frames = _minimise(model, frames, window, scales, play)
         residual = model.residual(frames, window.zeta)
         play = _play(_whitened(residual, noise_sd, scales).residual, most_play)
-    return _Fit(model, frames, residual, play, _against_free(residual, window, scales).of_free)
+    return _Fit(model, frames, residual, play, _against_free(residual, window, scales)[2])
 
 
 def _evident(fit: _Fit, window: Window, scales: EvidenceParameters, free: float) -> FittedJoint:
     """The joint with its evidence; ``free`` is the quadratic form of free motion, at most."""
     deviation = _deviations(scales)[fit.model.free]
     hessian = _whitened(fit.residual, _noise_sd(window), scales, fit.play).normal()[0]
-    evidence = _log_ratio(fit.residual, window, scales, fit.play, free) - _complexity(hessian, deviation)
+    scaled = np.eye(len(hessian)) + hessian * deviation[:, None] * deviation
+    complexity = 0.5 * float(np.linalg.slogdet(scaled)[1])
+    evidence = _log_ratio(fit.residual, window, scales, fit.play, free) - complexity
     evidence -= 0.5 * (fit.frames.pitch_m / PITCH_M) ** 2  # a slider is also a screw of a far too large pitch
     covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
     return FittedJoint(fit.model, fit.frames, covariance, scales.likelihood_exponent * evidence, fit.play)
@@ -217,11 +219,6 @@ def _noise_sd(window: Window) -> Array:
     return np.sqrt(window.variance[:, NOISE_OF_PERTURBATION])
 
 
-def _moved_sd(window: Window) -> Array:
-    """Standard deviations (W, 6) of the displacement in each tick."""
-    return np.sqrt(window.displacement_variance[:, NOISE_OF_PERTURBATION])
-
-
 def _deviations(scales: EvidenceParameters) -> Array:
     """Prior standard deviations (13,) of all parameters of a joint."""
     deviation = np.ones(PITCH + 1)
@@ -245,18 +242,12 @@ class _Whitened(NamedTuple):
         return slope.T @ slope, slope.T @ self.residual.ravel()
 
 
-def _covariance(by_pose: Array, pose_sd: Array) -> Array:
-    """Covariance (W, K, K) of the residuals due to errors of the pose with standard deviations (W, 6)."""
-    rows = by_pose * pose_sd[:, None]
-    return np.asarray(rows @ np.swapaxes(rows, 1, 2))
-
-
 def _factors(residual: Residual, noise_sd: Array) -> tuple[Array, Array]:
     """Standard deviations (W, K) of the residuals by noise, and Cholesky factors (W, K, K) of their
     correlation."""
     scale = np.sqrt(np.square(residual.by_pose * noise_sd[:, None]).sum(axis=2)) + JITTER**2
-    correlation = _covariance(residual.by_pose / scale[..., None], noise_sd)
-    lower = np.linalg.cholesky(correlation + JITTER * np.eye(correlation.shape[1]))
+    rows = residual.by_pose / scale[..., None] * noise_sd[:, None]
+    lower = np.linalg.cholesky(rows @ np.swapaxes(rows, 1, 2) + JITTER * np.eye(rows.shape[1]))
     return np.asarray(scale, np.float64), np.asarray(lower, np.float64)
 
 
@@ -278,29 +269,18 @@ def _play(white: Array, most: float) -> Array:
     return np.asarray((axes * np.clip(np.sqrt(np.maximum(variance, 0.0)), 1.0, most)) @ axes.T)
 
 
-def _complexity(hessian: Array, deviation: Array) -> float:
-    """Complexity (nats) of parameters with this ``hessian`` (P, P) and prior ``deviation`` (P,)."""
-    scaled = hessian * deviation[:, None] * deviation
-    return 0.5 * float(np.linalg.slogdet(np.eye(len(scaled)) + scaled)[1])
-
-
-class _AgainstFree(NamedTuple):
-    """Whitened residuals (W, K), and half the log ratio of their variances under free motion to those of the
-    noise (``gain``), and their quadratic form under free motion (``of_free``)."""
-
-    white: Array
-    gain: float
-    of_free: float
-
-
-def _against_free(residual: Residual, window: Window, scales: EvidenceParameters) -> _AgainstFree:
-    noise_sd = _noise_sd(window)
+def _against_free(
+    residual: Residual, window: Window, scales: EvidenceParameters
+) -> tuple[Array, float, float]:
+    """Whitened residuals (W, K), half the log ratio of their variances under free motion to those of the
+    noise, and their quadratic form under free motion."""
+    noise_sd, moved_sd = _noise_sd(window), np.sqrt(window.displacement_variance[:, NOISE_OF_PERTURBATION])
     white = _whitened(residual, noise_sd, scales).residual
     scale, lower = _factors(residual, noise_sd)
-    moved = np.linalg.solve(lower, residual.by_pose / scale[..., None] * _moved_sd(window)[:, None])
+    moved = np.linalg.solve(lower, residual.by_pose / scale[..., None] * moved_sd[:, None])
     loose = np.eye(white.shape[1]) + moved @ np.swapaxes(moved, 1, 2)
     of_free = float((white * np.linalg.solve(loose, white[..., None])[..., 0]).sum())
-    return _AgainstFree(white, 0.5 * float(np.linalg.slogdet(loose)[1].sum()), of_free)
+    return white, 0.5 * float(np.linalg.slogdet(loose)[1].sum()), of_free
 
 
 def _log_ratio(

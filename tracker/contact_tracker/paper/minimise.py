@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.paper.batched import random_starts
 from contact_tracker.paper.kronecker import SIZE, Form, Kind, form
 from contact_tracker.states import Contact
 
@@ -52,7 +53,7 @@ def minimise_slsqp(
     constraints = {"type": "eq", "fun": lambda z: _constraints(f, z), "jac": lambda z: _constraint_rows(f, z)}
     best, converged = None, 0
     for _ in range(starts):
-        z0 = np.concatenate([_random(kind, rng, offset_m) for kind in (f.x, f.y)])
+        z0 = np.concatenate(random_starts(contact, 1, rng, offset_m), axis=1)[0]
         options = {"maxiter": 500, "ftol": 1e-15}
         found = minimize(
             _objective(k * scale, size),
@@ -116,18 +117,6 @@ def _constraint_row(kind: Kind, e: Array) -> Array:
             return np.array([[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]])
         case "point":
             return np.array([[0.0, 0.0, 0.0, 1.0]])
-
-
-def _random(kind: Kind, rng: np.random.Generator, offset_m: float) -> Array:
-    direction, offset = rng.normal(size=3), rng.normal(size=3) * offset_m
-    direction /= np.linalg.norm(direction)
-    match kind:
-        case "plane":
-            return np.append(direction, offset[0])
-        case "line":
-            return np.append(direction, np.cross(offset, direction))
-        case "point":
-            return np.append(offset, 1.0)
 
 
 def _onto_constraints(kind: Kind, e: Array) -> Array:
