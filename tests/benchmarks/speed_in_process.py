@@ -14,7 +14,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.tick_averaging import TickGrid
 from contact_tracker.recording import open_log
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Detail

@@ -27,8 +27,8 @@ from contact_tracker.hypotheses.bank import Bank, Onsets
 from contact_tracker.hypotheses.row_layout import Layout, layout
 from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
-from contact_tracker.motion.pose_steps import Step
 from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Step
 from contact_tracker.motion.stamp_order import Ordered, Periods, StampOrder
 from contact_tracker.tracker import Tracker
 
