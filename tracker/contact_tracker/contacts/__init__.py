@@ -43,6 +43,13 @@ class ContactModel:
         index, sign = self._order
         return np.asarray(zeta[..., index] * sign)
 
+    @cached_property
+    def moves(self) -> Array:
+        """Linear maps (6, C, C): the change of the family's entries by small turns about the body's axes and
+        shifts along the world's, as row vectors times a map."""
+        select = self.lifted(np.eye(lifted_pose.SIZE)).T
+        return np.asarray(select @ lifted_pose.perturbations() @ select.T)
+
     def anchors(self, position_m: Array) -> Array:
         """Where the body is in frames 1 and 2, (..., 6); in the world it is at ``position_m`` (..., 3)."""
         pair = [np.zeros_like(position_m), position_m]

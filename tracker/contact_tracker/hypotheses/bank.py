@@ -82,16 +82,16 @@ class Bank(Table):
     needs_search = Column(np.bool_)
     log_birth_weight = Column(np.float64)
     protected_until = Column(np.float64)
-    prior_mean = Column(np.float64, "S")
-    prior_information = Symmetric("S")
-    line_anchor = Column(np.float64, 6)
-    x = Column(np.float64, "S")
-    row_weight = Column(np.float64, "K")
     log_prior = Column(np.float64)
     llr_before_window = Column(np.float64)
     gain_before_window = Column(np.float64)
     log_likelihood = Column(np.float64)
     rms = Column(np.float64)
+    prior_mean = Column(np.float64, "S")
+    prior_information = Symmetric("S")
+    line_anchor = Column(np.float64, 6)
+    x = Column(np.float64, "S")
+    row_weight = Column(np.float64, "K")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Bank, (self.words, self.layout, self.onsets, self.lag_history)
@@ -104,6 +104,11 @@ class Bank(Table):
         if not np.array_equal(onsets[row[row < len(onsets)]], self.onset):
             raise ValueError("a hypothesis without its onset")
         return row
+
+    @cached_property
+    def head(self) -> NDArray[Any]:
+        """The columns of single numbers (H,) as a structured view, flags as integers."""
+        return self.words[:, : len(_HEAD)].view(_HEAD)[:, 0]
 
     @cached_property
     def weight(self) -> Array:
@@ -128,7 +133,7 @@ class Bank(Table):
     @property
     def log_weight(self) -> Array:
         """Log weight (H,) of each hypothesis, including the history before its onset."""
-        return self.log_birth_weight + self.log_likelihood
+        return np.asarray(self.head["log_birth_weight"] + self.head["log_likelihood"])
 
     @property
     def log_total_weight(self) -> float:
@@ -146,12 +151,17 @@ class Bank(Table):
         """Log weight of the best hypothesis; -inf without any."""
         return float(self.log_weight.max()) if len(self) else -np.inf
 
+    def onset_ns_of(self, row: int) -> int:
+        """Time at which the first tick of one hypothesis begins."""
+        onsets = self.onsets.words.view(np.int64)
+        return int(onsets[onsets[:, 0].searchsorted(self.head["onset"][row]), 1])
+
     def single(self, row: int) -> "Bank":
         """One hypothesis with its onset."""
-        own = self.words[row : row + 1]
-        since = int(self.onsets.raw_column("onset").searchsorted(self.raw_column("onset")[row]))
-        onsets = Onsets(self.onsets.words[since : since + 1], self.onsets.layout)
-        one = Bank(own, self.layout, onsets, self.lag_history[row : row + 1])
+        onsets = self.onsets.words
+        since = onsets.view(np.int64)[:, 0].searchsorted(self.head["onset"][row])
+        own = Onsets(onsets[since : since + 1], self.onsets.layout)
+        one = Bank(self.words[row : row + 1], self.layout, own, self.lag_history[row : row + 1])
         vars(one)["onset_index"] = _FIRST
         return one
 
@@ -172,6 +182,13 @@ class Bank(Table):
         return other
 
 
+_HEAD: Final = np.dtype(
+    [
+        (name, np.float64 if column.is_number else np.int64)
+        for name, column in vars(Bank).items()
+        if isinstance(column, Column) and column.is_single
+    ]
+)
 _FIRST: Final = np.zeros(1, np.int64)
 FITTED_COLUMNS: Final = ("x", "row_weight", "log_likelihood", "rms")
 """Columns that a refit changes."""

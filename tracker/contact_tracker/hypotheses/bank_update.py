@@ -58,12 +58,13 @@ def update(
     from contact_tracker.hypotheses.compiled import calls
 
     births, left = tick_input.births, list[Bank]()
-    drawn = [directions(one, births.onset) if is_due(one, births.onset) else None for one in CONTACT_MODELS]
-    kept = calls.update(banks, tick_input, drawn, extra_variance, scales, margin)
+    kept = calls.update(banks, tick_input, extra_variance, scales, margin)
     for column, (bank, (words, since), rows) in enumerate(zip(banks, kept.words, kept.rows, strict=True)):
         past = bank.lag_history
-        if past.shape[1] or len(past) != len(rows):
+        if past.shape[1]:
             past = joined(past, births.lag_history[column], births.proposals[column].count, rows)
+        elif len(past) != len(rows):
+            past = np.empty((len(rows), *past.shape[1:]))
         left.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
     return left, TickWeights(*kept.weighed[:-1], LiveHypotheses(*kept.weighed[-1]))
 
@@ -76,7 +77,7 @@ def update_reference(
     margin: float,
 ) -> tuple[list[Bank], TickWeights]:
     """``update`` in numpy: the reference of the compiled kernels."""
-    births, _, window, before, _, log_stay = tick_input
+    births, window, before, log_stay = tick_input
     now = births.onset
     updated, oldest = [], before.expired_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):

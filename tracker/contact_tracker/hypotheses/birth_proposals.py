@@ -42,7 +42,7 @@ class Frame(NamedTuple):
     @classmethod
     def around(cls, origins: Origins, place_m: Array) -> "Frame":
         """The frame with the body at ``place_m`` from the origin."""
-        cell_m = [CELL_M * round(coordinate / CELL_M) for coordinate in place_m.tolist()]
+        cell_m = (CELL_M * np.round(place_m / CELL_M)).tolist()
         return cls(tuple(origins.world_m.tolist()), tuple(origins.body_m.tolist()), tuple(cell_m))
 
 

@@ -169,9 +169,10 @@ def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
 
 def directions(model: ContactModel, tick: int) -> Array:
     """Random x (N, S) for a tick, in the body's frame: so results do not depend on the world's axes."""
-    return _drawn(model.family.RANDOM_STARTS, model.family.SIZE, int(tick) % DRAWS)
+    return np.asarray(drawn(model.family.RANDOM_STARTS, model.family.SIZE)[int(tick) % DRAWS])
 
 
 @cache
-def _drawn(count: int, size: int, seed: int) -> Array:
-    return np.random.default_rng(seed).normal(size=(count, size))
+def drawn(count: int, size: int) -> Array:
+    """All sets (D, N, S) of random directions of a family."""
+    return np.array([np.random.default_rng(seed).normal(size=(count, size)) for seed in range(DRAWS)])

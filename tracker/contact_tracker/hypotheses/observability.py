@@ -16,7 +16,7 @@ from contact_tracker.contacts.parameter_layout import directions
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, Unobserved
 from contact_tracker.geometry.vectors import cross
-from contact_tracker.hypotheses import gauss_newton, refit
+from contact_tracker.hypotheses import compiled, gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.pruning import anchors_of
@@ -97,17 +97,41 @@ def information_spectrum(
     information: Array | None = None,
 ) -> InformationSpectrum:
     """The spectrum of a single hypothesis; arguments as of ``observed_geometry``."""
-    tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
-    prior = prior_along(one, model, tangent, scales.reach_m)
     noise_margin = NOISE_MARGIN
-    if information is None:
-        information, noise_margin = refit.information(one, model, scales)[0], 1.0
-        # with correlated errors the moments hold innovations, in which most of a constant pose cancels
-        variance = variance / (1.0 - scales.correlation) ** 2
-    noise = noise_information(one, model, tangent, variance)
-    eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
+    if information is None:  # with correlated errors the moments hold innovations, in which most of a
+        noise_margin, variance = 1.0, variance / (1.0 - scales.correlation) ** 2  # constant pose cancels
+    tangent, shown, prior, noise = information_terms(one, model, scales, variance)
+    shown = shown if information is None else information
+    eigenvalues, eigenvectors = linalg.eigenvectors(shown, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
+
+
+def information_terms(
+    one: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Tangent (S, P) of a single hypothesis, and information (P, P) along it: of the ticks by the moments, of
+    the prior, and of noise alone. ``variance`` (2,) as in ``observed_geometry``."""
+    if not compiled.in_use():
+        return information_terms_reference(one, model, scales, variance)
+    from contact_tracker.hypotheses.compiled import calls
+
+    return calls.information_terms(
+        calls.model_of(model, scales.reach_m), one.words, one.onsets.words, variance
+    )
+
+
+def information_terms_reference(
+    one: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
+) -> tuple[Array, Array, Array, Array]:
+    """``information_terms`` in numpy: the reference of the compiled kernel."""
+    tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
+    return (
+        tangent,
+        refit.information(one, model, scales)[0],
+        prior_along(one, model, tangent, scales.reach_m),
+        noise_information(one, model, tangent, variance),
+    )
 
 
 def prior_along(one: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
@@ -151,7 +175,7 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
     precision = gauss_newton.per_metre(family, moments, one.row_weight[0], x)
     slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
     # change of each row when a pose is perturbed by one sigma in each direction
-    off = (slopes.reshape(free * rows, columns) @ _perturbations(model)).reshape(free, rows, 6, columns)
+    off = (slopes.reshape(free * rows, columns) @ model.moves).swapaxes(0, 1).reshape(free, rows, 6, columns)
     off *= np.sqrt(precision[:, None] * variance[lifted_pose.NOISE_OF_PERTURBATION])[..., None]
     jitter = off.reshape(-1, columns) @ moments
     return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
@@ -160,16 +184,7 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
 def perturbed_rows(one: Bank, model: ContactModel) -> Array:
     """Coefficients (K, 6, C) of the change of each residual of a single hypothesis by small turns about the
     body's axes and shifts along the world's."""
-    rows = model.family.rows(one.x[0])
-    return np.asarray(rows @ _perturbations(model)).reshape(len(rows), 6, -1)
-
-
-@cache
-def _perturbations(model: ContactModel) -> Array:
-    """Six linear maps (C, 6 C), side by side: the change of the family's columns by small turns and shifts of
-    the pose."""
-    select = model.lifted(np.eye(lifted_pose.SIZE)).T
-    return np.concatenate(list(select @ lifted_pose.perturbations() @ select.T), axis=1)
+    return np.asarray((model.family.rows(one.x[0]) @ model.moves).swapaxes(0, 1))
 
 
 def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:

@@ -71,6 +71,16 @@ class Column(Generic[Entry]):
     def __init__(self, kind: type[Entry], *shape: str | int) -> None:
         self._is_flag, self._whole, self._shape = kind is np.bool_, kind is not np.float64, shape
 
+    @property
+    def is_single(self) -> bool:
+        """Whether its entries are single numbers."""
+        return not self._shape
+
+    @property
+    def is_number(self) -> bool:
+        """Whether its entries are floating-point numbers."""
+        return not self._whole
+
     def field(self, first: int, sizes: Mapping[str, int]) -> Field:
         """The field of this column, given the ``sizes`` of C, S and K."""
         shape = tuple(size if isinstance(size, int) else sizes[size] for size in self._shape)
@@ -94,7 +104,7 @@ class Symmetric(Column[np.float64]):
     """A column of symmetric matrices."""
 
     def __init__(self, size: str) -> None:
-        super().__init__(np.float64)
+        super().__init__(np.float64, size, size)
         self._size = size
 
     def field(self, first: int, sizes: Mapping[str, int]) -> Field:

@@ -42,14 +42,10 @@ class TickInput(NamedTuple):
 
     births: Births
     """Hypotheses that begin with the tick."""
-    stamp_ns: int
-    """Time at which the tick ends."""
     window: Window
     """The latest ticks, this one included."""
     before: Window
     """The window before this tick."""
-    log_transition: Array
-    """(7, 7) log probabilities of a change of state at its beginning, from row to column."""
     log_survival: Array
     """(7,) log probabilities of staying in each state through it."""
 

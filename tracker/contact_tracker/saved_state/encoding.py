@@ -72,8 +72,9 @@ def field_names(one: type) -> tuple[str, ...]:
 
 
 def schema() -> dict[str, list[str]]:
-    """The field names of all classes, which identify the version of a state."""
-    return {name: list(field_names(one)) for name, one in sorted(_CLASSES.items())}
+    """The field names of all classes and tables, which identify the version of a state."""
+    classes = {name: list(field_names(one)) for name, one in sorted(_CLASSES.items())}
+    return classes | {name: list(one.fields) for name, one in _LAYOUTS.items()}
 
 
 def is_same(one: Any, other: Any) -> bool:

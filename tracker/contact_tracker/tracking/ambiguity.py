@@ -287,11 +287,12 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     since = np.full(len(STATES), onset)
     for column, bank in enumerate(banks):
-        first, end = bank.onset.searchsorted(span)  # they are in order
+        head = bank.head
+        first, end = head["onset"].searchsorted(span)  # they are in order
         if first < end:
-            best = first + bank.log_weight[first:end].argmax()
-            evidence[column], rms[column] = bank.log_likelihood[best], bank.rms[best]
-            since[column] = bank.onset[best]
+            some = head[first:end]
+            best = some[(some["log_birth_weight"] + some["log_likelihood"]).argmax()]
+            evidence[column], rms[column], since[column] = best["log_likelihood"], best["rms"], best["onset"]
     evidence[-1], rms[-1] = 0.0, 1.0
     if label is not Contact.FREE:
         evidence -= _evidence(banks[label.column], since)
@@ -302,6 +303,7 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
 def _evidence(bank: Bank, since: Index) -> Array:
     """A contact's evidence against free motion ``since`` some ticks, interpolated between its hypotheses: the
     best of each onset, without those far behind."""
-    near = np.flatnonzero(bank.log_weight >= bank.best - FAR_NATS)
-    near = near[best_of(bank.onset[near], bank.log_weight[near])]
-    return np.interp(since, bank.onset[near], bank.log_likelihood[near])
+    weight = bank.log_weight
+    near = (weight >= weight.max() - FAR_NATS).nonzero()[0]
+    near = near[best_of(bank.head["onset"][near], weight[near])]
+    return np.interp(since, bank.head["onset"][near], bank.head["log_likelihood"][near])

@@ -177,8 +177,7 @@ def tick_input(
         fixed_lag.inherited(state.lag_history, state.log_state_weight, transitions.log_transition),
         tick.zeta[R].reshape(3, 3),
     )
-    rates = transitions.log_transition, transitions.log_survival
-    return TickInput(births, tick.stamp_ns, sliding.window, state.window, *rates)
+    return TickInput(births, sliding.window, state.window, transitions.log_survival)
 
 
 def updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], TickWeights]:

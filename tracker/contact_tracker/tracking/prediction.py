@@ -15,7 +15,7 @@ from contact_tracker.hypotheses.birth_proposals import (
     Frame,
     propose_births,
 )
-from contact_tracker.hypotheses.proximity_prior import proximity_evidence, reweight_transitions
+from contact_tracker.hypotheses.proximity_prior import reweight_transitions, weigh_births
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.rests import completes_rest
 from contact_tracker.motion.window import SlidingWindow
@@ -49,27 +49,22 @@ def predict_transitions(state: FilterState, sliding: SlidingWindow) -> Transitio
     """The prediction for the newest tick of ``window``, by which ``state`` has not been updated."""
     window, model = sliding.window, state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
-    proposals, log_odds = [one.proposals for one in cached], np.zeros(len(STATES))
+    proposals, log_odds = tuple([one.proposals for one in cached]), np.zeros(len(STATES))
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
     if state.known_map:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
     transition, survival = tick_transitions(model, exposed)
     if state.knows_elements:
-        scales, newest, beyond = scales_of(model), window.cut(-1, None), model.noise.extra_contact_variance
-        proximity = [
-            proximity_evidence(contact, begins, newest.with_error(more) if any(more) else newest, scales)
-            for contact, begins, more in zip(CONTACT_MODELS, proposals, beyond, strict=True)
-        ]
-        proposals = [near.proposals for near in proximity]
-        log_odds[:-1] = [near.log_odds for near in proximity]
-        transition, survival = reweight_transitions(transition, survival, proximity)
+        beyond = model.noise.extra_contact_variance
+        proposals, log_odds[:-1], gain = weigh_births(proposals, window, beyond, scales_of(model))
+        transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
     transition, survival = _with_rest((transition, survival), sliding, model)
     if state.ticks:
         birth_weight = hmm.birth_log_weights(state.log_state_weight, transition)
     else:
         birth_weight = state.log_state_weight + log_odds
         birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
-    return TransitionPrediction(tuple(proposals), cached, exposed, transition, survival, birth_weight)
+    return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
 
 
 def _with_rest(transitions: tuple[Array, Array], sliding: SlidingWindow, model: Model) -> tuple[Array, Array]:

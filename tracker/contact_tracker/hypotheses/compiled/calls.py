@@ -13,12 +13,15 @@ from contact_tracker.hypotheses import gauss_newton, schedule
 from contact_tracker.hypotheses.bank import Bank, Onsets
 from contact_tracker.hypotheses.compiled import kernels
 from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.global_search import drawn
 from contact_tracker.hypotheses.row_layout import layout
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.motion.window import Window
 
 Index = NDArray[np.int64]
+information_terms = kernels.information_terms
+weigh_births = kernels.weigh_births
 
 
 class UpdatedRows(NamedTuple):
@@ -35,35 +38,24 @@ class UpdatedRows(NamedTuple):
 def update(
     banks: Sequence[Bank],
     one: TickInput,
-    directions: Sequence[Array | None],
     extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
 ) -> UpdatedRows:
-    """Update the rows of all banks and of their onsets by a tick.
-
-    A contact with random ``directions`` (body frame) searches in this tick. The other arguments are those of
-    ``bank_update.update``.
-    """
-    births, before = one.births, ticks_of(one.before) if len(one.before.index) else None
-    given = kernels.TickInput(
+    """Update the rows of all banks and of their onsets by a tick; arguments as of ``bank_update.update``."""
+    births = one.births
+    kept = kernels.update(
+        models(scales.reach_m),
+        [(bank.words, bank.onsets.words) for bank in banks],
         [(begins.rows.words, begins.is_given) for begins in births.proposals],
-        directions,
         births.turn,
         births.onset,
         births.onset_ns,
-        one.stamp_ns,
-        ticks_of(one.window),
-        before,
-        one.log_transition,
-        one.log_survival,
-    )
-    kept = kernels.update(
-        _models(scales.reach_m),
-        [(bank.words, bank.onsets.words) for bank in banks],
-        given,
         births.number,
         births.log_birth_weight,
+        ticks_of(one.window),
+        ticks_of(one.before) if len(one.before.index) else None,
+        one.log_survival,
         extra_variance,
         weights_of(scales),
         margin,
@@ -86,16 +78,20 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
         burn_in_ticks(model.needed),
         columns,
         (family.SPREAD / reach_m**2).tolist(),
+        model.moves,
         family.starts(np.eye(len(columns))[None]).shape[1],
+        model.contact.column,
+        schedule.SEARCH_INTERVAL,
+        drawn(family.RANDOM_STARTS, family.SIZE),
     )
 
 
 @lru_cache(maxsize=8)
-def _models(reach_m: float) -> list[kernels.Model]:
+def models(reach_m: float) -> list[kernels.Model]:
     return [model_of(model, reach_m) for model in CONTACT_MODELS]
 
 
-@lru_cache(maxsize=2)  # of a tick and of the one before
+@lru_cache(maxsize=4)  # of a tick and of the one before; filters may differ in their windows
 def ticks_of(window: Window) -> kernels.Ticks:
     """The kernels' form of a window."""
     return kernels.Ticks(
@@ -121,6 +117,12 @@ def weights_of(scales: EvidenceParameters) -> kernels.EvidenceParameters:
         scales.prior_predictive_share,
         scales.likelihood_exponent,
     )
+
+
+@lru_cache(maxsize=8)
+def birth_limits(any_direction: float, reach_m: float, hopeless: float, most: int) -> kernels.BirthLimits:
+    """The kernels' form of the constants of ``proximity_prior``."""
+    return kernels.BirthLimits(any_direction, reach_m**2, hopeless, most)
 
 
 def _settings() -> dict[str, object]:
