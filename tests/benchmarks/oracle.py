@@ -24,9 +24,9 @@ from contact_tracker.geometry.elements import ContactGeometry, shifted
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import evidence
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
+from contact_tracker.hypotheses.bank_update import fit_window
+from contact_tracker.hypotheses.births import BirthProposals, uninformed_proposal
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.map.element_prior import pair_priors
 from contact_tracker.map.map import Accuracy, known_to
 from contact_tracker.motion.lifted_pose import T

@@ -11,19 +11,24 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.contacts.parameter_layout import directions
+from contact_tracker.contacts.family import directions
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import bank_update, gauss_newton, global_search, observability
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
-from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
+from contact_tracker.hypotheses.births import (
+    BirthProposals,
+    Births,
+    Frame,
+    TickInput,
+    propose_births,
+    uninformed_proposal,
+)
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
+from contact_tracker.hypotheses.gauss_newton import Prior
+from contact_tracker.hypotheses.global_search import prune, residual
 from contact_tracker.hypotheses.proximity_prior import weigh_births
-from contact_tracker.hypotheses.pruning import Births, prune, residual
-from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
-from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.map.element_prior import known_entries
 from contact_tracker.map.file import map_from
 from contact_tracker.motion.lifted_pose import lift

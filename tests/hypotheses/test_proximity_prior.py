@@ -10,7 +10,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
-from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
+from contact_tracker.hypotheses.births import Frame, propose_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.proximity_prior import (
     FREE,

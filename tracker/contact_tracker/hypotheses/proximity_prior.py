@@ -17,7 +17,7 @@ from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import Array
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.birth import BirthProposals
+from contact_tracker.hypotheses.births import BirthProposals
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact

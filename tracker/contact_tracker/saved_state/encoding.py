@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import StateError
-from contact_tracker.hypotheses.bank import Bank, Onsets
-from contact_tracker.hypotheses.row_layout import Layout, layout
+from contact_tracker.hypotheses.bank import Bank, Layout, Onsets, layout
 from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Step

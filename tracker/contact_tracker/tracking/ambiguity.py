@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE
-from contact_tracker.hypotheses.pruning import best_of
+from contact_tracker.hypotheses.global_search import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
 from contact_tracker.map.map import Map
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions

@@ -16,8 +16,8 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hmm import fixed_lag
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.pruning import Births
-from contact_tracker.hypotheses.tick_update import TickInput, TickWeights
+from contact_tracker.hypotheses.bank_update import TickWeights
+from contact_tracker.hypotheses.births import Births, TickInput
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R

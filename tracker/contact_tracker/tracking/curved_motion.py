@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.hypotheses.curved_evidence import curved_evidence, fit_curved
+from contact_tracker.hypotheses.curved_contact import curved_evidence, fit_curved
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.map import Map
 from contact_tracker.motion.window import Window

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS

@@ -11,8 +11,8 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations import online
 from contact_tracker.formations.further import FormationTicks, KnownContact
 from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.hypotheses.birth_proposals import named
-from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
+from contact_tracker.hypotheses.births import named
+from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.motion.rests import rests_now

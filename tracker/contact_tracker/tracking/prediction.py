@@ -9,8 +9,8 @@ from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Array
-from contact_tracker.hypotheses.birth import BirthProposals
-from contact_tracker.hypotheses.birth_proposals import (
+from contact_tracker.hypotheses.births import (
+    BirthProposals,
     CachedProposals,
     Frame,
     propose_births,

@@ -62,7 +62,7 @@ inline double log_weight_of(const BankLayout& where, const double* row) {
     return row[where.log_birth_weight] + row[where.log_likelihood];
 }
 
-// Reference: `pruning.within_far_margin`.
+// Reference: `global_search.within_far_margin`.
 inline bool within_far_margin(const BankLayout& where, const double* row) {
     return log_weight_of(where, row) >= -settings.far_nats;
 }
@@ -118,7 +118,7 @@ private:
     std::vector<int> since_;
 };
 
-// Reference: `pruning.is_protected`.
+// Reference: `global_search.is_protected`.
 inline bool is_protected(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.effective_ticks] <= one.own[kind.where.protected_until];
 }

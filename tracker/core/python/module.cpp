@@ -44,11 +44,11 @@ bool is_family(const Form& form, const Sizes& sizes) {
 }
 
 Which which_of(const Form& form, const Sizes& sizes) {
-    if (is_family<Family<FaceFace>>(form, sizes)) return Which::face_face;
-    if (is_family<Family<EdgeFace>>(form, sizes)) return Which::edge_face;
-    if (is_family<Family<VertexFace>>(form, sizes)) return Which::vertex_face;
-    require(is_family<Family<EdgeEdge>>(form, sizes), "kernels know no family of this form and these sizes");
-    return Which::edge_edge;
+#define CHECK(F) \
+    if (is_family<Family<F>>(form, sizes)) return Which::F;
+    FAMILIES(CHECK)
+#undef CHECK
+    throw std::invalid_argument("kernels know no family of this form and these sizes");
 }
 
 // Reference: `observability.information_terms_reference`, of a bank with one hypothesis.

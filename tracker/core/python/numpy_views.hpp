@@ -14,7 +14,9 @@
 
 namespace kernels {
 
-enum class Which { face_face, edge_face, vertex_face, edge_edge };
+#define NAME(F) F,
+enum class Which { FAMILIES(NAME) };
+#undef NAME
 
 // A contact model: its parameters, its family, the words per row of its tables, its column among the
 // contacts, the ticks from one search to the next, and the sets of random directions `drawn` (D, N, S), used
@@ -38,12 +40,11 @@ struct Model {
 // Call with the family as a compile-time type.
 template <class Function>
 decltype(auto) visit(const Model& model, Function&& function) {
-    switch (model.which) {
-        case Which::face_face: return function(Family<FaceFace>{});
-        case Which::edge_face: return function(Family<EdgeFace>{});
-        case Which::vertex_face: return function(Family<VertexFace>{});
-        default: return function(Family<EdgeEdge>{});
-    }
+#define CASE(F) \
+    case Which::F: return function(Family<F>{});
+    switch (model.which) { FAMILIES(CASE) }
+#undef CASE
+    throw std::logic_error("no family");
 }
 
 // A read-only view of rows of `words` words.

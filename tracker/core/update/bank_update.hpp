@@ -111,7 +111,7 @@ struct ContactTask {
     std::optional<Directions> directions;
 };
 
-// Reference: `tick_update.LiveHypotheses`; free motion, with the onset `now`, is last.
+// Reference: `bank_update.LiveHypotheses`; free motion, with the onset `now`, is last.
 inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::vector<GrowingBank>& growing,
                                  std::int64_t now) {
     py::ssize_t count = 1, b = 0;
@@ -135,7 +135,7 @@ inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::v
     return py::make_tuple(state, onset, log_likelihood);
 }
 
-// Reference: `tick_update.TickWeights`, and the hypotheses kept of each contact.
+// Reference: `bank_update.TickWeights`, and the hypotheses kept of each contact.
 struct BankUpdate {
     std::vector<KeptHypotheses> left;
     Floats entry, log_left, residual;

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +9,12 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, vertex_face
 from contact_tracker.contacts.family import Array
 from contact_tracker.hypotheses import gauss_newton, schedule
-from contact_tracker.hypotheses.bank import Bank, Onsets
+from contact_tracker.hypotheses.bank import Bank, Onsets, layout
+from contact_tracker.hypotheses.births import TickInput
 from contact_tracker.hypotheses.compiled import kernels
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.global_search import drawn
-from contact_tracker.hypotheses.row_layout import layout
 from contact_tracker.hypotheses.schedule import burn_in_ticks
-from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.motion.window import Window
 
 Index = NDArray[np.int64]
@@ -24,15 +22,13 @@ information_terms = kernels.information_terms
 weigh_births = kernels.weigh_births
 
 
-class UpdatedRows(NamedTuple):
-    """Result of the kernels' update."""
-
-    words: list[tuple[Array, Array]]
-    """Per contact: the rows kept, and the rows of their onsets."""
-    rows: list[Index]
-    """Per contact: index of the rows kept, among the old ones followed by those that began in the tick."""
-    weighed: tuple[Array, Array, Array, Index, tuple[Index, Index, Array]]
-    """The fields of ``TickWeights``."""
+Update = tuple[
+    list[tuple[Array, Array]],
+    list[Index],
+    tuple[Array, Array, Array, Index, tuple[Index, Index, Array]],
+]
+"""Per contact the rows kept and those of their onsets; per contact the index of the rows kept, among the old
+ones followed by those that began in the tick; and the fields of ``TickWeights``."""
 
 
 def update(
@@ -41,10 +37,10 @@ def update(
     extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
-) -> UpdatedRows:
+) -> Update:
     """Update the rows of all banks and of their onsets by a tick; arguments as of ``bank_update.update``."""
     births = one.births
-    kept = kernels.update(
+    return kernels.update(
         models(scales.reach_m),
         [(bank.words, bank.onsets.words) for bank in banks],
         [(begins.rows.words, begins.is_given) for begins in births.proposals],
@@ -60,7 +56,6 @@ def update(
         weights_of(scales),
         margin,
     )
-    return UpdatedRows(*kept)
 
 
 @lru_cache(maxsize=64)
