@@ -3,11 +3,11 @@
 Rows are words of 8 bytes: selecting rows is one copy, and the kernels use the same memory.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
-from typing import Any, Final, Generic, NamedTuple, Self, TypeVar
+from math import isqrt
+from typing import Any, Final, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,27 +18,6 @@ from contact_tracker.states import STATES
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
-
-
-class Field(NamedTuple):
-    """Place of a column in a row: words ``first`` to ``end``, with entries of a ``shape``.
-
-    Symmetric matrices (``side``, ``side``) are stored as their upper triangle, row by row.
-    """
-
-    first: int
-    end: int
-    shape: tuple[int, ...]
-    whole: bool
-    side: int = 0
-
-    def kept(self, column: NDArray[Any] | float) -> NDArray[Any] | float:
-        """The stored form of a column."""
-        if not self.side or not isinstance(column, np.ndarray):
-            return column
-        rows, columns = _upper(self.side)
-        kept: NDArray[Any] = column[..., rows, columns]
-        return kept
 
 
 @cache
@@ -56,96 +35,79 @@ def entries(side: int) -> Index:
     return np.maximum(where, where.T)
 
 
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """Layout of a row: ``fields`` by column name, and the number of ``words``."""
-
-    fields: dict[str, Field]
-    words: int
-
-    @property
-    def first(self) -> dict[str, int]:
-        """The word at which each column begins."""
-        return {name: field.first for name, field in self.fields.items()}
-
-
 class Column(Generic[Entry]):
-    """A column of a table: a descriptor with the type and shape of its entries."""
+    """A column of a table: a descriptor with the type and shape of its entries. Flags are stored as
+    integers."""
 
     def __init__(self, kind: type[Entry], *shape: str | int) -> None:
-        self._is_flag, self._whole, self._shape = kind is np.bool_, kind is not np.float64, shape
+        self._kind, self._shape = kind, shape
 
-    @property
-    def is_single(self) -> bool:
-        """Whether its entries are single numbers."""
-        return not self._shape
-
-    @property
-    def is_number(self) -> bool:
-        """Whether its entries are floating-point numbers."""
-        return not self._whole
-
-    def field(self, first: int, sizes: Mapping[str, int]) -> Field:
-        """The field of this column, given the ``sizes`` of C, S and K."""
+    def stored(self, sizes: Mapping[str, int]) -> tuple[type, tuple[int, ...]]:
+        """Type and shape of an entry as stored, given the ``sizes`` of C, S and K."""
         shape = tuple(size if isinstance(size, int) else sizes[size] for size in self._shape)
-        return Field(first, first + math.prod(shape), shape, self._whole)
+        return np.float64 if self._kind is np.float64 else np.int64, shape
+
+    def kept(self, column: NDArray[Any] | float) -> NDArray[Any] | float:
+        """The stored form of a column."""
+        return column
+
+    def read(self, kept: NDArray[Any]) -> NDArray[Entry]:
+        """A column from its stored form."""
+        return kept != 0 if self._kind is np.bool_ else kept
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
     def __get__(self, table: "Table", owner: type) -> NDArray[Entry]:
-        first, end, shape, whole, side = table.layout.fields[self._name]
-        words: NDArray[Any] = table.words.view(np.int64) if whole else table.words
-        cells = words[:, first:end].reshape(len(words), *shape) if shape else words[:, first]
-        cells = cells[..., entries(side)] if side else cells
-        column: NDArray[Entry] = cells != 0 if self._is_flag else cells
+        column = self.read(table.rows[self._name])
         column.flags.writeable = False
         vars(table)[self._name] = column  # cached: found before this descriptor from now on
         return column
 
 
 class Symmetric(Column[np.float64]):
-    """A column of symmetric matrices."""
+    """A column of symmetric matrices, stored as their upper triangle, row by row."""
 
     def __init__(self, size: str) -> None:
         super().__init__(np.float64, size, size)
-        self._size = size
 
-    def field(self, first: int, sizes: Mapping[str, int]) -> Field:
-        side = sizes[self._size]
-        kept = side * (side + 1) // 2
-        return Field(first, first + kept, (kept,), False, side)
+    def stored(self, sizes: Mapping[str, int]) -> tuple[type, tuple[int, ...]]:
+        kind, (side, _) = super().stored(sizes)
+        return kind, (side * (side + 1) // 2,)
+
+    def kept(self, column: NDArray[Any] | float) -> NDArray[Any] | float:
+        return column[..., *_upper(column.shape[-1])] if isinstance(column, np.ndarray) else column
+
+    def read(self, kept: Array) -> Array:
+        side = (isqrt(8 * kept.shape[-1] + 1) - 1) // 2
+        return np.asarray(kept[..., entries(side)])
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """N rows as ``words`` (N, words) with their ``layout``; flags are stored as integers."""
+    """N rows as ``words`` (N, W) of eight bytes, with the ``layout`` of a row."""
 
     words: Array
-    layout: Layout
+    layout: np.dtype[np.void]
 
     def __len__(self) -> int:
         return len(self.words)
 
-    def raw_column(self, name: str) -> NDArray[Any]:
-        """A view (N, ...) of a column in its stored form; flags are integers."""
-        first, end, shape, whole, _ = self.layout.fields[name]
-        words: NDArray[Any] = self.words.view(np.int64) if whole else self.words
-        return words[:, first:end].reshape(len(words), *shape) if shape else words[:, first]
+    @cached_property
+    def rows(self) -> NDArray[np.void]:
+        """The same memory (N,) by the names of the columns, in their stored form."""
+        return self.words.view(self.layout)[:, 0]
 
     @staticmethod
     def of_all(tables: "Sequence[Table]", name: str) -> NDArray[Any]:
         """A column of single numbers of all tables, one after the other."""
-        fields = [table.layout.fields[name] for table in tables]
-        words = [table.words[:, field.first] for table, field in zip(tables, fields, strict=True)]
-        column: NDArray[Any] = np.concatenate(words)
-        return column.view(np.int64) if fields[0].whole else column
+        return np.concatenate([table.rows[name] for table in tables])
 
     def replace_columns(self, **columns: NDArray[Any] | float) -> Self:
         """A copy with some columns replaced."""
         other = self.copy()
         for name, column in columns.items():
-            other.raw_column(name)[...] = self.layout.fields[name].kept(column)
+            other.rows[name] = vars(type(self))[name].kept(column)
         return other
 
     def copy(self) -> Self:
@@ -154,15 +116,12 @@ class Table:
 
 
 @cache
-def layout(table: type[Table], model: ContactModel) -> Layout:
+def layout(table: type[Table], model: ContactModel) -> np.dtype[np.void]:
     """Layout of the rows of a table of this contact."""
-    family, fields, end = model.family, dict[str, Field](), 0
+    family = model.family
     sizes = {"C": len(family.COLUMNS), "S": family.SIZE, "K": family.ROWS}
-    for name, column in vars(table).items():
-        if isinstance(column, Column):
-            fields[name] = column.field(end, sizes)
-            end = fields[name].end
-    return Layout(fields, end)
+    columns = [(name, column) for name, column in vars(table).items() if isinstance(column, Column)]
+    return np.dtype([(name, *column.stored(sizes)) for name, column in columns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,11 +218,6 @@ class Bank(Table):
         return row
 
     @cached_property
-    def head(self) -> NDArray[Any]:
-        """The columns of single numbers (H,) as a structured view, flags as integers."""
-        return self.words[:, : len(_HEAD)].view(_HEAD)[:, 0]
-
-    @cached_property
     def weight(self) -> Array:
         return self.onsets.weight[self.onset_index]
 
@@ -286,7 +240,7 @@ class Bank(Table):
     @property
     def log_weight(self) -> Array:
         """Log weight (H,) of each hypothesis, including the history before its onset."""
-        return np.asarray(self.head["log_birth_weight"] + self.head["log_likelihood"])
+        return np.asarray(self.rows["log_birth_weight"] + self.rows["log_likelihood"])
 
     @property
     def log_total_weight(self) -> float:
@@ -306,14 +260,13 @@ class Bank(Table):
 
     def onset_ns_of(self, row: int) -> int:
         """Time at which the first tick of one hypothesis begins."""
-        onsets = self.onsets.words.view(np.int64)
-        return int(onsets[onsets[:, 0].searchsorted(self.head["onset"][row]), 1])
+        onsets = self.onsets.rows
+        return int(onsets["onset_ns"][onsets["onset"].searchsorted(self.rows["onset"][row])])
 
     def single(self, row: int) -> "Bank":
         """One hypothesis with its onset."""
-        onsets = self.onsets.words
-        since = onsets.view(np.int64)[:, 0].searchsorted(self.head["onset"][row])
-        own = Onsets(onsets[since : since + 1], self.onsets.layout)
+        since = self.onsets.rows["onset"].searchsorted(self.rows["onset"][row])
+        own = Onsets(self.onsets.words[since : since + 1], self.onsets.layout)
         one = Bank(self.words[row : row + 1], self.layout, own, self.lag_history[row : row + 1])
         vars(one)["onset_index"] = _FIRST
         return one
@@ -331,17 +284,10 @@ class Bank(Table):
         """A copy whose ``rows`` take geometry and evidence from the hypotheses ``which`` of ``found``."""
         other = self.copy()
         for name in FITTED_COLUMNS:
-            other.raw_column(name)[rows] = found.raw_column(name)[which]
+            other.rows[name][rows] = found.rows[name][which]
         return other
 
 
-_HEAD: Final = np.dtype(
-    [
-        (name, np.float64 if column.is_number else np.int64)
-        for name, column in vars(Bank).items()
-        if isinstance(column, Column) and column.is_single
-    ]
-)
 _FIRST: Final = np.zeros(1, np.int64)
 FITTED_COLUMNS: Final = ("x", "row_weight", "log_likelihood", "rms")
 """Columns that a refit changes."""
@@ -351,8 +297,10 @@ FITTED_COLUMNS: Final = ("x", "row_weight", "log_likelihood", "rms")
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     """``count`` hypotheses without prior or data, each with an onset of its own, in ticks 0, 1, ..."""
     family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
-    onsets = Onsets(np.zeros((count, of_onset.words)), of_onset).replace_columns(onset=np.arange(count))
-    bank = Bank(np.zeros((count, row.words)), row, onsets, np.zeros((count, lag, len(STATES))))
+    onsets = Onsets(np.zeros((count, of_onset.itemsize // 8)), of_onset).replace_columns(
+        onset=np.arange(count)
+    )
+    bank = Bank(np.zeros((count, row.itemsize // 8)), row, onsets, np.zeros((count, lag, len(STATES))))
     # some directions; points at the body, which starts at the origin
     x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
     return bank.replace_columns(

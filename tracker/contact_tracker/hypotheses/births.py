@@ -187,19 +187,19 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     given = begins.is_given
     words = np.concatenate([bank.words, begins.rows.words])
     onsets = replace(bank.onsets, words=np.pad(bank.onsets.words, ((0, 1), (0, 0))))
-    onsets.raw_column("onset")[-1], onsets.raw_column("onset_ns")[-1] = birth.onset, birth.onset_ns
+    onsets.rows["onset"][-1], onsets.rows["onset_ns"][-1] = birth.onset, birth.onset_ns
     past = joined(bank.lag_history, birth.lag_history, begins.count, np.arange(len(words)))
     both = Bank(words, bank.layout, onsets, past)
     new = Bank(words[old:], bank.layout, onsets, past[old:])
     if old:
         best = bank.best_row
-        x, new.raw_column("row_weight")[:] = bank.x[best], bank.row_weight[best]
+        x, new.rows["row_weight"][:] = bank.x[best], bank.row_weight[best]
     else:
-        x = model.turned(new.raw_column("x"), birth.turn)
-    new.raw_column("x")[:] = model.faced(np.where(given, begins.rows.prior_mean, x), given, birth.turn)
-    new.raw_column("onset")[:] = birth.onset
-    new.raw_column("number")[:] = birth.number + np.arange(begins.count)
-    new.raw_column("log_birth_weight")[:] = birth.log_birth_weight
+        x = model.turned(new.rows["x"], birth.turn)
+    new.rows["x"][:] = model.faced(np.where(given, begins.rows.prior_mean, x), given, birth.turn)
+    new.rows["onset"][:] = birth.onset
+    new.rows["number"][:] = birth.number + np.arange(begins.count)
+    new.rows["log_birth_weight"][:] = birth.log_birth_weight
     return both
 
 

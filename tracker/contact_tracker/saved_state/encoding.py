@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import StateError
-from contact_tracker.hypotheses.bank import Bank, Layout, Onsets, layout
+from contact_tracker.hypotheses.bank import Bank, Onsets, layout
 from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Step
@@ -48,7 +48,7 @@ def _classes_in(*roots: type) -> dict[str, type]:
     while waiting:
         one = waiting.pop()
         waiting += get_args(one)
-        if isinstance(one, type) and one.__module__.startswith("contact_tracker.") and one is not Layout:
+        if isinstance(one, type) and one.__module__.startswith("contact_tracker."):
             if found.setdefault(one.__name__, one) is not one:
                 raise TypeError(f"two classes of a state are called {one.__name__}")
             waiting += (hint for hint in get_type_hints(one).values() if hint not in found.values())
@@ -73,7 +73,7 @@ def field_names(one: type) -> tuple[str, ...]:
 def schema() -> dict[str, list[str]]:
     """The field names of all classes and tables, which identify the version of a state."""
     classes = {name: list(field_names(one)) for name, one in sorted(_CLASSES.items())}
-    return classes | {name: list(one.fields) for name, one in _LAYOUTS.items()}
+    return classes | {name: list(one.names) for name, one in _LAYOUTS.items()}
 
 
 def is_same(one: Any, other: Any) -> bool:
@@ -126,8 +126,8 @@ class Encoder:
     def _encode_object(self, value: Any) -> Any:
         if isinstance(value, np.ndarray):
             return ["array", self._add(value)]
-        if isinstance(value, Layout):
-            return ["layout", next(name for name, one in _LAYOUTS.items() if one is value)]
+        if isinstance(value, np.dtype):
+            return ["layout", next(name for name, one in _LAYOUTS.items() if one == value)]
         if isinstance(value, deque):
             return ["deque", value.maxlen, *map(self.encode, value)]
         if type(value) in (dict, Counter):

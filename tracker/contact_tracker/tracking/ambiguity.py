@@ -287,10 +287,10 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     since = np.full(len(STATES), onset)
     for column, bank in enumerate(banks):
-        head = bank.head
-        first, end = head["onset"].searchsorted(span)  # they are in order
+        rows = bank.rows
+        first, end = rows["onset"].searchsorted(span)  # they are in order
         if first < end:
-            some = head[first:end]
+            some = rows[first:end]
             best = some[(some["log_birth_weight"] + some["log_likelihood"]).argmax()]
             evidence[column], rms[column], since[column] = best["log_likelihood"], best["rms"], best["onset"]
     evidence[-1], rms[-1] = 0.0, 1.0
@@ -305,5 +305,5 @@ def _evidence(bank: Bank, since: Index) -> Array:
     best of each onset, without those far behind."""
     weight = bank.log_weight
     near = (weight >= weight.max() - FAR_NATS).nonzero()[0]
-    near = near[best_of(bank.head["onset"][near], weight[near])]
-    return np.interp(since, bank.head["onset"][near], bank.head["log_likelihood"][near])
+    near = near[best_of(bank.rows["onset"][near], weight[near])]
+    return np.interp(since, bank.rows["onset"][near], bank.rows["log_likelihood"][near])

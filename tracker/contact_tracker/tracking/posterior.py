@@ -173,7 +173,7 @@ def _compared_since_onset(
     there were others."""
     onset = state.free_since
     if label is not Contact.FREE:
-        onset = int(state.banks[label.column].head["onset"][state.best_rows[label.column]])
+        onset = int(state.banks[label.column].rows["onset"][state.best_rows[label.column]])
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     return rivals, since, onset < state.window.index[0]
@@ -213,7 +213,7 @@ def label_geometry(state: FilterState, label: Contact) -> ContactGeometry | None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row = int(state.best_rows[label.column])
     scales, origins = scales_of(state.model), state.origins
-    pair = named_pairs(state.known_map, contact)[bank.head["known_pair_index"][row]]
+    pair = named_pairs(state.known_map, contact)[bank.rows["known_pair_index"][row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
     where = contact_geometry(bank, row, contact, scales, window, origins, state.model.systematic)
     return named(where, pair)
@@ -237,7 +237,7 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     if label is Contact.FREE or belief.probability[label.column] < least:
         return state._replace(formation=online.suspend(state.formation)), belief
     bank, row = state.banks[label.column], int(state.best_rows[label.column])
-    onset, window = int(bank.head["onset"][row]), state.window
+    onset, window = int(bank.rows["onset"][row]), state.window
     first_row = int(window.index.searchsorted(onset))
     if len(window) - first_row < ESTABLISHED_TICKS:
         return state._replace(formation=online.suspend(state.formation)), belief

@@ -106,7 +106,7 @@ class FilterState(NamedTuple):
         if self.label is None or self.label is Contact.FREE:
             return None
         row = int(self.best_rows[self.label.column])
-        return self.map.pairs.get(int(self.banks[self.label.column].head["onset"][row]))
+        return self.map.pairs.get(int(self.banks[self.label.column].rows["onset"][row]))
 
     @property
     def window(self) -> Window:

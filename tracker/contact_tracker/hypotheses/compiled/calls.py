@@ -66,8 +66,8 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
     return kernels.Model(
         tuple(family.FORM),
         (family.SIZE, len(columns), family.ROWS, family.PARAMETERS),
-        (bank.words, bank.first),
-        (onsets.words, onsets.first),
+        _words_of(bank),
+        _words_of(onsets),
         model.body_in_1,
         model.needed,
         burn_in_ticks(model.needed),
@@ -79,6 +79,11 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
         schedule.SEARCH_INTERVAL,
         drawn(family.RANDOM_STARTS, family.SIZE),
     )
+
+
+def _words_of(layout: np.dtype[np.void]) -> tuple[int, dict[str, int]]:
+    """Number of words per row, and the first word of each column."""
+    return layout.itemsize // 8, {name: layout.fields[name][1] // 8 for name in layout.names}
 
 
 @lru_cache(maxsize=8)
