@@ -19,10 +19,11 @@ settings.load_profile("busy")  # other load on the machine must not fail propert
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Run the tests of one file in one process, in which they share recordings and segmentations."""
-    from xdist.scheduler import LoadFileScheduling
+    """Give each process consecutive tests, since those of a file share recordings and segmentations; one that
+    has no more takes half of what another still has, so that none waits for the longest file."""
+    from xdist.scheduler import WorkStealingScheduling
 
-    return LoadFileScheduling(config, log)
+    return WorkStealingScheduling(config, log)
 
 
 @pytest.fixture(scope="session")

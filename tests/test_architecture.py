@@ -16,8 +16,7 @@ LAB = ROOT / "tracker" / "contact_tracker_lab"
 
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
-    ("states", "errors", "exit_codes", "regular_file", "suggestions"),
-    ("atomic_file",),
+    ("states", "errors", "files", "suggestions"),
     ("geometry", "config", "hmm"),
     ("motion", "ground_truth"),
     ("contacts", "inspection", "wrenches"),
@@ -31,8 +30,9 @@ LAYERS = (
     ("tracker",),
     ("segmenting",),
     ("with_wrenches",),
-    ("extras", "interrupts"),
+    ("interrupts",),
     ("recording", "saved_state", "processes"),
+    ("trajectory",),
     ("outputs",),
     ("viewer",),
     ("exports",),
@@ -45,8 +45,8 @@ FIRST_EDGE_LAYER = LAYERS.index(("with_wrenches",)) + 1
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
 # Of what comes before the edge: files that users name, and whether kernels are built from the sources
 # beside them.
-READS_FILES = {"config/loading.py", "config/shipped.py", "hypotheses/compiled/__init__.py"}
-READS_FILES |= {"hypotheses/compiled/sources.py", "atomic_file.py", "regular_file.py"}
+READS_FILES = {"config/loading.py", "config/__init__.py", "hypotheses/compiled/__init__.py"}
+READS_FILES |= {"hypotheses/compiled/sources.py", "files.py"}
 READS_FILES |= {"map/file.py", "map/learned_file.py", "map/mesh.py"}
 ALONE = {"hmm"}  # it sees arrays only, and imports nothing of ours
 SINGLE_IMPORTER = {

@@ -12,9 +12,9 @@ import pytest
 
 import document
 from contact_tracker.batch.rows import SUMMARY_COLUMNS
+from contact_tracker.config import preset_names
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
-from contact_tracker.config.shipped import preset_names
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.recording.pose_fields import POSE_TYPES
@@ -90,7 +90,7 @@ def test_the_page_on_batches_runs_from_top_to_bottom(tmp_path: Path) -> None:
         with_short_recording(tmp_path, f"recordings/{name}.mcap")
     (tmp_path / "recordings").rename(tmp_path / "logs")
     (tmp_path / "logs" / "broken.mcap").write_bytes(b"")
-    found = [carried_out(step, tmp_path) for step in steps(page) if step.language == "console"]
+    found = [carried_out(step, tmp_path) for step in steps(page) if step.language == "bash"]
     assert [done.returncode for done in found] == [3, 3], [done.stderr for done in found]
     assert "3 new or changed" in found[0].stderr
     assert "3 unchanged" in found[1].stderr

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fixed_windows
+import geometry
 import segment_bic
 import tracking
 from contact_tracker import hmm
@@ -15,13 +16,14 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import tempered
-from contact_tracker.tracking.forward_pass import RecordedPass
+from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.transition_model import log_initial
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.scoring import Subset, scoring
 from fixed_windows import Emission, Recorded, Windows
 from pose_filter import forward
-from scores import OFFLINE, Method, Score
+from scores import OFFLINE, Answer, Method, Phases, Score, total
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
@@ -137,7 +139,7 @@ def test_an_hmm_on_informative_windows_is_right() -> None:
     for wait_s in (1.0, 0.5):
         first, second = (by_method[Method(fixed_windows.HMM, wait_s)] for by_method in scores)
         # no label for half a second; then the middle of the window is near enough
-        assert (first + second).main.accuracy() == pytest.approx(15 / 16, abs=0.01)
+        assert total([first, second]).main.accuracy() == pytest.approx(15 / 16, abs=0.01)
     for by_method in scores:
         offline = by_method[Method(fixed_windows.HMM, OFFLINE)].main
         assert offline.accuracy() > 0.98
@@ -210,3 +212,33 @@ def test_a_short_recording_by_every_method() -> None:
         unanswered_s = online[name].confusion_s[Subset.ALL, :, -1].sum()
         assert unanswered_s == pytest.approx(499 * 0.005, abs=0.02)
     assert online[tracking.NAME].log_loss < online[fixed_windows.SMALLEST].log_loss
+
+
+# --- intervals -------------------------------------------------------------------------------------------
+
+
+def test_intervals_have_the_width_of_a_binomial_share() -> None:
+    """The standard deviation of a share p of n phases is sqrt(p (1 - p) / n)."""
+    for phases in (30, 270):
+        column = np.arange(phases) % 2
+        scored = scoring(stamps(float(phases), 0.05), truth_of(*((STATES[c], 1.0) for c in column)))
+        label = np.where(np.random.default_rng(2).random(phases) < 0.7, column, 2)
+        answer = Answer.certain(np.repeat(np.arange(phases), 20), label)
+        parts = Phases.of(scored, answer)
+        p = Score.of(answer, scored).main.accuracy()
+        assert parts.label_s[:, 1].sum() / parts.label_s[:, 0].sum() == pytest.approx(p)
+        low, high = parts.accuracy()
+        width = 2 * 1.645 * np.sqrt(p * (1 - p) / phases)
+        assert high - low == pytest.approx(width, rel=0.15)
+        assert low < p < high
+    twice = (parts + parts).accuracy()
+    assert twice[1] - twice[0] == pytest.approx(width / np.sqrt(2), rel=0.15)
+    assert np.isnan(Phases.of(scored.within(Subset.AMBIGUOUS), answer).accuracy()).all()
+
+
+def test_only_segments_that_are_mostly_right_have_true_elements() -> None:
+    truth = truth_of(("f-f", 1.0), ("e-f", 1.0), ("f-f", 1.0), ("e-f", 1.0))
+    spans = [(0.0, 1.4), (0.4, 1.9), (1.4, 2.9), (5.0, 6.0)]
+    segments = [Segment(round(a * SECOND), round(b * SECOND), Contact.FF, 1.0, None) for a, b in spans]
+    right = geometry.correctly_labelled(segments, scoring(stamps(4.0, 0.05), truth))
+    assert right == [segments[0], segments[2]]

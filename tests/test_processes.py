@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from contact_tracker import processes
 from contact_tracker.errors import ContactTrackerError
 from contact_tracker.processes import Workers, local_processes
 
@@ -147,3 +148,9 @@ def test_an_error_of_the_caller_ends_workers_without_the_work_that_waits(tmp_pat
         fail_in_the_middle()
     assert len(list(tmp_path.iterdir())) <= 6
     assert not active_children()
+
+
+def test_more_processes_than_the_platform_allows_are_not_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "MOST_WORKERS", 2)
+    with Workers(5, prepare) as workers:
+        assert workers._max_workers == 2

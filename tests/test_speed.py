@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 
-import growth
 import speed
+import speed_in_process
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import Contact
+from long_logs import write_long_log
 from mcap_logs import START_NS, smooth_poses
-from speeds import growing
-from speeds.figures import Setup
-from speeds.long_logs import write_long_log
 
 
 @pytest.fixture
@@ -51,31 +49,17 @@ def test_truth_is_repeated_with_the_poses(tmp_path):
 def test_the_table_has_measurements_and_targets(log, capsys):
     assert speed.main(["--only", "reading", "--runs", "1", "--log", str(log), "--fast-log", str(log)]) == 0
     table = capsys.readouterr().out
-    assert table.count("short: poses") == 4
-    assert "reading: peak memory" in table
+    assert table.count("short: poses") == 2
+    assert table.count("<= 15") == 2
 
 
-def test_later_minutes_have_the_poses_of_the_first(log):
-    early, late, between = growth.minutes(log, 3.0, 0.5)
+def test_the_growth_compares_the_same_poses(log, tmp_path):
+    early, late, between = speed_in_process.minutes(log, 3.0, 0.5, tmp_path)
     assert len(early) == len(late) == 50
-    assert len(between) == 2 * 59 * 3  # whole repetitions, nearest to the requested time
     np.testing.assert_array_equal(early.position_m, late.position_m)
     np.testing.assert_array_equal(early.quat_xyzw, late.quat_xyzw)
     assert late.stamp_ns[0] - between.stamp_ns[-1] == early.stamp_ns[1] - early.stamp_ns[0]
-
-
-def test_growth_is_reported_for_cost_and_hypotheses(log, capsys):
-    assert growth.main(["--log", str(log), "--after", "1", "--seconds", "0.5", "--turns", "1"]) == 0
-    head, first, later = capsys.readouterr().out.splitlines()
-    assert head.split() == ["minute", "ms", "per", "tick", "x", "hypotheses", "x"]
-    assert (first.split()[0], first.split()[2], first.split()[4]) == ("first", "1.00", "1.00")
-    assert later.startswith("after 1 s")
-
-
-def test_growth_is_a_row_of_the_table(log):
-    figures = growing.measure(Setup(log, log, "default", 1, (1, 2), log.parent))
-    assert [(f.what.split(": ")[1], f.unit, f.target) for f in figures] == [
-        ("a tick", "x", "<= 1.1"),
-        ("hypotheses", "x", ""),
-    ]
-    assert all(f.what.startswith("after 2 s") and 0.1 < f.value < 10.0 for f in figures)
+    (figure,) = speed_in_process.growing(speed.Setup(log, log, "default", 1, (1, 2), tmp_path))
+    assert (figure.unit, figure.target) == ("x", "<= 1.1")
+    assert figure.what.startswith("after 2 s")
+    assert 0.1 < figure.value < 10.0

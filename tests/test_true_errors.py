@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import field
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
@@ -55,9 +54,3 @@ def test_noise_and_correlated_errors_are_those_of_the_recording(clean: Poses) ->
         wanders, noise=replace(wanders.noise, wander_position_m=0.0, wander_rotation_rad=0.0)
     )
     assert set(KNOWN) <= set(DISTORTIONS)
-
-
-def test_rows_of_other_distortions_are_kept() -> None:
-    kept = [["none", "1"], ["rate_5hz", "2"], ["slow_wander", "3"]]
-    merged = field.with_others([["slow_wander", "4"], ["stamp_jitter", "5"]], kept)
-    assert merged == [["none", "1"], ["slow_wander", "4"], ["rate_5hz", "2"], ["stamp_jitter", "5"]]

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.paper.reported import REPORTED_ERRORS
+from contact_tracker.paper.objectives import REPORTED_ERRORS
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.evaluation.bound import errors_at_bound
 from contact_tracker_lab.evaluation.geometry_errors import ElementError
@@ -22,8 +22,8 @@ J. Ota move a cube of 0.2 m by hand on a desk, measure it by motion capture, and
 ([theory](theory.md#4-the-papers-objective-functions) has their equations and our errata). This page repeats both of their experiments. One
 command writes it, with its pictures, in a few minutes:
 
-```console
-$ python docs/examples/paper.py
+```bash
+python docs/examples/paper.py
 ```
 
 **Comparison.** The paper's recordings are not published. Ours are simulated: the same cube, desk, contacts, durations and rate, motion as by

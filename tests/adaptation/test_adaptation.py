@@ -31,10 +31,10 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.ambiguity import at_most
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.forward_pass import RecordedPass
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned
@@ -435,7 +435,7 @@ def test_ticks_go_out_in_time_while_poses_are_held() -> None:
         delays_ns += [(arrival.time_ns or 0) - belief.stamp_ns for belief in beliefs]
         best = state.best
         if best is not None and beliefs:
-            counts.append(float(best.sliding_window.frames[-1]))
+            counts.append(float(best.window.frames[-1]))
     interval_ns = int(poses.stamp_ns[1] - poses.stamp_ns[0])
     assert max(delays_ns[1:]) <= LONGEST_WAIT_NS + 1e8 + interval_ns
     assert min(delays_ns) == 0

@@ -13,14 +13,13 @@ from pyarrow import parquet
 
 import contact_tracker
 from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_recordings
-from contact_tracker import exit_codes
+from contact_tracker import errors
 from contact_tracker.batch import rows, segmenting
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find, matching, recordings_among
-from contact_tracker.batch.rows import Tally
+from contact_tracker.batch.rows import Tally, WrenchSettings
 from contact_tracker.batch.run import Batch
 from contact_tracker.batch.segmenting import segment_recording
-from contact_tracker.batch.settings import WrenchSettings
 from contact_tracker.errors import ContactTrackerWarning, StateError, UnreadableRecording, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
 from contact_tracker.recording import WRENCH_TYPE, write_recording
@@ -173,7 +172,7 @@ def test_another_version_processes_all_recordings_again(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(recordings, tmp_path / "dataset")
-    monkeypatch.setattr("contact_tracker.batch.settings.__version__", "9.9")
+    monkeypatch.setattr("contact_tracker.batch.segmenting.__version__", "9.9")
     assert run(recordings, tmp_path / "dataset").done == 3
 
 
@@ -200,7 +199,7 @@ def test_an_internal_error_is_a_row(
     monkeypatch.setattr("contact_tracker.batch.segmenting.open_log", fail)
     assert run(recordings[:1], tmp_path / "dataset").bad == 1
     (row,) = summary(tmp_path / "dataset").to_pylist()
-    assert row["exit_code"] == exit_codes.UNEXPECTED
+    assert row["exit_code"] == errors.UNEXPECTED
     assert "ZeroDivisionError: by nothing (test_batches.py:" in row["error"]
     assert run(recordings[:1], tmp_path / "dataset").unchanged == 1  # until the next version
 
@@ -231,7 +230,7 @@ def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
         killed = lambda _, jobs: ((job, None) for job in jobs)  # noqa: E731
         outcome = batch.run(find(map(str, recordings)), lambda: nullcontext(killed))
     assert outcome.bad == 3
-    assert set(summary(tmp_path / "dataset")["exit_code"].to_pylist()) == {exit_codes.KILLED}
+    assert set(summary(tmp_path / "dataset")["exit_code"].to_pylist()) == {errors.KILLED}
     assert run(recordings, tmp_path / "dataset").bad == 0
 
 

@@ -1,173 +1,170 @@
-"""Reliability and speed of ``contact-tracker batch`` with many recordings: one row for each, also for broken
-ones and after a killed run, and the time that it takes.
+"""Time and memory of ``contact-tracker batch``: of short recordings, and for a dataset of very many.
 
-    python tests/benchmarks/batch.py                    # 200 simulated recordings and 5 broken ones
-    python tests/benchmarks/batch.py --pairs 5 --some 24
+    python tests/benchmarks/batch.py                           # 200 recordings; a million rows, 20,000 files
+    python tests/benchmarks/batch.py --recordings 20 --rows 100000 --files 2000
 
-Wall times mean little on a machine with other load: runs that are compared alternate, and the CPU time of all
-processes of a run is given beside the wall time (for a cluster, the CPU time of the command alone).
+Short recordings are simulated and segmented by the command, twice. Then one recording is segmented; its row
+is repeated under other names, and its file is copied: so everything but the segmentation is measured.
 """
 
 import argparse
+import hashlib
 import os
 import resource
-import shutil
-import signal
-import statistics
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
+import duckdb
+
+from contact_tracker.batch import rows
+from contact_tracker.batch.dataset import open_dataset
+from contact_tracker.batch.finding import find
+from contact_tracker.batch.rows import Settings
+from contact_tracker.batch.segmenting import Answer, segment_recording
+from contact_tracker.config.loading import load_model
+from contact_tracker.map.map import EMPTY_MAP
+from contact_tracker.processes import local_processes
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
+from speed import run
 
-ROOT = Path(__file__).resolve().parents[2]
-PROGRAM = [sys.executable, "-m", "contact_tracker", "batch"]
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
-PHASE_S = 1.5
-BROKEN = 5
-
-
-class Run(NamedTuple):
-    """Wall time, CPU time of all processes, exit code and text on stderr."""
-
-    wall_s: float
-    cpu_s: float
-    code: int
-    messages: str
+T = TypeVar("T")
+RECORDING = Path(__file__).resolve().parents[2] / "recordings" / "robot_1khz.mcap"
+QUERY = "SELECT sum(time_ef_s), count(*) FILTER (exit_code <> 0) FROM '{}/summary.parquet'"
+ALL_SEGMENTS = "SELECT contact, count(*) FROM read_parquet('{}/segments/*/*.parquet') GROUP BY contact"
+COMPACTED = "COPY (FROM read_parquet('{0}/segments/*/*.parquet')) TO '{0}/all.parquet' (COMPRESSION zstd)"
+SETTINGS = Settings(load_model(), EMPTY_MAP)
+SAVE_AFTER: Final = 50_000
 
 
-def make_recordings(folder: Path, count: int) -> None:
-    """``count`` simulated recordings of one or two contacts, and ``BROKEN`` files without any."""
-    folder.mkdir()
+def timed(text: str, many: int, function: Callable[[], T]) -> T:
+    """The result of ``function``, after printing its CPU time, in total and per item."""
+    begin_s, begin_cpu_s = time.monotonic(), time.process_time()
+    found = function()
+    cpu_s, took_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
+    print(f"{text:<42} {cpu_s:8.2f} s of CPU, {1e6 * cpu_s / many:8.1f} us each ({took_s:.1f} s)", flush=True)
+    return found
+
+
+class Made(NamedTuple):
+    """One answer, and the Parquet file of its segments."""
+
+    answer: Answer
+    segments: bytes
+
+    def under(self, name: str, number: int) -> Answer:
+        """The same answer for another recording."""
+        digits = hashlib.blake2b(name.encode(), digest_size=16).hexdigest()
+        signature = f"{len(digits) + number:x}.{1_700_000_000_000_000_000 + 977 * number:x}.{number:x}"
+        assert self.answer.row is not None
+        row = self.answer.row | {"recording": name, "file": rows.file_of(name), "content_hash": digits}
+        return Answer(name, signature, row)
+
+
+def made() -> Made:
+    with tempfile.TemporaryDirectory() as folder:
+        answer = segment_recording(str(RECORDING), None, SETTINGS, folder)
+        assert answer.row is not None
+        return Made(answer, (Path(folder) / "segments" / answer.row["file"]).read_bytes())
+
+
+def record(folder: Path, names: list[str], one: Made, with_files: bool) -> float:
+    """Record an answer for each name; returns the CPU time (s) of the last save."""
+    with open_dataset(folder) as dataset:
+        took_s = 0.0
+        for number, name in enumerate(names):
+            answer = one.under(name, number)
+            if with_files:
+                target = folder / "segments" / rows.file_of(name)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_bytes(one.segments)
+            dataset.record(answer)
+            if number % SAVE_AFTER == SAVE_AFTER - 1:
+                begin_s = time.process_time()
+                dataset.save()
+                took_s = time.process_time() - begin_s
+        return took_s
+
+
+def count_known(folder: Path, names: list[str]) -> int:
+    """Number of recordings that the dataset has already."""
+    with open_dataset(folder) as dataset:
+        return sum(dataset.known(name, SETTINGS) is not None for name in names)
+
+
+def grow(folder: Path, count: int, one: Made) -> None:
+    """Growth of the summary and of memory."""
+    names = [f"/archive/robot_{i % 100:02d}/2024-01-01/recording_{i:07d}.mcap" for i in range(count)]
+    took_s = timed(f"{count} answers recorded", count, lambda: record(folder, names, one, False))
+    print(f"the last of the saves, each after {SAVE_AFTER} answers, took {took_s:.2f} s of CPU")
+    print(f"memory at most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+    timed("opened, and one answer saved", count, lambda: record(folder, names[:1], one, False))
+    for name in ("summary.parquet", "signatures.parquet"):
+        size = (folder / name).stat().st_size
+        print(f"{name}: {size / 1e6:.1f} MB, {size / count:.0f} bytes a recording")
+    timed("a query of the summary", count, lambda: duckdb.execute(QUERY.format(folder)).fetchall())
+
+
+def many_files(folder: Path, count: int, one: Made) -> None:
+    """Many files of segments, and empty files as recordings."""
+    archive = folder.parent / "archive"
+    names = [str(archive / f"{i:07d}.mcap") for i in range(count)]
+    archive.mkdir()
+    for name in names:
+        Path(name).touch()
+    timed(f"{count} answers recorded with files", count, lambda: record(folder, names, one, True))
+    timed("recordings found, with their signatures", count, lambda: list(find([str(archive)])))
+    found = timed("opened, and all found unchanged", count, lambda: count_known(folder, names))
+    assert found == count
+    timed(
+        "a query over all files of segments",
+        count,
+        lambda: duckdb.execute(ALL_SEGMENTS.format(folder)).fetchall(),
+    )
+    timed("all segments copied into one file", count, lambda: duckdb.execute(COMPACTED.format(folder)))
+    size = (folder / "all.parquet").stat().st_size
+    print(f"all.parquet: {size / 1e6:.1f} MB, {size / count:.0f} bytes a recording")
+    disk = 512 * sum(path.stat().st_blocks for path in (folder / "segments").glob("*/*"))
+    print(f"segments on the disk: {disk / count:.0f} bytes a recording")
+
+
+def segment_short(folder: Path, count: int) -> None:
+    """``count`` simulated recordings of one or two contacts, segmented, and found unchanged by a second
+    run."""
+    recordings, dataset = folder / "recordings", folder / "dataset"
+    recordings.mkdir()
     for i in range(count):
-        phases = tuple(Phase(CONTACTS[(i * step + i // 6) % 6], PHASE_S) for step in (1, 5))
+        phases = tuple(Phase(CONTACTS[(i * step + i // 6) % 6], 1.5) for step in (1, 5))
         made = simulate(Scenario(phases[:1] if phases[0] == phases[1] else phases), i)
-        write_recording(str(folder / f"{i:04d}.mcap"), made.poses, made.truth, made.metadata)
-    whole = (folder / "0000.mcap").read_bytes()
-    (folder / "broken_empty.mcap").write_bytes(b"")
-    (folder / "broken_short.mcap").write_bytes(whole[:200])
-    (folder / "broken_zeros.mcap").write_bytes(bytes(5000))
-    (folder / "broken_text.mcap").write_text("no recording\n")
-    (folder / "broken_link.mcap").symlink_to("nowhere.mcap")
+        write_recording(str(recordings / f"{i:04d}.mcap"), made.poses, made.truth, made.metadata)
+    for what in ("segmented", "found unchanged"):
+        ran = run("batch", str(recordings), "--output", str(dataset), "--processes", "2")
+        print(f"{count} short recordings {what}: {ran.cpu_s:.1f} s of CPU, {ran.cpu_s / count:.2f} s each")
 
 
-def batch(*arguments: object) -> Run:
-    """Run the command to its end."""
-    before, begin_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    done = subprocess.run([*PROGRAM, *map(str, arguments)], env=ENVIRONMENT, capture_output=True, text=True)
-    wall_s, after = time.monotonic() - begin_s, resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Run(wall_s, cpu_s, done.returncode, done.stderr)
+def nothing() -> None:
+    """No preparation of worker processes."""
 
 
-def kill_in_the_middle(recordings: Path, dataset: Path, count: int) -> int:
-    """Kill a run once half of the segments are written; returns their number."""
-    command = [*PROGRAM, str(recordings), "--output", str(dataset), "--processes", "2"]
-    with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.DEVNULL) as process:
-        while (written := len(list(dataset.glob("segments/*/*.parquet")))) < count // 2:
-            assert process.poll() is None, "it ended before it was killed"
-            time.sleep(0.02)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    return written
-
-
-def contents(dataset: Path) -> dict[str, bytes]:
-    """The content of all files below a folder, by name."""
-    return {
-        str(path.relative_to(dataset)): path.read_bytes() for path in dataset.rglob("*") if path.is_file()
-    }
-
-
-@contextmanager
-def local_cluster(workers: int) -> Iterator[str]:
-    """The address of a Dask scheduler with ``workers`` workers of one thread each."""
+def distribute(count: int) -> None:
+    """CPU time of this process, including the scheduler, for the distribution of empty jobs."""
     from distributed import LocalCluster
 
-    with LocalCluster(  # type: ignore[no-untyped-call]
-        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as cluster:
-        yield cluster.scheduler_address
+    from contact_tracker.batch.cluster import dask_cluster
 
-
-def check_runs(folder: Path, count: int) -> None:
-    """A first run, a second one, and the continuation of a killed one."""
-    recordings, dataset, killed = folder / "recordings", folder / "dataset", folder / "killed"
-    first = batch(recordings, "--output", dataset, "--processes", 2)
-    print(f"first run:  {first.wall_s:7.1f} s, {first.cpu_s:7.1f} s of CPU, exit code {first.code}")
-    print(first.messages.splitlines()[-1].rpartition("; ")[0])
-    rows = list(read_summary(dataset))
-    bad = sum(code not in (0, 3) for code in rows)
-    print(f"rows {len(rows)} of {count + BROKEN}, {bad} of them of {BROKEN} broken recordings")
-    assert (len(rows), bad) == (count + BROKEN, BROKEN)
-    again = batch(recordings, "--output", dataset, "--processes", 2)
-    print(f"second run: {again.wall_s:7.1f} s, {again.cpu_s:7.1f} s of CPU, exit code {again.code}")
-    print(again.messages.splitlines()[-1].rpartition("; ")[0])
-    written = kill_in_the_middle(recordings, killed, count)
-    rest = batch(recordings, "--output", killed, "--processes", 2)
-    print(f"killed with {written} of {count} segmented; the rest took {rest.wall_s:.1f} s")
-    print(rest.messages.splitlines()[-1].rpartition("; ")[0])
-    same = contents(dataset) == contents(killed)
-    print(f"the same dataset, to the byte: {same}")
-    assert same
-    files = contents(dataset)
-    segments = [len(data) for name, data in files.items() if name.startswith("segments")]
-    per_row = len(files["summary.parquet"]) / len(rows), len(files["signatures.parquet"]) / len(rows)
-    print(
-        f"bytes a recording: {statistics.mean(segments):.0f} of segments, {per_row[0]:.0f} of summary, ",
-        end="",
-    )
-    print(f"{per_row[1]:.0f} of signatures")
-
-
-def read_summary(dataset: Path) -> list[int]:
-    """The exit codes in the summary of a dataset."""
-    import duckdb
-
-    found = duckdb.execute(f"SELECT exit_code FROM '{dataset}/summary.parquet'").fetchall()
-    return [int(code) for (code,) in found]
-
-
-def compare(folder: Path, some: int, pairs: int) -> None:
-    """One process, two, and a cluster of two, alternately on the same recordings."""
-    recordings = sorted((folder / "recordings").glob("[0-9]*.mcap"))[:some]
-    some = len(recordings)
-    names = [str(path) for path in recordings]
-    ways: dict[str, list[Run]] = {"one process": [], "two processes": [], "LocalCluster of two": []}
-    with local_cluster(2) as address:
-        options: dict[str, tuple[object, ...]] = {
-            "one process": ("--processes", 1),
-            "two processes": ("--processes", 2),
-            "LocalCluster of two": ("--scheduler", address),
-        }
-        results = set[tuple[tuple[str, bytes], ...]]()
-        for turn in range(pairs):
-            for way in list(ways)[turn % 3 :] + list(ways)[: turn % 3]:
-                dataset = folder / "compared"
-                ways[way].append(batch(*names, "--output", dataset, *options[way]))
-                assert ways[way][-1].code == 0, ways[way][-1].messages
-                results.add(tuple(sorted(contents(dataset).items())))
-                shutil.rmtree(dataset)
-    print(f"{some} recordings, {pairs} turns; the datasets of all runs are the same: {len(results) == 1}")
-    assert len(results) == 1
-    for way, runs in ways.items():
-        ratios = [one.wall_s / other.wall_s for one, other in zip(ways["one process"], runs, strict=True)]
-        wall_s, cpu_s = (statistics.median(values) for values in zip(*(run[:2] for run in runs), strict=True))
-        figures = f"{wall_s:6.1f} s, {cpu_s:6.1f} s of CPU, {some / wall_s:5.2f} recordings/s"
-        speed = f"{statistics.median(ratios):.2f} times as fast as one process"
-        print(f"{way:<20} {figures}; {speed} ({spread(ratios)} in {pairs} pairs)")
-
-
-def spread(values: list[float]) -> str:
-    return f"{min(values):.2f} to {max(values):.2f}"
+    jobs = [(number,) for number in range(count)]
+    with local_processes(2, nothing) as call:
+        timed(f"{count} jobs to processes", count, lambda: list(call(abs, jobs)))
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,  # type: ignore[no-untyped-call]
+        dask_cluster(cluster.scheduler_address) as call,
+    ):
+        timed(f"{count} jobs to a Dask cluster", count, lambda: list(call(abs, jobs)))
 
 
 def main() -> None:
@@ -175,16 +172,17 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--recordings", type=int, default=200)
-    parser.add_argument("--some", type=int, default=40, help="number of recordings in runs that are compared")
-    parser.add_argument("--pairs", type=int, default=3)
+    parser.add_argument("--rows", type=int, default=1_000_000)
+    parser.add_argument("--files", type=int, default=20_000)
     args = parser.parse_args()
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        make_recordings(folder / "recordings", args.recordings)
-        print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-        check_runs(folder, args.recordings)
-        compare(folder, args.some, args.pairs)
-        print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+        segment_short(Path(name), args.recordings)
+        distribute(2000)
+        one = made()
+        many_files(Path(name) / "files", args.files, one)
+        grow(Path(name) / "rows", args.rows, one)
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 
 
 if __name__ == "__main__":

@@ -8,9 +8,7 @@ direction about a random axis across it. At 0 and 3 degrees none should be repor
 ``--up`` is 2.
 """
 
-import argparse
 import sys
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -25,7 +23,8 @@ from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.segmenting import OfflineTracker
-from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.evaluation.tables import number
+from runner import Table, measured, parser_of, show
 from shared_recordings import SHARED_RECORDINGS
 
 Array = NDArray[np.float64]
@@ -61,37 +60,31 @@ def turned(direction: Array, angle_deg: float, rng: np.random.Generator) -> Arra
     return np.asarray(turn.apply(direction))
 
 
-def row(path: Path, errors_deg: Iterable[float]) -> list[str] | None:
-    """A row of the table; None for a recording without one direction."""
+def measure(path: Path, errors_deg: list[float]) -> list[bool] | None:
+    """Whether each error is reported; None for a recording without one direction."""
     direction = direction_of_faces(path)
     if direction is None:
         return None
     poses, rng = gate(Poses.collect(open_log(str(path)))), np.random.default_rng(0)
-    cells = [is_reported(poses, turned(direction, error_deg, rng)) for error_deg in errors_deg]
-    return [path.stem, *("reported" if cell else "-" for cell in cells)]
+    return [is_reported(poses, turned(direction, error_deg, rng)) for error_deg in errors_deg]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def main() -> int:
+    parser = parser_of(__doc__)
     parser.add_argument(
         "recordings", nargs="*", type=Path, help="default: the physics-engine recordings that are shared"
     )
     parser.add_argument("--errors", nargs="+", type=float, default=list(ERRORS_DEG), metavar="DEG")
-    args = parser.parse_args(argv)
+    args = parser.parse_args()
     paths = args.recordings or sorted(SHARED_RECORDINGS.glob("physics/*/*.mcap"))
-    rows = [found for path in paths if (found := row(path, args.errors)) is not None]
-    if not rows:
+    jobs = {path: [(path, args.errors)] for path in paths}
+    found = {path.stem: one for path, (one,) in measured(measure, jobs, args.processes) if one is not None}
+    if not found:
         parser.error("no recording has faces of one direction only")
-    share = [number(float(np.mean([one[i] != "-" for one in rows]))) for i in range(1, len(args.errors) + 1)]
-    print(
-        table(
-            ("recording", *(f"{error_deg:g} deg off" for error_deg in args.errors)),
-            [*rows, ["share", *share]],
-        )
-    )
-    return 0
+    rows = [[name, *("reported" if cell else "-" for cell in cells)] for name, cells in found.items()]
+    rows.append(["share", *(number(float(share)) for share in np.mean(list(found.values()), axis=0))])
+    columns = ("recording", *(f"{error_deg:g} deg off" for error_deg in args.errors))
+    return show(args, directions=Table(columns, rows))
 
 
 if __name__ == "__main__":

@@ -7,27 +7,33 @@ A table is between ``<!-- FILE TABLE: begin -->`` and ``... end -->``, after the
 """
 
 import argparse
+import json
 import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from kept_tables import FOLDER, ROOT, read, to_markdown
-
+ROOT: Final = Path(__file__).resolve().parents[2]
 DOCUMENTS: Final = tuple(ROOT / "docs" / name for name in ("benchmarks.md", "benchmarks_further.md"))
 SECTION: Final = re.compile(r"(<!-- (\w+) (\w+): begin -->\n)(.*?)(<!-- \2 \3: end -->)", re.DOTALL)
 
 
-def rewritten(text: str, folder: Path) -> str:
-    """The document with the tables of the files in ``folder``."""
+def rewritten(text: str) -> str:
+    """The document with the tables as they are kept."""
 
     def section(match: re.Match[str]) -> str:
         begin, file, name, _, end = match.groups()
-        kept = read(folder / f"{file}.json")
-        return f"{begin}`{kept.command}`\n\n{to_markdown(kept.tables[name])}\n{end}"
+        kept = json.loads((ROOT / "docs" / "benchmarks" / f"{file}.json").read_text(encoding="utf-8"))
+        return f"{begin}`{kept['command']}`\n\n{to_markdown(kept['tables'][name])}\n{end}"
 
     return SECTION.sub(section, text)
+
+
+def to_markdown(table: dict[str, Any]) -> str:
+    """A table in Markdown."""
+    rows = [table["columns"], ["---"] * len(table["columns"]), *table["rows"]]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     changed = False
     for document in DOCUMENTS:
         before = document.read_text(encoding="utf-8")
-        after = rewritten(before, FOLDER)
+        after = rewritten(before)
         changed |= after != before
         if not args.check:
             document.write_text(after, encoding="utf-8")

@@ -14,16 +14,13 @@ online`` is the share of the time of the further contact in which it is reported
 inseparable one, and ``delay online`` the median time (s) until the first report.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
-import kept_tables
 from contact_tracker.config.loading import load_model
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.pose_validation import gate
@@ -34,12 +31,19 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
-from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import FORMATIONS
-from kept_tables import Table
-from table_rows import median_of_known, shares_row
-from worker_pool import folder_of_recordings, folders_option, submit_folders, worker_pool
+from runner import (
+    Table,
+    mean_of_known,
+    measured,
+    median_of_known,
+    parser_of,
+    recordings_in,
+    shares_row,
+    show,
+)
 
 ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")
@@ -202,74 +206,44 @@ def _seconds(poses: Poses) -> float:
     return float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9
 
 
-def row(name: str, measured: Sequence[Measured]) -> list[str]:
+def row(name: str, found: Sequence[Measured]) -> list[str]:
     """A row of the table of scenarios."""
-    seconds = sum(one.seconds for one in measured)
-    online_seconds = sum(one.online_seconds for one in measured)
-    deviations = np.array([sd for one in measured for sd in one.deviations_sd])
+    seconds = sum(one.seconds for one in found)
+    online_seconds = sum(one.online_seconds for one in found)
+    deviations = np.array([sd for one in found for sd in one.deviations_sd])
     figures = (
-        _mean([one.found for one in measured]),
-        _mean([one.is_open for one in measured]),
-        _mean([one.ambiguous for one in measured]),
+        mean_of_known([one.found for one in found]),
+        mean_of_known([one.is_open for one in found]),
+        mean_of_known([one.ambiguous for one in found]),
         float(np.mean(deviations <= 3.0)) if len(deviations) else NAN,
-        median_of_known([one.joins_s for one in measured]),
-        median_of_known([one.leaves_s for one in measured]),
-        sum(one.false_s for one in measured) / seconds,
-        _mean([one.online for one in measured]),
-        median_of_known([one.delay_s for one in measured]),
-        sum(one.false_online_s for one in measured) / online_seconds if online_seconds else NAN,
+        median_of_known([one.joins_s for one in found]),
+        median_of_known([one.leaves_s for one in found]),
+        sum(one.false_s for one in found) / seconds,
+        mean_of_known([one.online for one in found]),
+        median_of_known([one.delay_s for one in found]),
+        sum(one.false_online_s for one in found) / online_seconds if online_seconds else NAN,
     )
-    return [name, str(len(measured)), *(number(figure) for figure in figures)]
+    return [name, str(len(found)), *(number(figure) for figure in figures)]
 
 
-def single_row(name: str, measured: Sequence[Measured]) -> list[str]:
-    """A row of the table of recordings without further contacts."""
-    return shares_row(name, [(one.seconds, one.false_s, one.false_online_s) for one in measured])
-
-
-def _mean(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.mean(known)) if known else NAN
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def main() -> int:
+    parser = parser_of(__doc__)
     names = [*FORMATIONS, *ALONE]
     parser.add_argument("--seeds", type=int, default=3, help="number of each scenario (default: %(default)s)")
     parser.add_argument(
         "--online", type=int, default=1000, metavar="N", help="the first N also online (default: all)"
     )
     parser.add_argument("--only", nargs="+", default=names, choices=names, metavar="NAME")
-    parser.add_argument("--single", nargs="+", type=folder_of_recordings, default=[], metavar="FOLDER")
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
-    parser.add_argument("--processes", type=int, default=2)
-    args = parser.parse_args(argv)
-    with worker_pool(args.processes) as pool:
-        jobs = {
-            name: [pool.submit(measure, name, seed, seed <= args.online) for seed in range(1, args.seeds + 1)]
-            for name in args.only
-        }
-        files = submit_folders(pool, measure_file, args.single)
-        rows = []
-        for name, some in tqdm(jobs.items(), file=sys.stderr, disable=None):
-            rows.append(row(name, [job.result() for job in some]))
-            print(" ".join(rows[-1]), flush=True)
-        print(table(COLUMNS, rows))
-        singles = [single_row(name, [job.result() for job in some]) for name, some in files.items()]
-        if singles:
-            print(table(SINGLE_COLUMNS, singles))
-    if args.tables:
-        command = f"python tests/benchmarks/formations.py --seeds {args.seeds}"
-        if args.online < args.seeds:
-            command += f" --online {args.online}"
-        tables = {"scenarios": Table(COLUMNS, rows)}
-        if singles:
-            command += folders_option("--single", args.single)
-            tables["singles"] = Table(SINGLE_COLUMNS, singles)
-        kept_tables.keep(args.tables, command, tables)
-    return 0
+    parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
+    args = parser.parse_args()
+    seeds = range(1, args.seeds + 1)
+    jobs = {name: [(name, seed, seed <= args.online) for seed in seeds] for name in args.only}
+    rows = [row(*which) for which in measured(measure, jobs, args.processes)]
+    singles = [
+        shares_row(name, [(one.seconds, one.false_s, one.false_online_s) for one in found])
+        for name, found in measured(measure_file, recordings_in(args.single), args.processes)
+    ]
+    return show(args, scenarios=Table(COLUMNS, rows), singles=Table(SINGLE_COLUMNS, singles))
 
 
 if __name__ == "__main__":

@@ -7,24 +7,22 @@ Simulated: intervals of one known contact, fitted to all their ticks. FOLDER: se
 in identification.py, segmented by the tracker; without one, only the simulation.
 """
 
-import argparse
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-import kept_tables
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
-from contact_tracker.paper.reported import REPORTED_ERRORS
-from contact_tracker.recording import open_log, read_truth
+from contact_tracker.paper.objectives import REPORTED_ERRORS
+from contact_tracker.recording import need_truth, open_log
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
@@ -33,17 +31,13 @@ from contact_tracker_lab.evaluation.elements import Deviation
 from contact_tracker_lab.evaluation.geometry_errors import ElementError, geometry_errors
 from contact_tracker_lab.evaluation.scoring import Scoring, scoring
 from contact_tracker_lab.evaluation.tables import number, table
-from kept_tables import Table
-from shared_recordings import add_folder
+from runner import Table, find_sets, measured, parser_of, show
 from simulated_fits import NOISES, Fitted, fit_simulated
-from worker_pool import worker_pool
 
 Array = NDArray[np.float64]
-Run = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 SIDES: Final = ("object", "environment")
 BAND: Final = 0.95
-GOAL: Final = 1.3
 MOSTLY: Final = 0.5
 
 
@@ -93,8 +87,7 @@ class RecordingErrors(NamedTuple):
 
 def measure(path: Path) -> RecordingErrors:
     """Compare the elements found in a recording; bounds are for the measured motion and estimated noise."""
-    poses, truth = Poses.collect(open_log(str(path))), read_truth(str(path))
-    assert truth is not None, f"{path}: no truth"
+    poses, truth = Poses.collect(open_log(str(path))), need_truth(str(path))
     bounds = {}
     for interval in truth.intervals:
         inside = poses[(poses.stamp_ns >= interval.start_ns) & (poses.stamp_ns <= interval.end_ns)]
@@ -157,37 +150,6 @@ def covariance_rows(name: str, rows: Sequence[ElementError]) -> Iterator[list[st
             ]
 
 
-def report(
-    folder: Path, sets: Sequence[str], noises: Sequence[str], seeds: int, run: Run
-) -> dict[str, Table]:
-    """Print the tables, each as soon as it is computed; returns a summary of them."""
-    rows, kept = list[list[str]](), dict[str, Table]()
-    for name, contact in product(noises, CONTACTS):
-        found = list(run(partial(fit_simulated, contact, NOISES[name]), range(seeds)))
-        rows += list(simulation_rows(name, contact, found))
-    if rows:
-        kept["simulated"] = summary(rows)
-        worse = np.array([float(row[6]) for row in rows])
-        print(table(SIMULATED, rows))
-        print(
-            f"within {GOAL} x bound: {np.sum(worse <= GOAL)} of {len(rows)} medians", end="\n\n", flush=True
-        )
-    by_set = {name: list(run(measure, sorted((folder / name).glob("*.mcap")))) for name in sets}
-    by_set = {name: some for name, some in by_set.items() if some}
-    if "paper" in by_set:
-        kept["paper"] = Table(AGAINST_PAPER, list(paper_rows(by_set["paper"])))
-        print(table(*kept["paper"]), end="\n\n")
-    if by_set:
-        rows = [
-            row
-            for name, some in by_set.items()
-            for row in covariance_rows(name, [error for one in some for error in one.rows])
-        ]
-        kept["covariance"] = Table(COVARIANCE, rows)
-        print(table(*kept["covariance"]))
-    return kept
-
-
 def summary(rows: Sequence[list[str]]) -> Table:
     """Medians of the errors by noise and contact, over both elements, and their worst ratios."""
     columns = "noise", "contact", "angle, deg", "distance, mm", "worst ratio to bound", "NEES"
@@ -203,25 +165,35 @@ def summary(rows: Sequence[list[str]]) -> Table:
     return Table(columns, kept)
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    add_folder(parser)
-    parser.add_argument(
-        "--set", nargs="*", default=["paper", "sequence"], metavar="NAME", help="default: paper sequence"
-    )
+def main() -> int:
+    parser = parser_of(__doc__, has_sets=True)
     parser.add_argument("--noise", nargs="*", default=list(NOISES), choices=list(NOISES))
     parser.add_argument("--seeds", type=int, default=60, help="simulated intervals per contact and noise")
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep a summary in this file")
-    parser.add_argument("--processes", type=int, default=2)
-    args = parser.parse_args(argv)
-    with worker_pool(args.processes) as pool:
-        kept = report(args.folder, args.set, args.noise, args.seeds, pool.map)
-    if args.tables:
-        options = f"--set {' '.join(args.set)} --seeds {args.seeds} --noise {' '.join(args.noise)}"
-        kept_tables.keep(args.tables, f"python tests/benchmarks/geometry.py FOLDER {options}", kept)
+    parser.set_defaults(set=["paper", "sequence"])
+    args = parser.parse_args()
+    jobs = {
+        (name, contact): [(contact, NOISES[name], seed) for seed in range(args.seeds)]
+        for name, contact in product(args.noise, CONTACTS)
+    }
+    simulated = [
+        row
+        for (name, contact), found in measured(fit_simulated, jobs, args.processes)
+        for row in simulation_rows(name, contact, found)
+    ]
+    print(table(SIMULATED, simulated))
+    sets = find_sets(args.folder, args.set) if args.folder.is_dir() else {}
+    recordings = {name: [(path,) for path in paths] for name, paths in sets.items()}
+    by_set = dict(measured(measure, recordings, args.processes))
+    rows = [
+        row
+        for name, found in by_set.items()
+        for row in covariance_rows(name, [error for one in found for error in one.rows])
+    ]
+    tables = {"simulated": summary(simulated), "covariance": Table(COVARIANCE, rows)}
+    if "paper" in by_set:
+        tables["paper"] = Table(AGAINST_PAPER, list(paper_rows(by_set["paper"])))
+    return show(args, **tables)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

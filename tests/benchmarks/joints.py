@@ -14,7 +14,6 @@ simulated motion by hand, and in the recordings of ``--single`` folders. In thes
 axis or move along one direction, as in a joint; ``of which singular`` is the share where the truth says so.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,9 +21,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
-import kept_tables
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import ContactGeometry
@@ -38,12 +35,10 @@ from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker_lab.evaluation.elements import angle_rad, deviation, distance_m
 from contact_tracker_lab.evaluation.geometry_errors import places
-from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
 from contact_tracker_lab.simulate.jointed import TrueJoint
-from kept_tables import Table
-from table_rows import median_of_known, shares_row
-from worker_pool import folder_of_recordings, folders_option, submit_folders, worker_pool
+from runner import Table, measured, median_of_known, parser_of, recordings_in, shares_row, show
 
 COLUMNS: Final = (
     *("joint", "seconds", "recordings", "true kind", "other kind"),
@@ -147,66 +142,39 @@ def _seconds(segment: Segment) -> float:
     return (segment.end_ns - segment.start_ns) * 1e-9
 
 
-def row(kind: JointKind, seconds: float, measured: Sequence[Measured]) -> list[str]:
+def row(kind: JointKind, seconds: float, found: Sequence[Measured]) -> list[str]:
     """A row of the table of joints."""
-    sd = np.array([one for each in measured for one in each.deviations_sd])
+    sd = np.array([one for each in found for one in each.deviations_sd])
     sd = sd[np.isfinite(sd)]
     figures = (
-        float(np.mean([one.named for one in measured])),
-        float(np.mean([one.other for one in measured])),
-        median_of_known([one for each in measured for one in each.angle_deg]),
-        median_of_known([one for each in measured for one in each.distance_mm]),
-        median_of_known([one.pitch_mm for one in measured]),
+        float(np.mean([one.named for one in found])),
+        float(np.mean([one.other for one in found])),
+        median_of_known([one for each in found for one in each.angle_deg]),
+        median_of_known([one for each in found for one in each.distance_mm]),
+        median_of_known([one.pitch_mm for one in found]),
         float(np.mean(sd <= 3.0)) if len(sd) else NAN,
     )
-    return [kind.value, f"{seconds:g}", str(len(measured)), *map(number, figures)]
+    return [kind.value, f"{seconds:g}", str(len(found)), *map(number, figures)]
 
 
-def false_row(name: str, measured: Sequence[Without]) -> list[str]:
-    """A row of the table of recordings without a joint."""
-    return shares_row(name, [(one.seconds, one.named_s, one.singular_s) for one in measured])
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def main() -> int:
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=3, help="number of each (default: %(default)s)")
     parser.add_argument("--seconds", type=float, nargs="+", default=[2.5, 5.0, 24.0], metavar="S")
-    parser.add_argument("--single", nargs="+", type=folder_of_recordings, default=[], metavar="FOLDER")
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
-    parser.add_argument("--processes", type=int, default=2)
-    args = parser.parse_args(argv)
+    parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
+    args = parser.parse_args()
     seeds = range(1, args.seeds + 1)
-    with worker_pool(args.processes) as pool:
-        joints = {
-            (kind, seconds): [pool.submit(measure, kind, seconds, seed) for seed in seeds]
-            for kind in JointKind
-            for seconds in args.seconds
-        }
-        without = {
-            f"{state.value}, by hand": [pool.submit(measure_alone, state.value, seed) for seed in seeds]
-            for state in STATES
-        }
-        without |= submit_folders(pool, measure_file, args.single)
-        rows = [
-            row(*which, [job.result() for job in some])
-            for which, some in tqdm(joints.items(), file=sys.stderr, disable=None)
-        ]
-        print(table(COLUMNS, rows), flush=True)
-        false_rows = [
-            false_row(name, [job.result() for job in some])
-            for name, some in tqdm(without.items(), file=sys.stderr, disable=None)
-        ]
-        print(table(FALSE_COLUMNS, false_rows))
-    if args.tables:
-        command = f"python tests/benchmarks/joints.py --seeds {args.seeds}"
-        command += folders_option("--single", args.single)
-        if args.seconds != parser.get_default("seconds"):
-            command += f" --seconds {' '.join(f'{s:g}' for s in args.seconds)}"
-        tables = {"joints": Table(COLUMNS, rows), "false": Table(FALSE_COLUMNS, false_rows)}
-        kept_tables.keep(args.tables, command, tables)
-    return 0
+    joints = {
+        (kind, seconds): [(kind, seconds, seed) for seed in seeds]
+        for kind in JointKind
+        for seconds in args.seconds
+    }
+    rows = [row(*which, found) for which, found in measured(measure, joints, args.processes)]
+    by_hand = {f"{state.value}, by hand": [(state.value, seed) for seed in seeds] for state in STATES}
+    without = [*measured(measure_alone, by_hand, args.processes)]
+    without += measured(measure_file, recordings_in(args.single), args.processes)
+    false_rows = [shares_row(name, found) for name, found in without]
+    return show(args, joints=Table(COLUMNS, rows), false=Table(FALSE_COLUMNS, false_rows))
 
 
 if __name__ == "__main__":

@@ -9,10 +9,8 @@ side are displaced and turned together, at random, by that much. Figures are mea
 field.py; ``warned`` is the share of the recordings for which what is given is reported as wrong.
 """
 
-import argparse
 import sys
 import zlib
-from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -20,9 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from tqdm import tqdm
 
-import kept_tables
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.quantities import deviations
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
@@ -42,13 +38,10 @@ from contact_tracker.recording import need_truth, open_log, read_metadata
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.scene import vertices_from_metadata
+from contact_tracker.trajectory import vertices_from_metadata
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
-from contact_tracker_lab.evaluation.tables import number, table
-from field import FIGURES, figures
-from identification import command_of, find_sets
-from shared_recordings import add_folder
-from worker_pool import worker_pool
+from contact_tracker_lab.evaluation.tables import number
+from runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
 
 Array = NDArray[np.float64]
 
@@ -149,44 +142,27 @@ def measure(path: Path, level: str, off: tuple[float, float]) -> Measured:
     return Measured(evaluate(poses, truth, found), is_warned)
 
 
-def rows(paths: Sequence[Path], offs: Sequence[str], processes: int) -> Iterator[list[str]]:
-    """Rows of the table, one level after the other."""
-    cases = [case for case in product(LEVELS, offs) if case[0] != LEVELS[0] or case[1] == offs[0]]
-    with worker_pool(processes) as pool:
-        jobs = [
-            [pool.submit(measure, path, level, displacement(off)) for path in paths] for level, off in cases
-        ]
-        for (level, off), own in zip(cases, tqdm(jobs, file=sys.stderr, disable=None), strict=True):
-            done = [job.result() for job in own]
-            warned = number(float(np.mean([one.is_warned for one in done])))
-            shown = "-" if level == LEVELS[0] else off
-            yield [level, shown, *figures([one.evaluation for one in done]), warned]
-
-
 def displacement(text: str) -> tuple[float, float]:
     """A distance (m) and an angle (rad)."""
     return (0.0, 0.0) if text == EXACT else deviations(text)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    add_folder(parser)
-    parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
+def main() -> int:
+    parser = parser_of(__doc__, has_sets=True)
     parser.add_argument(
         "--off", nargs="+", default=[EXACT], metavar="MM,DEG", help=f"as 2mm,1deg; default: {EXACT}"
     )
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
-    parser.add_argument("--processes", type=int, default=2)
-    args = parser.parse_args(argv)
+    args = parser.parse_args()
     paths = [path for some in find_sets(args.folder, args.set).values() for path in some]
-    found = list(rows(paths, args.off, args.processes))
-    print(table(COLUMNS, found))
-    if args.tables:
-        command = f"{command_of('known_geometry', args.set, 'default')} --off {' '.join(args.off)}"
-        kept_tables.keep(args.tables, command, {"known": kept_tables.Table(COLUMNS, found)})
-    return 0
+    jobs = {
+        (level, off if level != LEVELS[0] else "-"): [(path, level, displacement(off)) for path in paths]
+        for level, off in product(LEVELS, args.off)
+    }
+    rows = list[list[str]]()
+    for case, found in measured(measure, jobs, args.processes):
+        warned = number(float(np.mean([one.is_warned for one in found])))
+        rows.append([*case, *figures([one.evaluation for one in found]), warned])
+    return show(args, known=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -9,23 +9,21 @@ sums over windows are not included.
 python tests/benchmarks/minimisation.py recordings/paper_experiment.mcap
 """
 
-import argparse
+import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 from typing import TypeVar
 
 import numpy as np
 
-import kept_tables
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.batched import Batch, minimise_batched
 from contact_tracker.paper.window_curves import FINE, curves, from_relaxed, minimise_windows, window_sums
 from contact_tracker.recording import open_log
-from contact_tracker_lab.evaluation.tables import table
+from runner import Table, parser_of, show
 
 FRAMES, STEP, STARTS, RUNS = 500, 10, 3, 5
 Found = TypeVar("Found")
@@ -47,37 +45,27 @@ def cold(model: ContactModel, k: np.ndarray, moments: np.ndarray) -> Batch:
     return minimise_batched(model.contact, k, best.x, best.y, *FINE)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+def main() -> int:
+    parser = parser_of(__doc__)
     parser.add_argument("log")
     parser.add_argument("--windows", type=int, default=40, help="windows on which SLSQP is run")
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
     args = parser.parse_args()
     poses = Poses.collect(open_log(args.log))
     count = (len(poses) - FRAMES) // STEP + 1
     poses = poses[: (count - 1) * STEP + FRAMES]
     sample = np.linspace(min(1, count - 1), count - 1, args.windows).astype(int)
-    rows = [measured(model, poses, sample) for model in CONTACT_MODELS]
-    header = (
-        "contact",
-        "SLSQP (ms)",
-        *("cold (us)", "cold speed-up", "cold: SLSQP lower"),
+    columns = (
+        *("contact", "SLSQP (ms)", "cold (us)", "cold speed-up", "cold: SLSQP lower"),
         *("warm (us)", "warm speed-up", "warm: SLSQP lower"),
         *("all (us)", "all speed-up", "all: SLSQP lower"),
     )
-    print(f"per window and contact; {count} windows, SLSQP on {args.windows}")
-    print(table(header, rows))
-    if args.tables:
-        kept_tables.keep(
-            args.tables,
-            f"python tests/benchmarks/minimisation.py recordings/{Path(args.log).name}",
-            {"minima": kept_tables.Table(header, [list(row) for row in rows])},
-        )
     spent, _ = timed(lambda: curves(poses, FRAMES, STEP))
+    print(f"per window and contact; {count} windows, SLSQP on {args.windows}")
     print(f"all six curves of {len(poses)} poses, including sums over windows: {spent:.2f} s")
+    return show(args, minima=Table(columns, [row_of(model, poses, sample) for model in CONTACT_MODELS]))
 
 
-def measured(model: ContactModel, poses: Poses, sample: np.ndarray) -> tuple[str, ...]:
+def row_of(model: ContactModel, poses: Poses, sample: np.ndarray) -> list[str]:
     """A row of the table."""
     position_m, rng = poses.position_m - poses.position_m.mean(axis=0), np.random.default_rng(0)
     pair = motion(poses.rotation, position_m)
@@ -97,8 +85,8 @@ def measured(model: ContactModel, poses: Poses, sample: np.ndarray) -> tuple[str
         each = time_s / len(k)
         lower = np.mean(slsqp < found.value[sample] * (1.0 - 1e-4))
         cells += [f"{1e6 * each:.0f}", f"{spent / each:.0f}", f"{100 * lower:.0f} %"]
-    return (model.contact.value, f"{1e3 * spent:.1f}", *cells)
+    return [model.contact.value, f"{1e3 * spent:.1f}", *cells]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -7,7 +7,6 @@ some distance: offline, and online while the noise is that of the whole recordin
 three shipped recordings of single contacts.
 """
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any, Final
@@ -21,12 +20,13 @@ from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.recording import open_log
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.evaluation.tables import number
+from runner import ROOT, Table, measured, parser_of, show
 
 DISTANCES_M: Final = (0.3, 1.0, 10.0)
 DIRECTION: Final = np.array([0.6, -0.48, 0.64])
-SHIPPED: Final = Path(__file__).parents[2] / "recordings"
-NAMES: Final = ("paper_experiment", "robot_1khz", "vision_30hz")
+SHIPPED: Final = ("paper_experiment", "robot_1khz", "vision_30hz")
+COLUMNS: Final = ("recording", "moved m", "apart mm", "offline", "online")
 
 
 def rows_of(poses: Poses) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -41,24 +41,27 @@ def changed(before: NDArray[Any], after: NDArray[Any]) -> float:
     return float((before["contact"][rows] != after["contact"][others]).mean())
 
 
+def rows_for(path: Path) -> list[list[str]]:
+    """Rows of the table for one recording."""
+    poses, rows = Poses.collect(open_log(str(path))), list[list[str]]()
+    as_recorded = rows_of(poses)
+    for away_m in DISTANCES_M:
+        aside_m = away_m * DIRECTION
+        apart_m = independent_point(poses.of_point(aside_m)) + aside_m - independent_point(poses)
+        moved = rows_of(poses.of_point(aside_m))
+        shares = (changed(*pair) for pair in zip(as_recorded, moved, strict=True))
+        rows.append([path.stem, f"{away_m:g}", f"{1e3 * np.linalg.norm(apart_m):.1f}", *map(number, shares)])
+    return rows
+
+
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    shipped = [SHIPPED / f"{name}.mcap" for name in NAMES]
+    parser = parser_of(__doc__)
+    shipped = [ROOT / "recordings" / f"{name}.mcap" for name in SHIPPED]
     parser.add_argument("recordings", type=Path, nargs="*", default=shipped)
-    rows = list[tuple[str, ...]]()
-    for path in parser.parse_args().recordings:
-        poses = Poses.collect(open_log(str(path)))
-        as_recorded = rows_of(poses)
-        for away_m in DISTANCES_M:
-            aside_m = away_m * DIRECTION
-            apart_m = independent_point(poses.of_point(aside_m)) + aside_m - independent_point(poses)
-            moved = rows_of(poses.of_point(aside_m))
-            shares = (changed(*pair) for pair in zip(as_recorded, moved, strict=True))
-            rows.append(
-                (path.stem, f"{away_m:g}", f"{1e3 * np.linalg.norm(apart_m):.1f}", *map(number, shares))
-            )
-    print(table(("recording", "moved m", "apart mm", "offline", "online"), rows))
-    return 0
+    args = parser.parse_args()
+    jobs = {path: [(path,)] for path in args.recordings}
+    rows = [row for _, (some,) in measured(rows_for, jobs, args.processes) for row in some]
+    return show(args, origins=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -9,18 +9,15 @@ difference of a probability; ``rows`` is the number of hypotheses per tick and `
 to the model's margin. Without a margin (``none``) old onsets are still thinned.
 """
 
-import argparse
 import math
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
@@ -29,9 +26,9 @@ from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import forward, ticks_of
-from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.evaluation.tables import number
+from runner import ROOT, Table, measured, parser_of, show
 
-ROOT: Final = Path(__file__).resolve().parents[2]
 WARM_UP: Final = 400
 """Poses that are tracked before the measurement."""
 COLUMNS: Final = ("recording", "nats", "labels", "median", "90 %", "99 %", "most", "rows", "CPU")
@@ -68,26 +65,28 @@ def row(name: str, margin_nats: float, own: Run, other: Run) -> list[str]:
     return [name, margin, number(float(same.mean())), *quantiles, *(number(one, 2) for one in ratios)]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def measure(path: Path, model: Model, margins_nats: list[float]) -> list[list[str]]:
+    """Rows of the table for one recording."""
+    poses = Poses.collect(open_log(str(path)))
+    track(poses[:WARM_UP], model)  # loads the kernels
+    own = track(poses, model)
+    return [row(path.stem, nats, own, track(poses, with_margin(model, nats))) for nats in margins_nats]
+
+
+def main() -> int:
+    parser = parser_of(__doc__)
     shipped = sorted((ROOT / "recordings").glob("*.mcap"))
     parser.add_argument(
         "logs", nargs="*", type=Path, default=shipped, metavar="MCAP", help="default: recordings/"
     )
     parser.add_argument("--margins", nargs="+", type=float, default=[40.0, math.inf], metavar="NATS")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
-    args = parser.parse_args(argv)
+    args = parser.parse_args()
     model = load_model(args.model)
-    rows = []
-    for path in tqdm(args.logs, unit="recording"):
-        poses = Poses.collect(open_log(str(path)))
-        track(poses[:WARM_UP], model)  # loads the kernels
-        own = track(poses, model)
-        rows += [row(path.stem, m, own, track(poses, with_margin(model, m))) for m in args.margins]
-    print(f"relative to {model.search.margin_nats:g} nats:\n{table(COLUMNS, rows, left=2)}")
-    return 0
+    jobs = {path: [(path, model, args.margins)] for path in args.logs}
+    rows = [one for _, (some,) in measured(measure, jobs, args.processes) for one in some]
+    print(f"relative to {model.search.margin_nats:g} nats:")
+    return show(args, pruning=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

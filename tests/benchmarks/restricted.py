@@ -8,23 +8,19 @@ free motion, or a contact, has a probability above 0.9, and in which all other s
 possible.
 """
 
-import argparse
 import sys
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-import kept_tables
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.segmentation import Beliefs
-from contact_tracker_lab.evaluation.tables import number, table
-from kept_tables import Table
-from restricted_motions import MOTIONS, Motion, poses_of
+from contact_tracker_lab.evaluation.tables import number
+from restricted_motions import MOTIONS, poses_of
+from runner import Table, measured, parser_of, show
 
 HEADER: Final = (
     *("motion", "most frequent label", "free above 0.9 offline", "free above 0.9 online"),
@@ -42,32 +38,26 @@ def shares(beliefs: Beliefs) -> list[float]:
     return [float(np.mean(part)) for part in (free > SURE, contact > SURE, others)]
 
 
-def row(name: str, motion: Motion, seeds: int) -> list[str]:
-    """A row of the table."""
-    measured, labels = [], np.zeros(len(STATES))
-    for seed in range(seeds):
-        poses = gate(poses_of(motion, np.random.default_rng(seed)))
-        found = segmenting.segment(poses, load_model())
-        measured.append([shares(found.beliefs), shares(found.filtered)])
-        labels += np.bincount(found.beliefs.rows["contact"], minlength=len(STATES))
-    mean = np.mean(measured, axis=0).T.ravel()
-    return [name, STATES[int(labels.argmax())].value, *(number(float(share)) for share in mean)]
+def measure(name: str, seed: int) -> tuple[list[list[float]], np.ndarray]:
+    """Shares (2 x 3), offline and online, of one recording, and its ticks by label (7,)."""
+    poses = gate(poses_of(MOTIONS[name], np.random.default_rng(seed)))
+    found = segmenting.segment(poses, load_model())
+    labels = np.bincount(found.beliefs.rows["contact"], minlength=len(STATES))
+    return [shares(found.beliefs), shares(found.filtered)], labels
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def main() -> int:
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only", nargs="+", default=[*MOTIONS], choices=MOTIONS, metavar="NAME")
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
-    args = parser.parse_args(argv)
-    rows = [row(name, MOTIONS[name], args.seeds) for name in args.only]
-    print(table(HEADER, rows))
-    if args.tables:
-        command = f"python tests/benchmarks/restricted.py --seeds {args.seeds}"
-        kept_tables.keep(args.tables, command, {"motions": Table(HEADER, rows)})
-    return 0
+    args = parser.parse_args()
+    jobs = {name: [(name, seed) for seed in range(args.seeds)] for name in args.only}
+    rows = list[list[str]]()
+    for name, found in measured(measure, jobs, args.processes):
+        label = STATES[int(np.sum([ticks for _, ticks in found], axis=0).argmax())]
+        mean = np.mean([both for both, _ in found], axis=0).T.ravel()
+        rows.append([name, label.value, *(number(float(share)) for share in mean)])
+    return show(args, motions=Table(HEADER, rows))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.motion.poses import Poses
-from contact_tracker_lab.simulate.signals import band_limited
+from contact_tracker_lab.simulate.motion import band_limited
 
 Array = NDArray[np.float64]
 Random = np.random.Generator

@@ -1,23 +1,30 @@
-"""Labels and posteriors of a method for a recording, and their scores."""
+"""Labels and posteriors of a method for a recording, and their scores with confidence intervals.
+
+Intervals are from a bootstrap over the true phases: frames of one phase are right or wrong together, so whole
+phases are resampled, with replacement.
+"""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.states import STATES
-from contact_tracker_lab.evaluation.metrics import Tally
+from contact_tracker_lab.evaluation.metrics import Tally, tally
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset
-from contact_tracker_lab.evaluation.tallying import tally
-from resampling import Phases
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 OFFLINE: Final = math.inf
 LAGS_S: Final = (1.0, 0.5)
+RESAMPLES: Final = 1000
+BAND: Final = (0.05, 0.95)
 
 
 class Method(NamedTuple):
@@ -57,24 +64,55 @@ class Answer(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
-    """Tallies of identifiable frames, and ``apart`` of the others: singular, or at rest before any motion.
+class Phases:
+    """``label_s`` (Q, 2) of Q true phases: seconds, and those with the right label."""
 
-    ``phases`` are those of identifiable frames, for confidence intervals.
-    """
+    label_s: Array
+
+    def __add__(self, other: "Phases") -> "Phases":
+        return Phases(np.concatenate([self.label_s, other.label_s]))
+
+    @classmethod
+    def of(cls, scored: Scoring, answer: Answer) -> "Phases":
+        """The phases of a recording, in each of which one state lasts."""
+        every = np.cumsum(np.append(0, np.diff(scored.truth) != 0))
+        taken = scored.subsets[Subset.ALL]
+        phase = np.unique(every[taken], return_inverse=True)[1]
+        right = np.append(answer.label, -1)[answer.tick[taken]] == scored.truth[taken]
+        label_s = np.zeros((int(phase.max(initial=-1)) + 1, 2))
+        np.add.at(
+            label_s, phase, scored.seconds[taken][:, None] * np.stack([np.ones(len(right)), right], axis=1)
+        )
+        return cls(label_s)
+
+    def accuracy(self) -> tuple[float, float]:
+        """The ``BAND`` of the share of the time in which the label was right; nan without phases."""
+        count = len(self.label_s)
+        if not count:
+            return math.nan, math.nan
+        drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), RESAMPLES)
+        seconds, right_s = (drawn @ self.label_s).T
+        known = seconds > 0
+        low, high = np.quantile(right_s[known] / seconds[known], BAND)
+        return float(low), float(high)
+
+
+class Score(NamedTuple):
+    """Tally and phases of the identifiable frames: not singular, nor at rest before any motion."""
 
     main: Tally
-    apart: Tally
     phases: Phases
-
-    def __add__(self, other: "Score") -> "Score":
-        return Score(self.main + other.main, self.apart + other.apart, self.phases + other.phases)
 
     @classmethod
     def of(cls, answer: Answer, scored: Scoring) -> "Score":
         """Score an answer for all frames of a recording."""
-        clear, ambiguous = (scored.within(s) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
-        return cls(tally(clear, *answer), tally(ambiguous, *answer), Phases.of(clear, *answer))
+        clear = scored.within(Subset.IDENTIFIABLE)
+        return cls(tally(clear, *answer), Phases.of(clear, answer))
+
+
+def total(scores: Sequence[Score]) -> Score:
+    """The sum over at least one recording."""
+    return Score(reduce(add, (one.main for one in scores)), reduce(add, (one.phases for one in scores)))
 
 
 Scores = dict[Method, Score]

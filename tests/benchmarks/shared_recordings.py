@@ -1,6 +1,5 @@
 """The recordings that are not part of the repository."""
 
-import argparse
 import os
 from pathlib import Path
 from typing import Final
@@ -8,10 +7,3 @@ from typing import Final
 _BESIDE: Final = Path(__file__).resolve().parents[3] / "shared" / "recordings"
 SHARED_RECORDINGS: Final = Path(os.environ.get("CONTACT_TRACKER_RECORDINGS") or _BESIDE)
 """The folder that ``CONTACT_TRACKER_RECORDINGS`` names, which may be missing; set to nothing is not set."""
-
-
-def add_folder(parser: argparse.ArgumentParser) -> None:
-    """The argument ``folder``, by default that of the shared recordings."""
-    parser.add_argument(
-        "folder", nargs="?", type=Path, default=SHARED_RECORDINGS, help="default: %(default)s"
-    )

@@ -6,22 +6,19 @@
 As ``contact-tracker evaluate recordings/*.mcap``, which gives more details.
 """
 
-import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import kept_tables
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_truth
+from contact_tracker.recording import need_truth, open_log
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.metrics import quantile
-from contact_tracker_lab.evaluation.tables import number, table
-from kept_tables import ROOT, Table
+from contact_tracker_lab.evaluation.tables import number
+from runner import ROOT, Table, measured, parser_of, show
 
 COLUMNS: Final = (
     *("recording", "accuracy offline", "accuracy online", "log-loss offline", "log-loss online"),
@@ -32,10 +29,8 @@ COLUMNS: Final = (
 
 def measure(path: Path) -> Evaluation:
     """Segment one recording, adapted to its stream, and evaluate it."""
-    truth = read_truth(str(path))
-    assert truth is not None, f"{path}: no truth"
     poses = gate(Poses.collect(open_log(str(path))))
-    return evaluate(poses, truth, segmenting.segment(poses, load_model()))
+    return evaluate(poses, need_truth(str(path)), segmenting.segment(poses, load_model()))
 
 
 def row(name: str, evaluation: Evaluation) -> list[str]:
@@ -57,20 +52,11 @@ def row(name: str, evaluation: Evaluation) -> list[str]:
     ]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
-    args = parser.parse_args(argv)
-    paths = sorted((ROOT / "recordings").glob("*.mcap"))
-    rows = [row(path.stem, measure(path)) for path in paths]
-    print(table(COLUMNS, rows))
-    if args.tables:
-        kept_tables.keep(
-            args.tables, "python tests/benchmarks/shipped.py", {"recordings": Table(COLUMNS, rows)}
-        )
-    return 0
+def main() -> int:
+    args = parser_of(__doc__).parse_args()
+    jobs = {path.stem: [(path,)] for path in sorted((ROOT / "recordings").glob("*.mcap"))}
+    rows = [row(name, one) for name, (one,) in measured(measure, jobs, args.processes)]
+    return show(args, recordings=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

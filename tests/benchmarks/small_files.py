@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from speeds.command import Ran, run
+from speed import Ran, run
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,6 @@ Shares of the scored time: right offline, sure (0.9 or more) and wrong offline, 
 are named SCENE_TAKE, as in ``everyday`` of the shared ones.
 """
 
-import argparse
 import sys
 from collections import defaultdict
 from pathlib import Path
@@ -23,7 +22,8 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
-from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.evaluation.tables import number
+from runner import Table, measured, parser_of, show
 from shared_recordings import SHARED_RECORDINGS
 
 COLUMNS: Final = ("take", "recordings", "offline", "sure and wrong", "online")
@@ -50,22 +50,27 @@ def score(path: Path, known: Map = EMPTY_MAP) -> tuple[Score, LearnedElements]:
     return Score(done.offline.accuracy(), wrong, done.online.accuracy()), learned
 
 
+def score_scene(first: Path, *later: Path) -> list[tuple[str, Score]]:
+    """Kind and score of each take of one scene."""
+    found, learned = score(first)
+    alone = [(ALONE, score(path)[0]) for path in later]
+    return [(FIRST, found), *alone, *((WITH_MAP, score(path, Map(learned=learned))[0]) for path in later)]
+
+
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=SHARED_RECORDINGS / "everyday")
+    args = parser.parse_args()
     scenes = defaultdict[str, list[Path]](list)
-    for path in sorted(parser.parse_args().folder.glob("*_*.mcap")):
+    for path in sorted(args.folder.glob("*_*.mcap")):
         scenes[path.stem.rsplit("_", 1)[0]].append(path)
     scores = defaultdict[str, list[Score]](list)
-    for first, *later in scenes.values():
-        of_first, learned = score(first)
-        scores[FIRST].append(of_first)
-        for path in later:
-            scores[ALONE].append(score(path)[0])
-            scores[WITH_MAP].append(score(path, Map(learned=learned))[0])
-    rows = [(name, str(len(some)), *map(number, np.mean(some, axis=0))) for name, some in scores.items()]
-    print(table(COLUMNS, rows))
-    return 0
+    jobs = {name: [tuple(paths)] for name, paths in scenes.items()}
+    for _, (scene,) in measured(score_scene, jobs, args.processes):
+        for kind, one in scene:
+            scores[kind].append(one)
+    rows = [[kind, str(len(some)), *map(number, np.mean(some, axis=0))] for kind, some in scores.items()]
+    return show(args, takes=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -8,11 +8,7 @@ with nothing known, with the table's plane, and with plane and cube, both from t
 Figures are of every second recording (``--half checked``); the model was tuned on the others.
 """
 
-import argparse
 import sys
-import time
-from collections.abc import Iterator, Sequence
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -20,25 +16,24 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import kept_tables
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_metadata, read_truth
+from contact_tracker.recording import need_truth, open_log, read_metadata
 from contact_tracker.segmenting import segment
 from contact_tracker.states import STATES
 from contact_tracker_lab.evaluation.answers import answers_to
 from contact_tracker_lab.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
 from contact_tracker_lab.evaluation.tables import number, table
+from runner import Table, measured, parser_of, show
 from shared_recordings import SHARED_RECORDINGS
-from worker_pool import worker_pool
 
 MOVING_M_S: Final = 0.05
 """The cube is in motion while its fastest corner is faster than this."""
 SIGMA: Final = {"sigma_position_m": 0.5e-3, "sigma_rotation_deg": 0.2}
 """Assumed accuracy of plane and cube in the metadata."""
-COLUMNS: Final = ("known", "frames", "accuracy offline", "accuracy online", "by arrival")
+COLUMNS: Final = ("model", "known", "frames", "accuracy offline", "accuracy online", "by arrival")
 LEVELS: Final = ("nothing", "plane", "plane and cube")
 
 
@@ -66,9 +61,8 @@ def known(level: str, metadata: dict[str, str]) -> Map:
 
 def measure(path: Path, model_name: str) -> dict[str, Scores]:
     """One recording at each level of knowledge."""
-    poses, truth = Poses.collect(open_log(str(path))), read_truth(str(path))
+    poses, truth = Poses.collect(open_log(str(path))), need_truth(str(path))
     metadata = read_metadata(str(path))["recording"]
-    assert truth is not None
     scored = scoring(poses.stamp_ns, truth)
     counted = (scored.truth != UNSCORED) & in_motion(poses, float(metadata["cube_side_m"]))
     results = {}
@@ -100,54 +94,26 @@ def in_motion(poses: Poses, side_m: float) -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(velocity, axis=2).max(axis=1) > MOVING_M_S)
 
 
-def accuracies(total: dict[str, Scores]) -> list[list[str]]:
-    """Rows of the table, one for each level of knowledge."""
-    return [
-        [level, str(scores.offline.sum()), *(number(c.trace() / c.sum()) for c in scores)]
-        for level, scores in total.items()
-    ]
-
-
-def lines(total: dict[str, Scores]) -> Iterator[str]:
-    """The table of accuracies, then the confusion with everything known."""
-    yield table(COLUMNS, accuracies(total))
-    confusion = total[LEVELS[-1]].offline
-    yield f"\noffline with {LEVELS[-1]} known: truth by row, label by column"
-    yield table(
-        ("", *STATES),
-        [[state, *map(str, row)] for state, row in zip(STATES, confusion, strict=True) if row.any()],
-    )
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def main() -> int:
+    parser = parser_of(__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=SHARED_RECORDINGS / "cube_tosses")
     parser.add_argument("--model", nargs="+", default=["impacts"], metavar="NAME|FILE")
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
     parser.add_argument("--half", choices=("checked", "chosen"), default="checked")
-    parser.add_argument("--processes", type=int, default=2)
-    args = parser.parse_args(argv)
+    args = parser.parse_args()
     paths = sorted(args.folder.glob("*.mcap"))[1 if args.half == "checked" else 0 :: 2]
     if not paths:
         raise SystemExit(f"{args.folder}: no recordings")
-    kept = list[list[str]]()
-    begin_s = time.monotonic()
-    with worker_pool(args.processes) as pool:
-        for model in args.model:
-            results = list(pool.map(partial(measure, model_name=model), paths))
-            total = {
-                level: Scores(*(sum(r[level][i] for r in results) for i in range(3)))  # type: ignore[arg-type]
-                for level in LEVELS
-            }
-            print(f"{model}\n" + "\n".join(lines(total)))
-            kept += [[model, *row] for row in accuracies(total)]
-    print(f"\n{len(paths)} recordings, {time.monotonic() - begin_s:.0f} s", file=sys.stderr)
-    if args.tables:
-        command = f"python tests/benchmarks/tosses.py --model {' '.join(args.model)}"
-        kept_tables.keep(args.tables, command, {"tosses": kept_tables.Table(("model", *COLUMNS), kept)})
-    return 0
+    rows = list[list[str]]()
+    jobs = {model: [(path, model) for path in paths] for model in args.model}
+    for model, results in measured(measure, jobs, args.processes):
+        for level in LEVELS:
+            total = Scores(*(sum(one[level][i] for one in results) for i in range(3)))  # type: ignore[arg-type]
+            accuracies = (number(confusion.trace() / confusion.sum()) for confusion in total)
+            rows.append([model, level, str(total.offline.sum()), *accuracies])
+        print(f"{model}, offline with {level} known: truth by row, label by column")
+        confused = zip(STATES, total.offline, strict=True)
+        print(table(("", *STATES), [[state, *map(str, row)] for state, row in confused if row.any()]))
+    return show(args, tosses=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -11,10 +11,11 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import RecordedPass, forward, ticks_of
+from contact_tracker.tracking.forward_pass import forward, ticks_of
 from contact_tracker.tracking.offline_smoother import Segmenter
 from contact_tracker.tracking.posterior import lagged_belief
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
 from scores import LAGS_S, OFFLINE, Answer, Method
 

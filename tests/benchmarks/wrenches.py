@@ -8,17 +8,15 @@ a bias of the sensor of 0.5 N and 0.05 N m in each axis (standard deviations), w
 Figures are means over the time of all recordings of a set, offline; errors of elements are medians.
 """
 
-import argparse
 import sys
-from collections.abc import Sequence
 from functools import reduce
+from itertools import product
 from operator import add
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-import kept_tables
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_wrenches
@@ -27,8 +25,8 @@ from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.with_wrenches import NoLoad, wrench_evidence
 from contact_tracker.wrenches.wrenches import Wrenches
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
-from contact_tracker_lab.evaluation.tables import number, table
-from kept_tables import Table
+from contact_tracker_lab.evaluation.tables import number
+from runner import Table, find_sets, measured, parser_of, show
 from shared_recordings import SHARED_RECORDINGS
 
 TOPIC: Final = "/object/wrench"
@@ -36,14 +34,7 @@ NOISE: Final = (0.1, 0.01)
 BIAS: Final = (0.5, 0.05)
 WAYS: Final = ("motion alone", "wrenches", "wrenches with noise and bias")
 COLUMNS: Final = (
-    "set",
-    "with",
-    "recordings",
-    "accuracy",
-    "sure and wrong",
-    "angle deg",
-    "distance mm",
-    "within 3 sd",
+    *("set", "with", "recordings", "accuracy", "sure and wrong", "angle deg", "distance mm", "within 3 sd"),
 )
 
 
@@ -73,29 +64,26 @@ def measure(path: Path, way: str, seed: int) -> Evaluation:
     return evaluate(poses, need_truth(str(path)), found)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def row(name: str, way: str, evaluations: list[Evaluation]) -> list[str]:
+    """A row of the table."""
+    offline = reduce(add, (one.offline for one in evaluations))
+    errors = reduce(add, (one.geometry for one in evaluations))
+    off = (float(np.median(values)) for values in (errors.angle_deg, errors.distance_mm))
+    figures = (offline.accuracy(), offline.sure_wrong, *off, errors.within_3_sd)
+    return [name, way, str(len(evaluations)), *(number(float(figure)) for figure in figures)]
+
+
+def main() -> int:
+    parser = parser_of(__doc__)
     parser.add_argument("--set", nargs="+", default=["singular"], metavar="NAME", help="default: singular")
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
-    args = parser.parse_args(argv)
-    folder = SHARED_RECORDINGS / "physics"
-    rows = []
-    for name in args.set:
-        paths = sorted((folder / name).glob("*.mcap"))
-        for way in WAYS:
-            judged = [measure(path, way, seed) for seed, path in enumerate(paths)]
-            offline, geometry = reduce(add, (one.offline for one in judged)), [one.geometry for one in judged]
-            errors = reduce(add, geometry)
-            off = (float(np.median(values)) for values in (errors.angle_deg, errors.distance_mm))
-            figures = (offline.accuracy(), offline.sure_wrong, *off, errors.within_3_sd)
-            rows.append([name, way, str(len(paths)), *(number(float(figure)) for figure in figures)])
-            print(table(COLUMNS, rows[-1:], 2), flush=True)
-    if args.tables:
-        command = f"python tests/benchmarks/wrenches.py --set {' '.join(args.set)}"
-        kept_tables.keep(args.tables, command, {"sets": Table(COLUMNS, rows)})
-    return 0
+    args = parser.parse_args()
+    sets = find_sets(SHARED_RECORDINGS / "physics", args.set)
+    jobs = {
+        (name, way): [(path, way, seed) for seed, path in enumerate(sets[name])]
+        for name, way in product(args.set, WAYS)
+    }
+    rows = [row(*case, found) for case, found in measured(measure, jobs, args.processes)]
+    return show(args, sets=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

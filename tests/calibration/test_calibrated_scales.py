@@ -18,13 +18,11 @@ from contact_tracker_lab.calibration.parameters import (
     LEARNED,
     How,
     coordinate_search,
-    rounded,
     select,
     value_of,
     with_value,
 )
 from contact_tracker_lab.calibration.residuals import (
-    LEAST,
     POSITION,
     ROTATION,
     SHORTEST_TICKS,
@@ -96,12 +94,6 @@ def test_floors_do_not_depend_on_where_the_search_began():
     low = floors_of(with_floors(1e-6, 1e-6), segments)
     high = floors_of(with_floors(5e-3, 20e-3), segments)
     np.testing.assert_allclose(low, high, rtol=5e-3)
-
-
-def test_ideal_contacts_have_next_to_no_floor():
-    position, rotation = floors_of(MODEL, of_all_contacts(0.0, 0.0))
-    assert LEAST <= position < 0.4 * SENSOR_M
-    assert LEAST <= rotation < 0.4 * SENSOR_RAD
 
 
 def test_a_floor_is_learned_alone_and_reported_by_contact():
@@ -208,10 +200,3 @@ def test_parameters_are_chosen_by_key_or_by_table():
     for wrong in ("nose", "noise.", "noise.outlier_sigmas", "", "tick_s"):
         with pytest.raises(UsageError, match="is not learned"):
             select(["transitions", wrong])
-
-
-@pytest.mark.parametrize(
-    ("value", "expected"), [(0.123456, 0.123), (1.45678e-5, 1.46e-5), (987654.0, 988000.0)]
-)
-def test_numbers_are_rounded_to_their_accuracy(value, expected):
-    assert rounded(value) == expected

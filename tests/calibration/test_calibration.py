@@ -213,13 +213,6 @@ def test_impossible_calls_are_one_line_and_leave_no_file(
     }
 
 
-def test_a_folder_that_takes_no_file_is_refused_before_any_work(
-    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("contact_tracker.cli.arguments.os.access", lambda path, mode: False)
-    assert "not writable" in refused(capsys, 2, logs, "-o", tmp_path / "mine.toml")
-
-
 @pytest.mark.parametrize("poses", [1, 2, 30])
 @pytest.mark.parametrize("labelled", [True, False])
 def test_too_short_recordings_do_not_change_the_model(

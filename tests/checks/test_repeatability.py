@@ -8,17 +8,17 @@ import pytest
 from benchmarks.distortions import bent
 
 from checked_stream import MODEL, stream_of
-from contact_tracker.api.given import model_from
 from contact_tracker.checks import repeatability
 from contact_tracker.checks.repeatability import Repeatability, difference
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, shifted
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.trajectory.arguments import model_from
 
 PAPER = Path(__file__).resolve().parents[2] / "recordings" / "paper_experiment.mcap"
 NONE = SystematicErrors()
@@ -119,6 +119,18 @@ def test_the_distance_of_planes_is_that_where_they_are_known():
     assert by.angle_rad == pytest.approx(0.01, rel=1e-3)
     assert by.distance_m < 1e-4
     assert by.sigmas == pytest.approx(0.01 / TURN / np.sqrt(2.0), rel=0.05)
+
+
+def test_it_does_not_depend_on_where_the_bodys_origin_is():
+    """Far away, the offsets of faces that are turned by a degree differ by much more than those near them."""
+    away_m, pairs = np.array([6.0, -4.8, 6.4]), [(plane((0.015 * i, 0.0, 1.0)), point()) for i in range(3)]
+    moved = [(shifted(ours, away_m), theirs) for ours, theirs in pairs]
+    near, far = (
+        Repeatability().update_segments(segments(*some), stream_of(body_m=point_m))
+        for some, point_m in ((pairs, np.zeros(3)), (moved, away_m))
+    )
+    assert (near.near, near.apart) == (far.near, far.apart)
+    assert near.worst[2].sigmas == pytest.approx(far.worst[2].sigmas, rel=1e-3)
 
 
 def test_lines_are_compared_across_and_without_regard_to_their_sense():

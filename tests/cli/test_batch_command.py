@@ -17,7 +17,7 @@ from pyarrow import parquet
 from test_killed_workers import PROC, helpers_of, is_running
 
 from batches import BROKEN, contents, run, write_broken, write_recordings
-from command_line import ENVIRONMENT, PROGRAM, Done
+from command_line import ENVIRONMENT, PIPE, Done, started
 from command_line import run as command
 
 LIES = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists processes in files")
@@ -51,12 +51,8 @@ def whole(logs: Path) -> dict[str, bytes]:
 @contextmanager
 def in_the_middle(logs: Path, dataset: Path) -> "Iterator[subprocess.Popen[bytes]]":
     """A run of which some recordings are done and some are not."""
-    with subprocess.Popen(
-        [*PROGRAM, "batch", str(logs), "--output", str(dataset), "--processes", "2"],
-        env=ENVIRONMENT,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    ) as process:
+    words = "batch", logs, "--output", dataset, "--processes", "2"
+    with started(*words, stderr=PIPE, start_new_session=True) as process:
         journal = dataset / "journal.jsonl"
         while not journal.is_file() or not journal.stat().st_size:  # the first result is recorded
             assert process.poll() is None

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from pyarrow import parquet
 
-from command_line import ENVIRONMENT, PROGRAM, ROOT, run, shown_on_a_terminal
+from command_line import ENVIRONMENT, PIPE, ROOT, run, shown_on_a_terminal, started
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import write_recording
 from mcap_logs import smooth_poses
@@ -112,16 +112,6 @@ def test_a_report_has_what_was_warned_of_before_the_first_pose(log: Path, tmp_pa
     assert "is not convex" in (tmp_path / "out.html").read_text(encoding="utf-8")
 
 
-def test_a_recording_for_foxglove_never_replaces_its_own_recording(log: Path, tmp_path: Path) -> None:
-    before = log.read_bytes()
-    for more in ((), ("--overwrite",)):
-        done = run("segment", log, "-o", log, *more)
-        assert (done.returncode, log.read_bytes()) == (2, before)
-    (tmp_path / "other.mcap").write_bytes(before)
-    assert run("segment", log, "-o", tmp_path / "other.mcap").returncode == 2
-    assert run("segment", log, "-o", tmp_path / "other.mcap", "--overwrite").returncode == 0
-
-
 def test_standard_input_gives_result_channels_alone(log: Path, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     done = run("segment", "-", "-o", tmp_path / "out.mcap", stdin=log.read_bytes())
@@ -146,17 +136,12 @@ def test_live_writes_the_lines_that_it_prints(log: Path, tmp_path: Path, suffix:
 
 
 def test_live_leaves_its_ticks_and_a_summary_when_it_is_interrupted(log: Path, tmp_path: Path) -> None:
-    arguments = ["live", str(log), "--json", "--rate", "0.25", "-o", str(tmp_path / "out.jsonl")]
-    with subprocess.Popen(
-        [*PROGRAM, *arguments],
-        env=ENVIRONMENT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # jobs in the background ignore it
-    ) as running:
-        assert running.stdout is not None
-        assert running.stderr is not None
+    words = "live", log, "--json", "--rate", "0.25", "-o", tmp_path / "out.jsonl"
+    pipes = {"stdout": PIPE, "stderr": PIPE, "text": True}
+    heeded = {
+        "preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    }  # jobs in the background do not
+    with started(*words, **pipes, **heeded) as running:
         lines = [running.stdout.readline() for _ in range(5)]
         running.send_signal(signal.SIGINT)
         lines += running.stdout.readlines()

@@ -162,15 +162,6 @@ def without_definitions(path: Path) -> bytes:
     return out.getvalue()
 
 
-def test_static_transforms_are_used_if_selected(tmp_path: Path) -> None:
-    rows = [(pose.stamp_ns, {"transforms": [transform(*pose, "world", "table")]}) for pose in POSES]
-    path = write_log(tmp_path / "a.mcap", [Topic("/tf_static", "tf2_msgs/msg/TFMessage", rows)])
-    done = run("segment", path)
-    assert_one_line_error(done, 1)
-    assert "its only poses are on /tf_static, which does not move: to take them" in done.stderr
-    assert run("segment", path, "--topic", "/tf_static").returncode == 0
-
-
 @pytest.mark.parametrize("command", ["segment", "info"])
 def test_the_unit_of_times_in_a_table(tmp_path: Path, command: str) -> None:
     path = tmp_path / "a.csv"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from command_line import ENVIRONMENT, ROOT
-from contact_tracker import exit_codes
+from contact_tracker import errors
 from contact_tracker.__main__ import INTERRUPTED
 
 LOG = str(ROOT / "recordings" / "paper_experiment.mcap")
@@ -51,7 +51,7 @@ def assert_ended_in_order(code: int, messages: str) -> None:
 
 
 def test_there_is_one_code_for_it() -> None:
-    assert INTERRUPTED == exit_codes.INTERRUPTED
+    assert INTERRUPTED == errors.INTERRUPTED
 
 
 @pytest.mark.parametrize("start", [AS_A_MODULE, AS_A_PROGRAM], ids=["module", "program"])
@@ -84,7 +84,6 @@ def test_an_interrupt_at_any_time_ends_in_order(start: str, arguments: list[str]
             text=True,
             start_new_session=True,
         ) as process:
-            assert process.stdout is not None
             process.stdout.readline()
             time.sleep(delay_s)
             os.killpg(process.pid, signal.SIGINT)

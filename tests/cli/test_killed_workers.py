@@ -2,13 +2,12 @@
 
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
 import pytest
 
-from command_line import ENVIRONMENT, PROGRAM, ROOT
+from command_line import DEVNULL, PIPE, ROOT, started
 
 LOG = str(ROOT / "recordings" / "robot_1khz.mcap")
 SEGMENT = ["segment", LOG, "--processes", "3", "-o", "out.csv"]
@@ -30,10 +29,7 @@ def helpers_of(pid: int) -> list[int]:
 
 
 def test_a_helper_that_is_killed_is_reported(tmp_path: Path) -> None:
-    command = [*PROGRAM, *SEGMENT]
-    with subprocess.Popen(
-        command, env=ENVIRONMENT, cwd=tmp_path, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with started(*SEGMENT, cwd=tmp_path, stderr=PIPE, text=True) as process:
         while not (helpers := helpers_of(process.pid)):
             assert process.poll() is None
             time.sleep(0.002)
@@ -48,13 +44,7 @@ def test_a_helper_that_is_killed_is_reported(tmp_path: Path) -> None:
 def test_helpers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
     with (
         open(tmp_path / "stderr", "w") as stderr,
-        subprocess.Popen(
-            [*PROGRAM, *SEGMENT],
-            env=ENVIRONMENT,
-            cwd=tmp_path,
-            stdout=subprocess.DEVNULL,
-            stderr=stderr,
-        ) as process,
+        started(*SEGMENT, cwd=tmp_path, stdout=DEVNULL, stderr=stderr) as process,
     ):
         while len(helpers := helpers_of(process.pid)) < 2:
             assert process.poll() is None

@@ -19,7 +19,7 @@ from contact_tracker.tracking.belief import Belief, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.answers import Answers
 from contact_tracker_lab.evaluation.elements import angle_rad, deviation, distance_m, nearest
-from contact_tracker_lab.evaluation.evaluate import Evaluation, Evaluator, evaluate
+from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.evaluation.report import Report
 
@@ -249,31 +249,6 @@ def recorded(seed: int, right: float) -> tuple[Poses, Truth, Segmentation]:
     return poses, truth, Segmentation(tuple(segments), Beliefs.of(beliefs), Beliefs.of(beliefs))
 
 
-@settings(max_examples=20, deadline=None)
-@given(SEEDS, st.integers(1, 6))
-def test_scores_do_not_depend_on_how_the_segmentation_is_split(seed: int, pieces: int) -> None:
-    poses, truth, whole = recorded(seed, 0.8)
-    rng, evaluator = np.random.default_rng(seed), Evaluator(truth)
-    read = since_ns = done = 0
-    for last in sorted(rng.integers(0, len(CONTACTS), pieces)):
-        concluded = whole.segments[done : last + 1]
-        until_ns = whole.segments[last].end_ns
-        ahead = int(np.searchsorted(poses.stamp_ns, until_ns)) + int(rng.integers(1, 150))
-        evaluator.add_poses(poses[read : max(ahead, read)])
-        ticks = slice(*np.searchsorted(whole.stamp_ns, [since_ns, until_ns + 1]))
-        evaluator.add_piece(Segmentation(concluded, whole.beliefs[ticks], whole.filtered[ticks]))
-        read, since_ns, done = max(ahead, read), until_ns + 1, max(done, last + 1)
-    evaluator.add_poses(poses[read:])
-    rest = slice(int(np.searchsorted(whole.stamp_ns, since_ns)), None)
-    evaluator.add_piece(Segmentation(whole.segments[done:], whole.beliefs[rest], whole.filtered[rest]))
-    once, again = evaluate(poses, truth, whole), evaluator.finish()
-    assert str(again.geometry) == str(once.geometry)
-    for name, figure in vars(once.offline).items():
-        assert np.array_equal(vars(again.offline)[name], figure, equal_nan=True)
-        assert np.array_equal(vars(again.online)[name], vars(once.online)[name], equal_nan=True)
-    assert once.geometry.found_segments == len(CONTACTS)
-
-
 @pytest.mark.parametrize("late_ns", [0, 200_000_000])
 def test_by_arrival_a_label_counts_from_when_it_is_given_out(late_ns: int) -> None:
     poses, truth, whole = recorded(3, 0.9)
@@ -290,7 +265,7 @@ def test_by_arrival_a_label_counts_from_when_it_is_given_out(late_ns: int) -> No
 def test_wrong_elements_in_the_truth_are_refused_before_scoring() -> None:
     truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, np.random.default_rng(0))),))
     with pytest.raises(NoTruth, match="not those of e-e"):
-        Evaluator(truth)
+        evaluate(random_poses(np.random.default_rng(0), 5), truth, Segmentation())
 
 
 def test_online_scores_use_the_beliefs_reported_in_time() -> None:

@@ -9,7 +9,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
-from contact_tracker_lab.evaluation.evaluate import Evaluator
+from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.further import FurtherScore
 
 STEP_NS = 10_000_000
@@ -33,12 +33,8 @@ def belief(frame: int, label: Contact, *others: FurtherContact) -> Belief:
     return Belief(frame * STEP_NS, label, probability, 0, None, np.zeros(6), (), 0.0, others)
 
 
-def score(truth: Truth, beliefs: list[Belief], pieces: int = 1) -> FurtherScore:
-    evaluator = Evaluator(truth)
-    evaluator.add_poses(POSES)
-    for part in np.array_split(np.arange(len(beliefs)), pieces):
-        evaluator.add_piece(Segmentation(beliefs=Beliefs.of(beliefs[i] for i in part)))
-    return evaluator.finish().further_offline
+def score(truth: Truth, beliefs: list[Belief]) -> FurtherScore:
+    return evaluate(POSES, truth, Segmentation(beliefs=Beliefs.of(beliefs))).further_offline
 
 
 def true(first: Contact, *others: tuple[Contact, int, int]) -> Truth:
@@ -54,17 +50,6 @@ def test_shares_of_time_are_those_of_the_frames() -> None:
     assert (found.right, found.open) == pytest.approx((0.75, 0.0))
     assert found.alone_s == pytest.approx(0.80)
     assert found.false == pytest.approx(5 / 80)
-
-
-def test_scores_of_pieces_add_up_to_those_of_the_whole() -> None:
-    rng = np.random.default_rng(0)
-    some = [(), (further(VF),), (further(EF, VF),), (further(VF), further(FF))]
-    beliefs = [belief(i, [EF, VF][rng.integers(2)], *some[rng.integers(4)]) for i in range(FRAMES)]
-    truth = true(EF, (VF, 10, 80), (FF, 30, 50))
-    for pieces in (3, 17):
-        whole, parts = score(truth, beliefs), score(truth, beliefs, pieces)
-        for key in ("several_s", "right_s", "open_s", "alone_s", "false_s"):
-            assert getattr(parts, key) == pytest.approx(getattr(whole, key))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
-from contact_tracker_lab.evaluation.metrics import Tally, quantile
+from contact_tracker_lab.evaluation.metrics import Tally, quantile, tally
 from contact_tracker_lab.evaluation.scoring import (
     UNSCORED,
     Scoring,
@@ -20,7 +20,6 @@ from contact_tracker_lab.evaluation.scoring import (
     tick_containing,
     tick_in_force,
 )
-from contact_tracker_lab.evaluation.tallying import tally
 
 MS = 1_000_000
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -91,33 +90,6 @@ def test_a_small_example_by_hand() -> None:
     assert confusion.sum() == pytest.approx(4.0)
 
 
-def test_a_change_found_early_counts_as_its_distance_and_no_delay() -> None:
-    stamps = frames(4000)
-    scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 2000)))
-    result = tally_of(scored, columns_of(stamps, ("f-f", 1700), ("e-f", 2300)))
-    assert result.boundary_s == pytest.approx([0.3])
-    assert result.delay_s == pytest.approx([0.0])
-
-
-def test_a_flicker_is_no_detection() -> None:
-    stamps = frames(3000)
-    scored = scoring(stamps, make_truth(("free", 1000), ("v-f", 2000)))
-    found = (("free", 1100), ("v-f", 290), ("free", 110), ("v-f", 1500))
-    result = tally_of(scored, columns_of(stamps, *found))
-    assert result.delay_s == pytest.approx([0.5])
-    assert result.boundary_s == pytest.approx([0.1])
-    never = tally_of(scored, columns_of(stamps, ("free", 1100), ("v-f", 290), ("free", 1610)))
-    assert never.never_share == 1.0
-
-
-def test_a_change_that_is_not_found_is_missed() -> None:
-    stamps = frames(4000)
-    scored = scoring(stamps, make_truth(("free", 2000), ("v-f", 1000), ("free", 1000)))
-    result = tally_of(scored, columns_of(stamps, ("free", 4000)))
-    # always labelled free: right after the second change, but no change was found
-    assert (result.missed_share, result.never_share) == (1.0, 0.5)
-
-
 def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("free", 2000), ("?", 100), ("v-f", 1900)))
@@ -145,18 +117,6 @@ def test_changes_that_are_not_scored(phases: tuple[tuple[str, int], ...]) -> Non
     assert scoring(frames(sum(ms for _, ms in phases)), make_truth(*phases)).changes == ()
 
 
-def test_subsets_follow_the_motion() -> None:
-    truth = make_truth(
-        ("f-f", 1000), ("f-f", 1000), ("f-f", 500), ("e-f", 700),
-        motion=("rest", "normal", "rest", "translation"), singular=(0, 3),
-    )  # fmt: skip
-    scored = scoring(frames(3200), truth)
-    seconds = {s: scored.seconds[scored.subsets[s]].sum() for s in Subset}
-    assert seconds[Subset.MOVED] == pytest.approx(2.2)
-    assert seconds[Subset.AMBIGUOUS] == pytest.approx(1.7)
-    assert seconds[Subset.IDENTIFIABLE] == pytest.approx(1.5)
-
-
 def test_indistinguishable_contacts_are_scored_separately() -> None:
     """f-f at rest, then moved; e-f in pure translation; free. Found: f-f, then free."""
     truth = make_truth(
@@ -180,18 +140,6 @@ def test_indistinguishable_contacts_are_scored_separately() -> None:
     assert together.brier == pytest.approx(tally_of(scored, columns).brier)
 
 
-def test_a_dropout_weighs_a_tenth_of_a_second() -> None:
-    stamps = EPOCH_NS + np.array([0, 10, 20, 2020, 2030]) * MS
-    scored = scoring(stamps, make_truth(("free", 3000)))
-    assert scored.seconds == pytest.approx([0.01, 0.01, 0.1, 0.01, 0.01])
-
-
-def test_frames_outside_the_truth_are_not_scored() -> None:
-    stamps = frames(1000) - 300 * MS
-    scored = scoring(stamps, make_truth(("free", 400)))
-    assert scored.seconds[scored.subsets[Subset.ALL]].sum() == pytest.approx(0.4)
-
-
 @pytest.mark.parametrize("count", [0, 1, 2])
 @pytest.mark.parametrize("truth", [Truth(()), make_truth(("?", 1000)), make_truth(("f-f", 1000))])
 def test_metrics_of_few_frames_or_no_truth_are_well_defined(count: int, truth: Truth) -> None:
@@ -200,12 +148,6 @@ def test_metrics_of_few_frames_or_no_truth_are_well_defined(count: int, truth: T
     assert result.accuracy() == pytest.approx(expected, nan_ok=True)
     assert result.macro_f1 == pytest.approx(expected, nan_ok=True)
     assert quantile(result.delay_s, 0.5) != quantile(result.delay_s, 0.5)
-
-
-def test_each_frame_has_the_belief_of_its_tick() -> None:
-    ticks, stamps = np.array([10, 20]), np.array([5, 10, 11, 20, 21])
-    assert tick_containing(stamps, ticks).tolist() == [0, 0, 1, 1, -1]
-    assert tick_in_force(stamps, ticks).tolist() == [-1, 0, 0, 1, 1]
 
 
 def test_missing_beliefs_count_as_wrong_and_uninformative() -> None:
@@ -373,23 +315,6 @@ def test_changes_agree_with_every_millisecond(seed: int) -> None:
 
 
 # --- invariants ------------------------------------------------------------------------------------------
-
-
-@settings(max_examples=20, deadline=None)
-@given(SEEDS)
-def test_a_perfect_belief_is_perfect(seed: int) -> None:
-    scored, *_ = random_case(seed, unscored=True)
-    # unscored frames may have any label: here the state before
-    last = np.maximum.accumulate(np.where(scored.truth >= 0, np.arange(150), 0))
-    result = tally_of(scored, np.maximum(scored.truth[last], 0))
-    if result.seconds():
-        assert result.accuracy() == pytest.approx(1.0, abs=1e-12)
-        assert result.macro_f1 == pytest.approx(1.0, abs=1e-12)
-        assert result.calibration_error == pytest.approx(0.0, abs=1e-12)
-        assert (result.log_loss, result.brier, result.sure_wrong) == (0, 0, 0)
-    assert not result.boundary_s.any()
-    assert not result.delay_s.any()
-    assert not np.isnan([result.boundary_error_s, result.detection_delay_s]).any()
 
 
 @settings(max_examples=20, deadline=None)

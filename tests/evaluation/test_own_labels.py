@@ -1,6 +1,7 @@
 """A user's own labels: the files in which they come, what they mean, and how a result compares with them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,8 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.recording import read_labels
 from contact_tracker.recording.labels import meanings_of
 from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker_lab.evaluation.metrics import tally
 from contact_tracker_lab.evaluation.scoring import scoring
-from contact_tracker_lab.evaluation.tallying import tally
 from mcap_logs import poses_topic, smooth_poses, write_log
 
 FIRST_NS, LAST_NS = 1_700_000_000 * 10**9, 1_700_000_010 * 10**9
@@ -138,3 +139,26 @@ def test_a_result_and_the_command_compare_with_labels(
     other = write_log(tmp_path / "b.mcap", [poses_topic(poses, "/a")])
     assert run(["evaluate", str(log), str(other), "--labels", str(labels)]) == 2
     assert "--labels are of one recording" in capsys.readouterr().err
+
+
+def test_labels_of_a_figure_are_read_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poses = smooth_poses(400)
+    slow = replace(poses, stamp_ns=poses.stamp_ns[0] + np.arange(400) * 10**9 // 4)  # labels go on for 99 s
+    log = write_log(tmp_path / "a.mcap", [poses_topic(slow, "/a")])
+    labels, words = tmp_path / "labels.csv", ["--map", "touch=any", "-o", str(tmp_path / "a.svg")]
+    labels.write_text("start,end,contact\n0,1.5,touch\n90,99,free\n")
+    command = ["segment", str(log), "--labels", str(labels), "--duration", "2", *words]
+    assert run(command) == 0, capsys.readouterr().err
+    assert "touch" in (tmp_path / "a.svg").read_text()
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("contact_tracker.segmenting.OfflineTracker.pieces", refuse)
+    labels.write_text("start,end,contact\n0,1.5,contct\n")
+    assert run(command) == 2
+    assert "'contct' is no state" in capsys.readouterr().err
+    assert run(["segment", "-", *command[2:]]) == 2
+    assert "--labels reads the recording twice" in capsys.readouterr().err

@@ -19,10 +19,10 @@ import contact_tracker
 from contact_tracker import Trajectory
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
 from contact_tracker.exports.formats import write_outcome
-from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import ribbon_html
 from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -296,7 +296,8 @@ def test_names_are_escaped_in_html(poses: Poses, tmp_path: Path) -> None:
     geometry = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0, name=odd))
     stamps = poses.stamp_ns[:100]
     segment = Segment(int(stamps[0]), int(stamps[-1]), Contact.VF, 0.9, geometry)
-    outcome = Outcome(odd, poses[:100], Segmentation((segment,)), int(stamps[0]), {odd: 1}, (odd,))
+    trajectory = Trajectory(poses[:100], {odd: 1}, odd, notes=(odd,))
+    outcome = Outcome(trajectory, Segmentation((segment,)))
     write_outcome(outcome, tmp_path / "odd.html")
     page = (tmp_path / "odd.html").read_text(encoding="utf-8").partition("</head>")[2]
     assert odd not in page
@@ -322,6 +323,8 @@ def test_subtitles_follow_each_other_as_segments_do(folder: Path, result: contac
 def test_csv_has_a_row_per_segment(folder: Path, result: contact_tracker.Result) -> None:
     with (folder / "out.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
+    columns = "start_ns end_ns contact probability geometry inseparable contacts joint decided"
+    assert list(rows[0]) == columns.split()
     assert [(int(r["start_ns"]), r["contact"]) for r in rows] == [
         (s.start_ns, s.contact.value) for s in result.segments
     ]

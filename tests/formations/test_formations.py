@@ -12,14 +12,13 @@ import as_values
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.exports.formats import json_line
-from contact_tracker.formations.naming import named_by
+from contact_tracker.formations.further import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled
 from contact_tracker.map.map import Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.changes import Changes
-from contact_tracker.outputs.text import describe, table
+from contact_tracker.outputs.text import Changes, describe, table
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save
 from contact_tracker.states import Contact

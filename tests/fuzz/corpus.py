@@ -10,8 +10,8 @@ import numpy as np
 from mcap.writer import CompressionType
 
 import as_values
+from contact_tracker.config import preset_names, shipped
 from contact_tracker.config.loading import load_model
-from contact_tracker.config.shipped import preset_names, shipped
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import save

@@ -82,7 +82,7 @@ def test_contacts_with_larger_errors_are_possible_at_larger_distances():
     state = one.state
     loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
     before, after = (
-        predict_transitions(state._replace(model=model), state.sliding_window).log_transition[FREE]
+        predict_transitions(state._replace(model=model), state.window).log_transition[FREE]
         for model in (MODEL, loose)
     )
     assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0

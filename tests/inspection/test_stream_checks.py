@@ -163,6 +163,16 @@ def test_metres_in_columns_of_smaller_units_are_reported(recordings, name, facto
     assert not finding.doubts_labels
 
 
+@each_recording
+def test_an_object_far_from_its_origin_is_in_metres(recordings, name):
+    """The origin moves with the errors of the orientation, here by 20 to 120 mm."""
+    far = recordings[name].of_point(10.0 * np.array([0.6, -0.48, 0.64]))
+    (finding,) = findings(inspected(far))  # the same motion as that of the world in a body
+    assert finding.kind == "inverse"
+    assert "if the body's origin is that far from the object" in finding.text
+    assert "units" in kinds(scaled(far, 1e3))
+
+
 def test_places_that_are_measured_much_better_than_turns_are_in_metres():
     """Fast motion is that of metres."""
     assert kinds(moving(np.random.default_rng(0), 20.0, 100.0, 1e-6, np.radians(0.5))) == []

@@ -29,7 +29,7 @@ from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.evaluation.elements import deviation
 from contact_tracker_lab.simulate import Phase, named_scenario, simulate
-from contact_tracker_lab.simulate.signals import band_limited
+from contact_tracker_lab.simulate.motion import band_limited
 
 Array = NDArray[np.float64]
 SIGMA = (3e-4, np.radians(0.15))

@@ -14,12 +14,12 @@ from scipy.spatial import ConvexHull
 
 from command_line import ENVIRONMENT, PROGRAM
 from contact_tracker.cli.main import run
+from contact_tracker.config import shipped
 from contact_tracker.config.loading import load_model
-from contact_tracker.config.shipped import shipped
 from contact_tracker.errors import KnowledgeError, ModelError
 from contact_tracker.geometry import polyhedron
 from contact_tracker.map.file import map_from, read_map
-from contact_tracker.map.triangles import triangles_of_obj, triangles_of_stl
+from contact_tracker.map.mesh import triangles_of_obj, triangles_of_stl
 
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
 CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
@@ -142,46 +142,33 @@ def test_readers_agree_with_another_library(tmp_path: Path) -> None:
         np.testing.assert_allclose(read((tmp_path / name).read_bytes()), body.triangles, atol=1e-7)
 
 
-READ = [["--model", "ODD"], ["--known", "ODD"], ["--known", "known.toml"]]
-
-
-def odd_file(folder: Path, kind: str, name: str) -> None:
-    path = folder / name
-    if kind == "device":
-        path.symlink_to("/dev/zero")
-    elif kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "folder":
-        path.mkdir()
-    elif kind == "large":
-        with open(path, "wb") as file:
-            file.truncate(10**12)
-
-
 @fifo
-@pytest.mark.parametrize(
-    ("kind", "arguments"),
-    [
-        *((kind, READ[0]) for kind in ("folder", "large")),
-        ("device", READ[1]),
-        ("pipe", READ[2]),
-    ],
-)
 def test_other_than_regular_files_are_refused_at_once(
-    tmp_path: Path, kind: str, arguments: list[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """In a separate process: it must neither block nor fill the memory."""
-    name = "odd.obj" if "known.toml" in arguments else "odd.toml"
-    odd_file(tmp_path, kind, name)
-    known(tmp_path, name)
-    words = [name if word == "ODD" else word for word in arguments]
-    (tmp_path / "log.mcap").touch()
-    limited = ["bash", "-c", 'ulimit -v 4000000; exec "$@"', "bash", *PROGRAM, "evaluate", "log.mcap", *words]
-    done = subprocess.run(limited, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2, done.stderr
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("contact-tracker: error: ")
-    assert {"folder": "a folder", "large": "larger than"}.get(kind, "not a regular file") in line
+    """A device and a pipe in a separate process: it must neither block nor fill the memory."""
+    monkeypatch.chdir(tmp_path)
+    Path("log.mcap").touch()
+    Path("folder.toml").mkdir()
+    os.truncate(os.open("large.toml", os.O_CREAT | os.O_WRONLY), 10**12)
+    Path("device.toml").symlink_to("/dev/zero")
+    os.mkfifo("pipe.obj")
+    known(tmp_path, "pipe.obj")
+    refused = []
+    for option, name in (("--model", "folder.toml"), ("--model", "large.toml")):
+        assert run(["segment", "log.mcap", option, name]) == 2
+        refused.append(capfd.readouterr().err)
+    for name in ("device.toml", "known.toml"):
+        words = [*PROGRAM, "segment", "log.mcap", "--known", name]
+        limited = ["bash", "-c", 'ulimit -v 4000000; exec "$@"', "bash", *words]
+        done = subprocess.run(limited, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 2, done.stderr
+        refused.append(done.stderr)
+    reasons = "a folder", "larger than", "not a regular file", "not a regular file"
+    for text, reason in zip(refused, reasons, strict=True):
+        (line,) = text.splitlines()
+        assert line.startswith("contact-tracker: error: ")
+        assert reason in line
 
 
 @pytest.mark.parametrize("read", [load_model, read_map])

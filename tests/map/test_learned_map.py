@@ -20,7 +20,7 @@ from contact_tracker.map.learned import LearnedElements
 from contact_tracker.map.learned_file import learned_text
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
 from contact_tracker.states import Contact
-from short_recordings import recorded, true_contacts
+from short_recordings import FACE_TO_EDGE, recorded, true_contacts
 
 ORIGIN_M = np.array([100.0, -20.0, 3.0])
 
@@ -119,7 +119,7 @@ def test_information_of_no_gaussian_is_refused() -> None:
 
 def test_learn_once_use_at_once() -> None:
     """The same contacts again, with the map of the first time: labels come sooner."""
-    recording = recorded("f-f e-f e-e e-f")
+    recording = recorded(FACE_TO_EDGE)
     poses = recording.poses
     first = ct.segment(
         ct.Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, unit="ns")

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
-from contact_tracker.map.pairs import learned_pairs
-from contact_tracker.map.prices import (
+from contact_tracker.map.association import (
     CONCENTRATION,
     log_prior_of_new,
     log_probabilities_of_new,
 )
+from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
+from contact_tracker.map.pairs import learned_pairs
 from contact_tracker.map.sighting import ElementEstimate, Sighting
 from contact_tracker.map.view import MapView
 from contact_tracker.map.world_map import MARGIN_S, GrowingMap
@@ -225,16 +225,13 @@ def unshared(count: int, unknown: tuple[int, ...] = ()) -> list[Sighting]:
 
 
 def test_many_contacts_that_share_nothing_take_seconds_not_minutes() -> None:
+    """Their pairs are computed again whenever the label changes: 0.06 s of CPU, and 1.6 s one by one."""
     sightings = unshared(60)
     begin_s = time.process_time()
     world = GrowingMap.learn(sightings, REACH_M)
     assert time.process_time() - begin_s < 30.0  # of all threads of numpy
     assert world.complexity == 0.0
-
-
-def test_the_pairs_of_many_contacts_that_share_nothing_take_no_time() -> None:
-    """They are computed again whenever the label changes: 0.06 s of CPU, and 1.6 s one by one."""
-    view = GrowingMap.learn(unshared(60), REACH_M).whole
+    view = world.whole
     begin_s = time.process_time()
     _, pairs = learned_pairs(view, BY_CONTACT[Contact.VF], np.zeros(3))
     assert time.process_time() - begin_s < 0.7  # of all threads of numpy

@@ -105,7 +105,7 @@ def test_memory_is_bounded_and_the_noise_may_change():
     for state, _ in estimates(both, 10, (5e-4, 4e-3)):
         assert state.differences.shape[1] <= sensor_noise.MEMORY
         assert (
-            len(state.frames)
+            state.many
             <= sensor_noise.NEW_SHARE * sensor_noise.MEMORY * sensor_noise.STRIDE + 10 + sensor_noise.ORDER
         )
     *_, estimate = streamed(both, 10, (5e-4, 4e-3))
@@ -223,3 +223,13 @@ def test_motion_without_noise_has_noise_above_zero(rest):
         assert (estimate.sigma_position_m, estimate.sigma_rotation_rad) == (1e-3, 2e-3)
     assert 0.0 < estimates[-1].sigma_position_m < 1e-4
     assert 0.0 < estimates[-1].sigma_rotation_rad < 2e-4
+
+
+@pytest.mark.parametrize("count", [20, 60, 100])
+def test_the_origin_is_tracked_where_orientations_have_rounding_errors_alone(count):
+    """As in a simulation of a steady turn: a point was found 10^9 m away."""
+    time_s = np.arange(count) / 200.0
+    turns = Rotation.from_rotvec(0.6 * time_s[:, None] * [1.0, 0.0, 0.0])
+    position_m = 0.1 * np.stack([np.sin(time_s), np.cos(2.0 * time_s), 0.1 * time_s], axis=1)
+    poses = Poses((time_s * 1e9).astype(np.int64), position_m, turns.as_quat())
+    assert not sensor_noise.independent_point(poses).any()

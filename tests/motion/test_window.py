@@ -1,10 +1,10 @@
-"""The window's estimate of the motion in its newest tick."""
+"""The window's estimate of the motion in its newest tick, and rests, found to the tick."""
 
 import numpy as np
 import pytest
 
 from contact_tracker.motion.lifted_pose import lift
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, at_rest, newest_rest, rest_ticks
 
 SIGMA_M, SIGMA_RAD = 1e-3, 1e-2
 
@@ -42,3 +42,55 @@ def test_a_displacement_as_large_as_the_noise_is_half_a_motion() -> None:
 
 def test_a_window_of_one_tick_has_not_moved() -> None:
     assert window(1.0).displacement_ratio == 0.0
+
+
+TICK_S, TICKS = 0.1, 60
+QUIET_M = 1e-4
+
+
+def ticks(position_m: np.ndarray, frames: np.ndarray | None = None) -> Window:
+    """Ticks at these positions (N, 3) and with noise, all with frames by default."""
+    count = len(position_m)
+    noisy = position_m + np.random.default_rng(3).normal(size=(count, 3)) * QUIET_M
+    rows = np.tile([QUIET_M**2, 1e-6], (count, 1))
+    zeta = lift(np.tile(np.eye(3), (count, 1, 1)), noisy)
+    frames = np.ones(count) if frames is None else frames
+    return Window(np.arange(count), zeta, rows, np.zeros((count, 2)), frames=frames)
+
+
+def along(way_m: np.ndarray) -> np.ndarray:
+    return np.outer(way_m, [0.6, 0.0, 0.8])
+
+
+def test_a_rest_ends_where_motion_begins() -> None:
+    """Motion with 0.5 m/s^2 after 3 s of rest and before 2 s of it."""
+    way_m = 0.25 * np.square(np.clip((np.arange(TICKS) - 29) * TICK_S, 0.0, 1.0))
+    resting = at_rest(ticks(along(way_m)), TICK_S)
+    edges = np.flatnonzero(np.diff(resting))
+    np.testing.assert_allclose(edges, [29, 39], atol=1)
+    assert [newest_rest(ticks(along(way_m[:end])), TICK_S).is_in_rest for end in (5, 29, 35, 60)] == [
+        False,
+        True,
+        False,
+        True,
+    ]
+
+
+@pytest.mark.parametrize("speed_m_s", [0.002, 0.02])
+def test_steady_motion_is_no_rest(speed_m_s: float) -> None:
+    assert not at_rest(ticks(along(speed_m_s * TICK_S * np.arange(TICKS))), TICK_S).any()
+
+
+def test_a_gap_is_no_rest_but_may_lie_within_one() -> None:
+    place, frames = along(np.zeros(TICKS)), np.ones(TICKS)
+    frames[20:40] = 0.0
+    assert at_rest(ticks(place, frames), TICK_S).all()
+    frames[5:55] = 0.0
+    assert at_rest(ticks(place, frames), TICK_S).all()  # ten ticks with frames about it
+    frames[4] = 0.0
+    assert not at_rest(ticks(place, frames), TICK_S).any()
+    assert not newest_rest(ticks(place, np.zeros(TICKS)), TICK_S).is_in_rest
+
+
+def test_slow_streams_need_some_ticks_too() -> None:
+    assert (rest_ticks(0.1), rest_ticks(0.5), rest_ticks(3.0)) == (10, 4, 4)

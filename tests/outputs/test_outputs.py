@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_tracker.atomic_file import whole_file
 from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
-from contact_tracker.exports.formats import json_line, write_csv, write_jsonl
+from contact_tracker.exports.formats import json_line, write_csv
 from contact_tracker.exports.summary_html import table_html
+from contact_tracker.files import whole_file
 from contact_tracker.geometry.elements import (
     ContactGeometry,
     Line,
@@ -80,12 +80,6 @@ def test_csv_reads_back_exactly() -> None:
     assert (int(free["start_ns"]), int(free["end_ns"])) == (ORIGIN_NS, ORIGIN_NS + 99)
     assert (free["contact"], float(free["probability"]), free["geometry"]) == ("free", 1 / 3, "{}")
     assert json.loads(edge["geometry"]) == ON_FACE.to_json()
-
-
-def test_jsonl_has_a_line_per_belief() -> None:
-    file = io.StringIO()
-    write_jsonl([belief(Contact.FREE, None), belief(Contact.EF, ON_FACE)], file)
-    assert [json.loads(line)["contact"] for line in file.getvalue().splitlines()] == ["free", "e-f"]
 
 
 def test_geometry_in_words_has_elements_and_deviations() -> None:

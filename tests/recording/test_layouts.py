@@ -101,6 +101,14 @@ def transforms(order, parts):
     return bytes([0, order == "<", 0, 0]) + bytes(data)
 
 
+def test_bodies_of_one_name_are_numbered_where_their_stamps_are_equal():
+    decoder, on = new_decoder(), channel("tf2_msgs/msg/TFMessage")
+    for second in (0, 1):
+        parts = [(("", name), ((0, stamp), [0.0] * 7)) for name, stamp in (("", 0), ("0", second))]
+        message = RawMessage(on, 0, transforms("<", parts))
+        assert shown(decoder, message) == by_library(message)
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     order=st.sampled_from("<>"),

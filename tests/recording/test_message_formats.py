@@ -163,10 +163,11 @@ def test_poses_in_a_field_of_messages_of_another_type(tmp_path: Path, field: str
 
 
 @pytest.mark.parametrize("field", [None, "poze"])
-def test_the_command_for_a_field_with_poses_is_named(tmp_path: Path, field: str | None) -> None:
+@pytest.mark.parametrize("verb", ["segment", "live"])
+def test_the_command_for_a_field_with_poses_is_named(tmp_path: Path, field: str | None, verb: str) -> None:
     path = wrapped(tmp_path / "a.mcap")
-    with pytest.raises(NoPoses, match=r"segment \S+a\.mcap --topic /object --field pose\.pose$"):
-        open_log(str(path), table=TableReading(field=field))
+    with pytest.raises(NoPoses, match=rf"tracker {verb} \S+a\.mcap --topic /object --field pose\.pose$"):
+        open_log(str(path), table=TableReading(field=field, verb=verb))
 
 
 def test_one_element_of_a_list_in_json(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 """Saved states resume bit for bit; invalid ones are refused, and never executed."""
 
-import json
 import pickle
-import zipfile
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -16,6 +14,7 @@ from hypothesis import strategies as st
 
 import as_values
 import contact_tracker
+from contact_tracker import saved_state
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import StateError
 from contact_tracker.exports.formats import json_line
@@ -25,8 +24,7 @@ from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log
-from contact_tracker.saved_state import is_same, load, save
-from contact_tracker.saved_state.encoding import schema
+from contact_tracker.saved_state import is_same, load, packed, save, schema, unpacked
 from contact_tracker.tracker import Tracker
 from forged_states import forge
 from mcap_logs import smooth_poses
@@ -147,17 +145,9 @@ def test_a_damaged_state_is_refused_or_is_the_same(
     assert is_same(found, saved[1])
 
 
-def rewritten(path: Path, target: Path, change: Any) -> Path:
+def rewritten(path: Path, target: Path, tree: Any) -> Path:
     """A state with a valid checksum, but another tree."""
-    from contact_tracker.saved_state.state_file import _head
-
-    with zipfile.ZipFile(path) as file:
-        parts = {name: file.read(name) for name in file.namelist() if name != "head.json"}
-    parts["tree.json"] = json.dumps(change(json.loads(parts["tree.json"]))).encode()
-    with zipfile.ZipFile(target, "w") as file:
-        file.writestr("head.json", json.dumps(_head(parts)))
-        for name, data in parts.items():
-            file.writestr(name, data)
+    target.write_bytes(packed(tree, unpacked(path.read_bytes())[1]))
     return target
 
 
@@ -182,7 +172,7 @@ def rewritten(path: Path, target: Path, change: Any) -> Path:
 )
 def test_only_classes_of_a_state_are_built(tmp_path: Path, saved: tuple[Path, Tracker], tree: Any) -> None:
     with pytest.raises(StateError):
-        load(rewritten(saved[0], tmp_path / "x", lambda _: tree))
+        load(rewritten(saved[0], tmp_path / "x", tree))
 
 
 @needs_kernels
@@ -213,7 +203,7 @@ def test_deep_trees_are_refused(tmp_path: Path, saved: tuple[Path, Tracker]) -> 
     for _ in range(500):
         tree = ["tuple", tree]
     with pytest.raises(StateError):
-        load(rewritten(saved[0], tmp_path / "x", lambda _: tree))
+        load(rewritten(saved[0], tmp_path / "x", tree))
 
 
 def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, Tracker]) -> None:
@@ -221,8 +211,7 @@ def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, 
     path.write_bytes(pickle.dumps({"a": 1}))
     with pytest.raises(StateError, match="no saved state"):
         load(path)
-    with zipfile.ZipFile(path, "w") as file:
-        file.writestr("head.json", "{}")
+    path.write_text("{}")
     with pytest.raises(StateError, match="no saved state"):
         load(path)
     with pytest.raises(StateError, match="not a regular file"):
@@ -235,12 +224,10 @@ def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, 
 def test_a_state_of_another_version_is_named(
     tmp_path: Path, saved: tuple[Path, Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from contact_tracker.saved_state import state_file
-
     changed = {**schema(), "Tick": ["other"]}
     for name, value in (("schema", lambda: changed), ("__version__", "9.9")):
         with monkeypatch.context() as patch:
-            patch.setattr(state_file, name, value)
+            patch.setattr(saved_state, name, value)
             with pytest.raises(StateError, match="another version"):
                 load(saved[0])
 

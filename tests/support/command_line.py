@@ -4,6 +4,7 @@ import logging
 import os
 import pty
 import signal
+import subprocess
 import sys
 import tempfile
 import termios
@@ -12,7 +13,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, chdir, contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 from unittest.mock import patch
 
 from contact_tracker.cli import main, terminal
@@ -27,6 +28,14 @@ ENVIRONMENT = os.environ | {
 """For tests of processes: signals, closed streams, what is loaded."""
 UNSEEN_WARNINGS = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
 """Python shows users the others."""
+
+
+PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
+
+
+def started(*arguments: object, **options: Any) -> "subprocess.Popen[Any]":
+    """The command line in a process of its own, with ``options`` of ``Popen``."""
+    return subprocess.Popen([*PROGRAM, *map(str, arguments)], env=ENVIRONMENT, **options)
 
 
 class Done:

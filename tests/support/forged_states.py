@@ -1,16 +1,13 @@
 """Saved states of which one value is another, with a valid checksum."""
 
-import json
-import zipfile
 from collections.abc import Iterator
-from io import BytesIO
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
 
-from contact_tracker.saved_state.state_file import _head
+from contact_tracker.saved_state import packed, unpacked
 
 VALUES = [None, -1, 0, 10**30, float("nan"), 1e308, "x", True, ["tuple"], ["list"], ["dict"], ["tuple", 0.0]]
 ARRAYS = [
@@ -40,27 +37,18 @@ def leaves(tree: Any, path: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, .
 
 def forge(path: Path, target: Path, random: Random) -> str:
     """Write a forged copy of a state; returns what is changed, in words."""
-    with zipfile.ZipFile(path) as file:
-        parts = {name: file.read(name) for name in file.namelist() if name != "head.json"}
-    tree = json.loads(parts["tree.json"])
+    tree, arrays = unpacked(path.read_bytes())
     place, old = random.choice(list(leaves(tree)))
     value = random.choice(VALUES)
     words = f"{value!r} for {old!r} at {place}"
     if isinstance(old, list) and random.random() < 0.9:
         change = random.randrange(len(ARRAYS))
-        array = ARRAYS[change](np.load(BytesIO(parts[f"{old[1]}.npy"])))
-        buffer = BytesIO()
-        np.save(buffer, np.ascontiguousarray(array) if array.ndim else array)
-        number = len(parts) - 1
-        parts[f"{number}.npy"] = buffer.getvalue()
-        value, words = [old[0], number], f"change {change} of {old!r} at {place}"
+        array = ARRAYS[change](arrays[old[1]])
+        arrays.append(np.ascontiguousarray(array) if array.ndim else array)
+        value, words = [old[0], len(arrays) - 1], f"change {change} of {old!r} at {place}"
     inner = tree
     for i in place[:-1]:
         inner = inner[i]
     inner[place[-1]] = value
-    parts["tree.json"] = json.dumps(tree).encode()
-    with zipfile.ZipFile(target, "w") as file:
-        file.writestr("head.json", json.dumps(_head(parts)))
-        for name, data in parts.items():
-            file.writestr(name, data)
+    target.write_bytes(packed(tree, arrays))
     return words

@@ -1,7 +1,7 @@
 """The steps of documentation pages, and running them in a folder.
 
-A block marked ``console`` has commands after ``$ ``, each followed by its output; ``...`` stands for the rest
-of that. Blocks marked ``python`` are run as they are; a ``text`` block after one is its output.
+Blocks marked ``bash`` have a command a line; blocks marked ``python`` are run as they are. A ``text`` block
+after one is its output, of the last command; ``...`` stands for the rest.
 """
 
 import os
@@ -10,19 +10,19 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
-from itertools import pairwise, takewhile
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from command_line import Done, run
 
 ROOT = Path(__file__).resolve().parents[2]
-FENCED = re.compile(r"^```(console|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FENCED = re.compile(r"^```(bash|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 SETUP = {
-    "$ python3 -m venv .venv",
-    "$ .venv/bin/pip install -q -e '.[all]'",
-    "$ source .venv/bin/activate",
+    "python3 -m venv .venv",
+    ".venv/bin/pip install -q -e '.[all]'",
+    "source .venv/bin/activate",
 }
 """Installation by the reader, not needed here."""
 
@@ -36,18 +36,16 @@ class Step(NamedTuple):
 
 
 def steps(text: str) -> Iterator[Step]:
-    """The steps of a page in order; a text block shows the output of the Python before it."""
+    """The steps of a page in order."""
     blocks = FENCED.findall(text)
     for (language, block), (next_language, next_block) in pairwise([*blocks, ("", "")]):
+        shown = next_block if next_language == "text" else ""
         if language == "python":
-            yield Step(language, block, next_block if next_language == "text" else "")
-        elif language == "console":
-            lines = block.splitlines()
-            assert lines[0].startswith("$ "), f"a console block starts with a command: {lines[0]}"
-            for i, line in enumerate(lines):
-                if line.startswith("$ ") and line not in SETUP:
-                    shown = takewhile(lambda following: not following.startswith("$ "), lines[i + 1 :])
-                    yield Step(language, line[2:], "\n".join(shown))
+            yield Step(language, block, shown)
+        elif language == "bash":
+            commands = [line for line in block.splitlines() if line not in SETUP]
+            for command in commands:
+                yield Step(language, command, shown if command is commands[-1] else "")
 
 
 def carried_out(step: Step, folder: Path) -> "subprocess.CompletedProcess[str] | Done":
@@ -58,7 +56,7 @@ def carried_out(step: Step, folder: Path) -> "subprocess.CompletedProcess[str] |
     environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "PYTHON": sys.executable}
     programs = 'contact-tracker() { "$PYTHON" -m contact_tracker "$@"; }\npython() { "$PYTHON" "$@"; }\n'
     shell = ["bash", "-c", programs + step.code]
-    command = shell if step.language == "console" else [sys.executable, "-c", step.code]
+    command = shell if step.language == "bash" else [sys.executable, "-c", step.code]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
 
 

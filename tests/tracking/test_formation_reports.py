@@ -8,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, allowed
 from contact_tracker.formations.presence import Presence
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point
@@ -16,7 +15,7 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
-from contact_tracker.outputs.changes import Changes
+from contact_tracker.outputs.text import Changes
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief
@@ -142,9 +141,7 @@ def test_kinds_excluded_by_the_map_are_not_reported() -> None:
     scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1)
 
     def candidate(contact: Contact) -> Candidate:
-        return Candidate(
-            KnownContact(CONTACT_MODELS[contact.column], np.zeros(7)), Presence((), 9.0), 0.0, 1.0
-        )
+        return Candidate(KnownContact(contact, np.zeros(7)), Presence((), 9.0), 0.0, 1.0)
 
     line = NamedElement("edge", Line(np.array([1.0, 0.0, 0.0]), np.zeros(3)))
     face = NamedElement("face", Plane(np.array([1.0, 0.0, 0.0]), 0.0))
@@ -152,7 +149,7 @@ def test_kinds_excluded_by_the_map_are_not_reported() -> None:
         window(0, 5), scales, 0.1, Origins.zero(), Map(object=(line, face), object_complete=True)
     )
     found = allowed(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
-    assert [one.known.model.contact for one in found] == [Contact.FV]
+    assert [one.known.contact for one in found] == [Contact.FV]
 
 
 def probabilities(found: list[tuple[FinishedSegment, SegmentFit]]) -> NDArray[np.float64]:

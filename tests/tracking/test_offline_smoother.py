@@ -15,11 +15,12 @@ from contact_tracker.motion.poses import BATCH, Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, ticks_of
+from contact_tracker.tracking.forward_pass import FilteredTick, ticks_of
 from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts

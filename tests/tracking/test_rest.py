@@ -9,11 +9,12 @@ from contact_tracker import hmm
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.rests import rest_ticks
+from contact_tracker.motion.window import rest_ticks
 from contact_tracker.states import STATES
-from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass
+from contact_tracker.tracking.forward_pass import FilteredTick
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import FREE, hazard_exposure, log_initial, tick_transitions
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from pose_filter import after as after_tick
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded

@@ -11,8 +11,8 @@ import pytest
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.motion.free_motion import SETTLING_TICKS
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.rests import rest_ticks
 from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.motion.window import rest_ticks
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.offline_smoother import segment

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from contact_tracker import hmm
+from contact_tracker.config import preset_names
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import TransitionCounts
-from contact_tracker.config.shipped import preset_names
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.transition_model import (
     REST_EXPOSURE,

@@ -12,12 +12,14 @@ from contact_tracker.map.file import map_from
 from contact_tracker.map.learned import LearnedElements
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Segment
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.trajectory import Trajectory
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.live import LiveViewer
-from contact_tracker.viewer.offline import Shown, write_rrd
+from contact_tracker.viewer.offline import write_rrd
 from contact_tracker.viewer.parts import MOST_KEPT, KnownParts, known_parts
 from contact_tracker.viewer.sinks import to_file
 
@@ -60,7 +62,8 @@ def world() -> GrowingMap:
 
 def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(poses: Poses) -> None:
     segment = Segment(int(poses.stamp_ns[0]), int(poses.stamp_ns[199]), Contact.VF, 0.9, ON_TABLE)
-    parts = {(one.side, one.name): one for one in known_parts(None, poses, [segment], KNOWLEDGE)}
+    outcome = Outcome(Trajectory(poses), Segmentation((segment,)), known_map=KNOWLEDGE)
+    parts = {(one.side, one.name): one for one in known_parts(outcome)}
     assert list(parts) == [(0, "object"), (1, "shelf"), (1, "table")]
     for key, middle, size in (
         ((0, "object"), [0.0, 0.0, 0.0], [0.2, 0.1, 0.1]),
@@ -79,7 +82,7 @@ def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(poses:
 
 
 def test_elements_of_a_map_are_drawn_where_they_are(poses: Poses, world: GrowingMap) -> None:
-    vertex, face = known_parts(world, poses, [])
+    vertex, face = known_parts(Outcome(Trajectory(poses), Segmentation(), touched=world))
     assert [(vertex.side, vertex.name), (face.side, face.name)] == [(0, "vertex 1"), (1, "face 2")]
     np.testing.assert_allclose(vertex.label_m, VERTEX_M)
     np.testing.assert_allclose(face.outline[0][:, 2], 0.5, atol=1e-9)
@@ -102,11 +105,8 @@ def static_and_first(path: Path, entity: str, component: str) -> tuple[list[int]
 
 
 def test_a_file_has_everything_at_all_times(tmp_path: Path, poses: Poses, world: GrowingMap) -> None:
-    path, found = tmp_path / "known.rrd", Segmentation()
-    shown = Shown(
-        poses, lambda stream: iter([found for _ in stream][:1]), known_map=KNOWLEDGE, world=lambda: world
-    )
-    write_rrd(path, shown)
+    path = tmp_path / "known.rrd"
+    write_rrd(path, Outcome(Trajectory(poses), Segmentation(), known_map=KNOWLEDGE, touched=world))
     static, later = static_and_first(path, f"{canvas.KNOWN[0]}/names", "Points3D:labels")
     assert (static[-1], later) == (2, [])  # the box, and the vertex of the map
     static, later = static_and_first(path, f"{canvas.KNOWN[1]}/outline", "LineStrips3D:strips")

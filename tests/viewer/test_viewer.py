@@ -3,8 +3,7 @@
 import json
 import subprocess
 import sys
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,16 +19,17 @@ from rerun.chunk import Chunk, RrdReader
 from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.colours import COLOUR
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
-from contact_tracker.tracking.pose_buffer import Pieces
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.trajectory import Trajectory, vertices_from_metadata
 from contact_tracker.viewer import canvas, scene
 from contact_tracker.viewer.live import LiveViewer
-from contact_tracker.viewer.offline import Shown, show, write_rrd
-from contact_tracker.viewer.scene import OBJECT, UNKNOWN_EXTENT, draw, hull, vertices_from_metadata
+from contact_tracker.viewer.offline import begin, write_rrd
+from contact_tracker.viewer.scene import OBJECT, UNKNOWN_EXTENT, draw, hull
 from contact_tracker.viewer.sinks import to_file
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -88,14 +88,8 @@ def truth() -> Truth:
     return Truth.from_changes(STARTS_NS, ["f-f", "?", "e-f", "e-f"], ORIGIN_NS + TICKS * TICK_NS)
 
 
-def as_pieces(*pieces: Segmentation) -> Pieces:
-    """A function that reads all poses and returns a given segmentation."""
-
-    def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
-        deque(poses, maxlen=0)
-        yield from pieces
-
-    return found
+def outcome(poses: Poses, segmentation: Segmentation, truth: Truth | None = None, **more: Any) -> Outcome:
+    return Outcome(Trajectory(poses, **more), segmentation, labels=truth)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +100,7 @@ def written(
     truth: Truth,
 ) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "all.rrd"
-    write_rrd(path, Shown(poses, as_pieces(segmentation), truth, CUBE_M, paper=True))
+    write_rrd(path, outcome(poses, segmentation, truth, vertices_m=CUBE_M))
     return path
 
 
@@ -219,47 +213,9 @@ def test_events_have_time_probability_and_geometry(written: Path) -> None:
     assert all("p 0.90" in text for text in texts)
 
 
-def in_pieces(poses: Iterable[Pose], whole: Segmentation) -> Iterator[Segmentation]:
-    """A piece per phase, when half of the next one has been read: filtered beliefs are ahead."""
-    stream, end = iter(poses), 0
-    for number, segment in enumerate(whole.segments):
-        last = number == len(whole.segments) - 1
-        until_ns = whole.beliefs.stamp_ns[-1] if last else segment.end_ns + 15 * TICK_NS
-        for pose in stream:
-            if pose.stamp_ns >= until_ns and not last:
-                break
-        seen = int(np.searchsorted(whole.filtered.stamp_ns, until_ns, side="right"))
-        concluded = slice(*np.searchsorted(whole.stamp_ns, [segment.start_ns, segment.end_ns + 1]))
-        yield Segmentation((segment,), whole.beliefs[concluded], whole.filtered[end:seen])
-        yield Segmentation()  # nothing new
-        end = seen
-
-
-def test_a_recording_in_pieces_is_drawn_as_one(
-    tmp_path: Path, written: Path, poses: Poses, segmentation: Segmentation, truth: Truth
-) -> None:
-    path = tmp_path / "pieces.rrd"
-    write_rrd(path, Shown(poses, lambda stream: in_pieces(stream, segmentation), truth, CUBE_M, paper=True))
-    assert contents(path) == contents(written)
-    assert len(RrdReader(path).blueprints()) == 2, "one while it is drawn, and one that fits all of it"
-
-
-def contents(path: Path) -> dict[tuple[str, str], list[Any]]:
-    """All rows by entity and component, as text (nan equals nan), without the time of writing."""
-    found: dict[tuple[str, str], list[Any]] = {}
-    for chunk in RrdReader(path).stream().to_chunks():
-        batch = chunk.to_record_batch()
-        times = batch.column(canvas.TIMELINE) if not chunk.is_static else [None] * batch.num_rows
-        for name in batch.schema.names:
-            if ":" in name:
-                values = zip(map(str, times), map(str, batch.column(name).to_pylist()), strict=True)
-                found.setdefault((chunk.entity_path, name), []).extend(values)
-    return {key: sorted(rows) for key, rows in found.items() if key[0] != "/__properties"}
-
-
 def test_the_blueprint_is_in_the_file(written: Path) -> None:
     reader = RrdReader(written)
-    (recording,), (blueprint, _) = reader.recordings(), reader.blueprints()
+    (recording,), (blueprint,) = reader.recordings(), reader.blueprints()
     assert blueprint.application_id == recording.application_id == canvas.APPLICATION
     batches = [c.to_record_batch() for c in reader.stream(store=blueprint).to_chunks()]
     classes = [
@@ -275,9 +231,9 @@ def test_without_truth_curves_and_hull_the_rest_is_there(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     path = tmp_path / "less.rrd"
-    write_rrd(path, Shown(poses, as_pieces(segmentation)))
+    write_rrd(path, outcome(poses[:499], segmentation))
     assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
-    assert total(path, canvas.BODY) == POSES
+    assert total(path, canvas.BODY) == 499
     assert not any(chunks(path, entity, static=True) for entity in canvas.KNOWN)
 
 
@@ -285,7 +241,7 @@ def test_a_single_pose_and_tick_is_a_recording(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     one = Segmentation(segmentation.segments[:1], segmentation.beliefs[:1], segmentation.filtered[:1])
-    write_rrd(tmp_path / "one.rrd", Shown(poses[:1], as_pieces(one)))
+    write_rrd(tmp_path / "one.rrd", outcome(poses[:1], one))
     assert total(tmp_path / "one.rrd", canvas.BODY) == 1
 
 
@@ -294,16 +250,9 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, poses: Poses, segmen
     path.write_text("old")
     crooked = Poses(poses.stamp_ns, poses.position_m[:, :2], poses.quat_xyzw)
     with pytest.raises(ValueError):  # noqa: PT011 - of numpy or rerun, by version
-        write_rrd(path, Shown(crooked, as_pieces(segmentation)))
+        write_rrd(path, outcome(crooked, segmentation))
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_folder_that_is_not_there_is_an_os_error(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
-) -> None:
-    with pytest.raises(FileNotFoundError):
-        write_rrd(tmp_path / "nowhere" / "x.rrd", Shown(poses, as_pieces(segmentation)))
 
 
 def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
@@ -334,7 +283,7 @@ def test_indistinguishable_contacts_are_shown(
 ) -> None:
     first, *rest = segmentation.segments
     unsure = replace(segmentation, segments=(replace(first, inseparable=(Contact.VF, Contact.FREE)), *rest))
-    write_rrd(tmp_path / "some.rrd", Shown(poses, as_pieces(unsure)))
+    write_rrd(tmp_path / "some.rrd", outcome(poses, unsure))
     beliefs = [replace(b, inseparable=(Contact.VF,)) if i < 10 else b for i, b in enumerate(unsure.filtered)]
     play(tmp_path / "live.rrd", poses, tuple(beliefs))
     lane = [v for _, v in rows(tmp_path / "some.rrd", canvas.INSEPARABLE, "StateChange:state")]
@@ -355,7 +304,7 @@ def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
     """From 4 s to 8 s: the first change of the truth in it is at its beginning, and none is after its end."""
     part = Segmentation(segmentation.segments[1:3], segmentation.beliefs[30:90], segmentation.filtered[30:90])
     path = tmp_path / "part.rrd"
-    write_rrd(path, Shown(poses[800:1600], as_pieces(part), truth, origin_ns=lambda: ORIGIN_NS))
+    write_rrd(path, outcome(poses[800:1600], part, truth, origin_ns=ORIGIN_NS))
     body = [t for t, _ in rows(path, canvas.BODY, "Transform3D:translation")]
     assert (body[0], body[-1]) == (4_000_000_000, 7_995_000_000)
     shown = rows(path, canvas.TRUTH, "StateChange:state")
@@ -369,7 +318,7 @@ def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
 
 def test_there_is_no_file_without_a_pose(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
     with pytest.raises(NoPoses):
-        write_rrd(tmp_path / "none.rrd", Shown(poses[:0], as_pieces(segmentation)))
+        write_rrd(tmp_path / "none.rrd", outcome(poses[:0], segmentation, origin_ns=ORIGIN_NS))
     assert not list(tmp_path.iterdir())
 
 
@@ -379,7 +328,7 @@ def test_a_recording_beside_others_has_its_name_and_the_list_open(
     panels = []
     for several in (False, True):
         path = tmp_path / f"{several}.rrd"
-        show(Shown(poses, as_pieces(segmentation), name="shelf.mcap"), to_file(path), several)
+        begin(to_file(path), "shelf.mcap", several)(outcome(poses, segmentation))
         reader = RrdReader(path)
         properties = column(reader, reader.recordings()[0], "RecordingInfo:name")
         assert properties == [["shelf.mcap"]]
@@ -392,26 +341,6 @@ def column(reader: RrdReader, store: Any, name: str, entity: str | None = None) 
         c.to_record_batch() for c in reader.stream(store=store).to_chunks() if entity in (None, c.entity_path)
     ]
     return [value for b in batches if name in b.schema.names for value in b.column(name).to_pylist()]
-
-
-def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, poses: Poses) -> None:
-    path = tmp_path / "two.rrd"
-    recording = canvas.new_recording()
-    to_file(path)(recording, None)
-    sheet = canvas.Canvas(recording, ORIGIN_NS, 0.1)
-    stamp = poses.stamp_ns[:1]
-    for number, contact in enumerate((Contact.EF, Contact.VF)):
-        geometry = GEOMETRY[contact]
-        assert geometry is not None
-        sheet.drawings(stamp, [draw(geometry, poses, UNKNOWN_EXTENT)], number)
-        sheet.fade(stamp, [contact], np.ones(1), [contact.value], number)
-    recording.flush()
-    recording.disconnect()
-    entities = [entity for number in (0, 1) for entity in canvas.touching(number).meshes]
-    assert len(set(entities)) == 8
-    assert all(len(rows(path, entity, "Mesh3D:vertex_positions")[0][1]) for entity in entities)
-    labels = [rows(path, canvas.touching(n).label, "Points3D:labels")[0][1] for n in (0, 1)]
-    assert labels == [["e-f"], ["v-f"]]
 
 
 def with_a_wall(segmentation: Segmentation) -> Segmentation:
@@ -435,7 +364,7 @@ def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
     if live:
         play(path, poses, with_a_wall(segmentation).filtered)
     else:
-        write_rrd(path, Shown(poses, as_pieces(with_a_wall(segmentation)), None, CUBE_M))
+        write_rrd(path, outcome(poses, with_a_wall(segmentation), vertices_m=CUBE_M))
     lane = [value for _, value in rows(path, canvas.further_lane(1), "StateChange:state")]
     assert [value[0] for value in lane if value] == [*([] if live else [""]), "v-f", "", "v-f", ""]
     second = canvas.touching(1)

@@ -63,7 +63,7 @@ def test_without_a_screen_other_ways_are_named_at_once(
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(ViewerError, match=r"no screen.*--web.*--save"):
+    with pytest.raises(ViewerError, match=r"no screen.*: --web .*view --save"):
         LiveViewer(sink=to_viewer(free_port))
 
 

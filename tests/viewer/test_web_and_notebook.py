@@ -68,7 +68,6 @@ def test_a_result_shows_itself_in_a_notebook_without_a_foreign_server() -> None:
 
 def test_a_missing_notebook_extra_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun_notebook", None)
-    monkeypatch.delitem(sys.modules, "contact_tracker.viewer.notebook", raising=False)
     result = contact_tracker.segment(contact_tracker.Trajectory(smooth_poses(400)))
     with pytest.raises(contact_tracker.ContactTrackerError, match=r"contact-tracker\[notebook\]"):
         result.show()

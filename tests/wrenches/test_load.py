@@ -101,3 +101,17 @@ def test_wrenches_of_a_wrong_sign_or_frame_are_not_used(seed: int, read: Any, ex
     with pytest.raises(NoLoad, match=expected) as raised:
         require_load(made.poses, read(made), made.tick_ns, made.is_free, p_free)
     assert "free motion" in str(raised.value)
+
+
+def test_wrenches_that_explain_more_free_motion_otherwise_are_not_used() -> None:
+    """Of the ticks that motion takes for free two in three are none, whose forces no reading explains."""
+    made = pressed(Contact.VF, 5, noise=True, bias=True)
+    is_free = made.is_free.copy()
+    free, other = np.flatnonzero(is_free), np.flatnonzero(~is_free)
+    is_free[free[int(0.3 * len(free)) :]], is_free[other[:40]] = False, True
+    wrong = about_parent(made.wrenches, made.poses)
+    load = estimate_load(average(made.poses, wrong, made.tick_ns), is_free, is_free.astype(float))
+    assert load is not None
+    assert not load.doubt
+    with pytest.raises(NoLoad, match="explain less of the free motion as they are"):
+        require_load(made.poses, wrong, made.tick_ns, is_free, is_free.astype(float))

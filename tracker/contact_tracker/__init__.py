@@ -8,12 +8,13 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from contact_tracker.api import Map, Result, Tracker, Trajectory, read, segment
+    from contact_tracker.api import Map, Result, Tracker, segment
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
+    from contact_tracker.trajectory import Trajectory, read
     from contact_tracker.wrenches.wrenches import Wrenches
-    from contact_tracker_lab.evaluation.own_labels import evaluate
+    from contact_tracker_lab.evaluation.report import evaluate
 
 __version__ = "0.1.0"
 
@@ -43,10 +44,10 @@ _HOMES = {
     "Result": "contact_tracker.api",
     "Segment": "contact_tracker.tracking.belief",
     "Tracker": "contact_tracker.api",
-    "Trajectory": "contact_tracker.api",
+    "Trajectory": "contact_tracker.trajectory",
     "Wrenches": "contact_tracker.wrenches.wrenches",
-    "evaluate": "contact_tracker_lab.evaluation.own_labels",
-    "read": "contact_tracker.api",
+    "evaluate": "contact_tracker_lab.evaluation.report",
+    "read": "contact_tracker.trajectory",
     "segment": "contact_tracker.api",
 }
 

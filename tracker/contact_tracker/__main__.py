@@ -9,7 +9,7 @@ import os
 import sys
 
 INTERRUPTED = 130
-"""As in ``exit_codes.py``, which would have to be imported first."""
+"""As in ``errors.py``, which would have to be imported first."""
 
 
 def _end_at_once(*_: object) -> None:

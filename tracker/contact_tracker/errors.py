@@ -1,4 +1,4 @@
-"""The tree of errors.
+"""The tree of errors, exit codes, and the import of libraries that may be missing.
 
 ::
 
@@ -26,6 +26,22 @@ status (exit code 3). A fit that does not converge is a status as well.
 
 From Python, what is doubtful, but no error, is a ``ContactTrackerWarning`` of the module ``warnings``.
 """
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
+from typing import Final
+
+DONE: Final = 0
+INPUT: Final = 1
+USAGE: Final = 2
+DAMAGED: Final = 3
+UNEXPECTED: Final = 70
+"""Of a recording in a batch: a fault of this package."""
+INTERRUPTED: Final = 130
+KILLED: Final = 137
+"""Of a recording in a batch: the processes that segmented it were killed."""
 
 
 def printable(text: str) -> str:
@@ -120,3 +136,25 @@ class ContactTrackerWarning(UserWarning):
 
 class SlowUpdate(ContactTrackerWarning):
     """Numpy replaces the compiled kernels. The command line reports it in one line."""
+
+
+@contextmanager
+def extra(name: str, purpose: str) -> Iterator[None]:
+    """A context for imports of libraries of the extra ``name``, needed for ``purpose``.
+
+    Raises
+    ------
+    MissingExtra
+        A library is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        library = (error.name or "a library").partition(".")[0]
+        raise MissingExtra(f"{purpose} needs {library}: pip install 'contact-tracker[{name}]'") from None
+
+
+def module_of_extra(module: str, name: str, purpose: str) -> ModuleType:
+    """The ``module`` of a library of the extra ``name``; raises as ``extra`` does."""
+    with extra(name, purpose):
+        return import_module(module)

@@ -16,6 +16,8 @@ from contact_tracker.interrupts import deferred, end_in_order
 
 T = TypeVar("T")
 _THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+MOST_WORKERS: Final = 61 if os.name == "nt" else 1024
+"""More processes than this are not started: on Windows the library refuses them."""
 _ENDED: Final = "a process has ended before its work was done"
 
 
@@ -33,6 +35,8 @@ class Jobs(Protocol):
 class Workers(ProcessPoolExecutor):
     """Up to ``count`` processes, which first call ``prepare``, and end with this context.
 
+    They are ``MOST_WORKERS`` at most.
+
     If it ends by an error, running calls are interrupted. An interrupt is left to this process: a terminal
     sends it to all of them, but only one has to end the others.
 
@@ -47,7 +51,7 @@ class Workers(ProcessPoolExecutor):
             os.environ.setdefault(name, "1")
         if os.name == "posix":
             resource_tracker.ensure_running()  # starting it later would unblock interrupts
-        super().__init__(count, get_context("spawn"), _begin, (prepare,))
+        super().__init__(min(count, MOST_WORKERS), get_context("spawn"), _begin, (prepare,))
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Schedule a call, for which a process may be started."""

@@ -1,7 +1,6 @@
 """Suggestions for misspelt names."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Final
 
 _CLOSE: Final = 0.65
@@ -20,6 +19,8 @@ def suggestion(word: str, names: Iterable[str]) -> str:
 
 def closest(word: str, names: Iterable[str]) -> str | None:
     """The other name that is most similar to a word; None if none is."""
+    from difflib import get_close_matches
+
     bare = {name.lstrip(_MARKS).casefold(): name for name in names if name != word}
     given = word.lstrip(_MARKS).casefold()
     words = [name for name in bare if len(name) > 1 or name == given]  # one letter is in many words

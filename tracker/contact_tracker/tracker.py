@@ -2,15 +2,14 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from operator import is_not
 from typing import Final, Self
 
 from contact_tracker.adaptation.filter_bank import FilterBank
 from contact_tracker.adaptation.mixture import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, map_findings, map_use, report_of
 from contact_tracker.checks.check import Stream
-from contact_tracker.checks.checks import OF_POSES, Checks
-from contact_tracker.checks.contradiction import Contradiction
-from contact_tracker.checks.conventions import Conventions
+from contact_tracker.checks.checks import Checks
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -49,6 +48,10 @@ class Tracker:
     last_ns: int | None = None
     late: int = 0
 
+    def __post_init__(self) -> None:
+        self._doubt_basis: tuple[object, ...] = (None,)
+        self._doubt = False
+
     @classmethod
     def start(
         cls, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP, read_as: ReadAs = AS_GIVEN
@@ -70,13 +73,14 @@ class Tracker:
         """
         beliefs = list[Belief]()
         for pose in arrival.poses:
-            if self.filters.is_late(pose.stamp_ns):
+            grid = self.filters.grid
+            if grid is not None and grid.is_late(pose.stamp_ns):
                 self.late += 1
             else:
                 beliefs += self.add(pose, detail)
-        if arrival.next_ns is not None and not self.filters.goes_on(arrival.next_ns):  # the tick is complete
-            beliefs += self._update_filters(detail)
-            beliefs += self._pass_time(arrival.next_ns, detail)
+        grid, next_ns = self.filters.grid, arrival.next_ns
+        if next_ns is not None and (grid is None or not grid.goes_on(next_ns)):  # the tick is complete
+            beliefs += self._update_filters(detail, next_ns)
         return beliefs
 
     def finish(self) -> list[Belief]:
@@ -106,7 +110,8 @@ class Tracker:
             self.last_ns = poses.stamp_ns
             self.uninspected.append(poses)
             self.many += 1
-            if self.many < BATCH_POSES and self.filters.goes_on(poses.stamp_ns):
+            grid = self.filters.grid
+            if self.many < BATCH_POSES and grid is not None and grid.goes_on(poses.stamp_ns):
                 return []  # most poses: the filters need them at the end of the tick only
             return self._update_all(detail)
         beliefs = list[Belief]()
@@ -128,27 +133,28 @@ class Tracker:
             self._inspect()
         return beliefs
 
-    def _update_filters(self, detail: Detail) -> list[Belief]:
-        """Update the filters and the checks by the poses that they do not have yet."""
-        if self.taken_in == len(self.uninspected):
-            return []
-        poses, filters = Poses.join(self.uninspected[self.taken_in :]), self.filters.copied()
-        beliefs = filters.add(poses, detail)
-        checks = self.checks.update(poses, self._stream(filters), Conventions, Contradiction)
+    def _update_filters(self, detail: Detail, until_ns: int | None = None) -> list[Belief]:
+        """Update the filters and the checks by the poses that they do not have yet, and close the ticks that
+        are over by ``until_ns``."""
+        filters, checks, beliefs = self.filters.copied(), self.checks, list[Belief]()
+        if self.taken_in < len(self.uninspected):
+            poses = Poses.join(self.uninspected[self.taken_in :])
+            beliefs += filters.add(poses, detail)
+            checks = checks.update(poses, self._stream(filters))
+        if until_ns is not None:
+            beliefs += filters.pass_time(until_ns, detail)
         self.filters, self.checks = filters, checks  # an interrupted call changes nothing
         self.taken_in = len(self.uninspected)
         return self._in_doubt(beliefs)
 
-    def _pass_time(self, until_ns: int, detail: Detail) -> list[Belief]:
-        """Close the ticks that are over by this time."""
-        filters = self.filters.copied()
-        beliefs = filters.pass_time(until_ns, detail)
-        self.filters = filters
-        return self._in_doubt(beliefs)
-
     def _in_doubt(self, beliefs: list[Belief]) -> list[Belief]:
         """The beliefs, mixed with uniform ones while the stream may be in doubt."""
-        if not beliefs or not self.may_be_in_doubt:
+        if not beliefs:
+            return beliefs
+        basis = self.inspection, *self.checks.basis
+        if any(map(is_not, basis, self._doubt_basis)):
+            self._doubt_basis, self._doubt = basis, self.may_be_in_doubt
+        if not self._doubt:
             return beliefs
         possible = self.filters.known_map.allowed
         return [replace(one, probability=mixed_with_uniform(one.probability, possible)) for one in beliefs]
@@ -163,16 +169,18 @@ class Tracker:
         elsewhere."""
         stream = self.stream
         for first in range(0, len(poses) if stream.map else 0, BATCH_POSES):
-            self.checks = self.checks.update(poses[first : first + BATCH_POSES], stream, *OF_POSES)
+            self.checks = self.checks.inspect(poses[first : first + BATCH_POSES], stream)
         self.inspection = inspect(self.inspection, poses)
 
     def check_conventions(self, poses: Poses) -> None:
         """Update the check of conventions by poses, which may be tracked elsewhere."""
-        self.checks = self.checks.update(poses, self.stream, Conventions)
+        known = self.checks.conventions.update(poses, self.stream)
+        self.checks = self.checks._replace(conventions=known)
 
     def check_map(self, poses: Poses) -> None:
         """Update the check of a contradiction to the map by poses, which are tracked elsewhere."""
-        self.checks = self.checks.update(poses, self.stream, Contradiction)
+        known = self.checks.contradiction.update(poses, self.stream)
+        self.checks = self.checks._replace(contradiction=known)
 
     def check_segments(self, segments: Iterable[Segment]) -> None:
         """Update the checks by the next segments."""
@@ -246,8 +254,9 @@ class Tracker:
         if best is None or filters.grid is None or filters.grid.stream is None:
             return None
         found = *self.checks.findings(self.stream, is_end=is_end), *map_findings(best.map)
-        frames = filters.filters[0].state.sliding_window.frames  # others may wait
+        frames = filters.filters[0].state.window.frames  # others may wait
+        assert frames is not None
         report = report_of(
             filters.model, best.model, self.is_decided, filters.grid.stream.noise, frames, found
         )
-        return report._replace(map_use=map_use(best.map))
+        return report._replace(map_use=map_use(best.map), point_m=tuple(filters.body_m.tolist()))

@@ -100,16 +100,19 @@ def require_load(
         load = estimate_load(ticks, is_free, p_free)
     if load is None:
         raise NoLoad(TOO_LITTLE)
-    if not load.doubt:
-        return ticks, load
     others = (
         (estimate_load(average(poses, other, stamp_ns), is_free, p_free), what)
         for what, other in _other_readings(poses, wrenches)
     )
-    # wrong ones may fit the forces of some ticks, but explain fewer than the right one
-    fitting = [(one.ticks, what) for one, what in others if one is not None and not one.doubt]
-    if fitting:
-        raise NoLoad(f"{load.doubt}. They fit {max(fitting)[1]}")
+    # wrong ones may fit the forces of some ticks, but fewer than the right one, and less well
+    fitting = [(one.ticks / one.scale, what) for one, what in others if one is not None and not one.doubt]
+    best, what = max(fitting, default=(0.0, ""))
+    if load.doubt and fitting:
+        raise NoLoad(f"{load.doubt}. They fit {what}")
+    if best > load.ticks / load.scale:
+        raise NoLoad(f"they explain less of the free motion as they are than otherwise. They fit {what}")
+    if not load.doubt:
+        return ticks, load
     reason = TOO_LITTLE if load.ticks < FEWEST_TICKS else load.doubt
     raise NoLoad(
         f"{reason}. Check their sign, their frame, the sensor's bias, and "

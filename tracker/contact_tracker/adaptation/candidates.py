@@ -58,7 +58,7 @@ def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
     """
     if len(stamp_ns) < 2:
         return 0.0
-    periods = np.diff(stamp_ns)
+    periods = stamp_ns[1:] - stamp_ns[:-1]
     return _mean_near(periods, float(np.median(periods)))
 
 
@@ -98,17 +98,24 @@ def period_for_all_s(stamp_ns: NDArray[np.int64], model: Model) -> float:
 def with_ticks_for(model: Model, period_s: float) -> Model:
     """The model with ticks of at least ``poses_per_tick`` poses of this period, but at most a tenth of the
     window."""
+    return replace(model, tick_s=tick_s) if (tick_s := tick_for(model, period_s)) != model.tick_s else model
+
+
+def tick_for(model: Model, period_s: float) -> float:
+    """The length (s) of these ticks: that of the model if it is enough."""
     needed_s = min(model.poses_per_tick * period_s, model.search.window_s / TICKS_PER_WINDOW)
-    return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
+    return needed_s if needed_s > TOLERANCE * model.tick_s else model.tick_s
 
 
 def with_other_ticks(model: Model, now: Model, latest_ns: NDArray[np.int64]) -> Model | None:
     """``model`` with ticks for the rate of the latest poses; None if those of ``now`` suit it as well."""
     if len(latest_ns) < RATE_POSES:
         return None
-    other = with_ticks_for(model, usual_period_s(latest_ns))
-    is_same = 1.0 / CHANGED <= other.tick_s / now.tick_s <= CHANGED
-    return None if is_same or not can_be_compared(other) else other
+    tick_s = tick_for(model, usual_period_s(latest_ns))
+    if 1.0 / CHANGED <= tick_s / now.tick_s <= CHANGED:
+        return None
+    other = replace(model, tick_s=tick_s)
+    return other if can_be_compared(other) else None
 
 
 class Candidate(NamedTuple):

@@ -111,7 +111,7 @@ class FilterBank:
     def copied(self) -> Self:
         """A copy that is updated without a change of this one; what does not change in place is shared."""
         other = copy(self)
-        other.filters, other.first = [copy(one) for one in self.filters], [*self.first]
+        other.filters, other.first = [*map(copy, self.filters)], [*self.first]
         other.grid = copy(self.grid)
         return other
 
@@ -131,24 +131,13 @@ class FilterBank:
         """Poses left out of their ticks so far."""
         return self.earlier_outliers + (self.filters[0].state.outliers if self.filters else 0)
 
-    def goes_on(self, stamp_ns: int) -> bool:
-        """Whether a pose that follows closes no tick."""
-        return self.grid is not None and self.grid.goes_on(stamp_ns)
-
-    def is_late(self, stamp_ns: int) -> bool:
-        """Whether a pose is more than a tick before the current one."""
-        since_ns = None if self.grid is None else self.grid.open_since_ns
-        return (
-            self.grid is not None and since_ns is not None and (stamp_ns < since_ns - self.grid.model.tick_ns)
-        )
-
     def add(self, poses: Poses, detail: Detail) -> list[Belief]:
         """Add poses; returns the beliefs of the ticks that they close."""
         beliefs = self._add(poses, detail)
         if self.period_s is not None:
             return beliefs
         self.latest_ns = np.append(self.latest_ns, poses.stamp_ns)[-RATE_POSES:]
-        if self.grid is None or not len(self.grid.frames):
+        if self.grid is None or not self.grid.frames.stamp_ns.size:
             return beliefs
         model = with_other_ticks(self.model, self.grid.model, self.latest_ns)
         if model is None:
@@ -186,7 +175,7 @@ class FilterBank:
 
     def _add(self, poses: Poses, detail: Detail) -> list[Belief]:
         beliefs = list[Belief]()
-        while len(poses) and self.pending is not None:  # until all filters have started
+        while self.pending is not None and len(poses):  # until all filters have started
             enough = RATIO_POSES if self.filters else RATE_POSES
             missing = enough - len(self.pending)
             some, poses = poses[:missing], poses[missing:]
@@ -197,7 +186,7 @@ class FilterBank:
                     self._start_others(min(detail, Detail.GEOMETRY))
             elif len(some) == missing:
                 beliefs += self._start_first(detail)
-        if len(poses) and self.grid is not None:
+        if self.grid is not None and poses.stamp_ns.size:
             beliefs += self._update(self.grid.add(poses), detail)
         return beliefs
 
@@ -275,7 +264,7 @@ class FilterBank:
         """Update the filters by ticks; those that are dropped are left out of later ticks."""
         beliefs = list[Belief]()
         while ticks:
-            if self.is_decided:
+            if len(self.filters) == 1 and self.pending is None:
                 for tick in ticks:
                     self.filters[0].update(tick, detail)
                     beliefs += filter(None, [self.filters[0].reported])

@@ -17,8 +17,9 @@ Array = NDArray[np.float64]
 class Report(NamedTuple):
     """The requested ``model`` and the one ``chosen``, whether the choice ``is_decided``; standard deviations
     (m, rad) of the ``noise`` of a pose, as estimated or given, of a ``tick``, with usually
-    ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``. ``is_cut_short``:
-    more of the stream could decide what is not decided. ``map_use``: how a learned map is used, in words."""
+    ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``. ``point_m``
+    (3,): point of the body that is tracked, to which these belong. ``is_cut_short``: more of the stream could
+    decide what is not decided. ``map_use``: how a learned map is used, in words."""
 
     model: Model
     chosen: Model
@@ -28,6 +29,7 @@ class Report(NamedTuple):
     lasting: tuple[float, float]
     poses_per_tick: float
     findings: tuple[Finding, ...]
+    point_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     is_cut_short: bool = False
     map_use: str = ""
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from reprlib import repr
 from typing import Any
 
-from contact_tracker.api.given import errors_as, path_from
 from contact_tracker.errors import OutputError, UsageError
 from contact_tracker.geometry.elements import Element
 from contact_tracker.map.file import map_from, read_map
@@ -16,6 +15,7 @@ from contact_tracker.map.learned_file import write_learned
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.states import states_from
+from contact_tracker.trajectory.arguments import errors_as, path_from
 
 
 @dataclass(frozen=True, eq=False)

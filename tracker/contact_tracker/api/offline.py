@@ -1,29 +1,14 @@
 """Segmentation of a whole trajectory."""
 
 import os
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from contact_tracker.adaptation.report import Report
-from contact_tracker.api.arrays import moment_ns
-from contact_tracker.api.dataframes import is_table
-from contact_tracker.api.given import (
-    Deviations,
-    ModelLike,
-    errors_as,
-    model_from,
-    number_from,
-    path_from,
-)
 from contact_tracker.api.learned_map import Known, Map, map_of
-from contact_tracker.api.notices import log_counts, log_text, warn_of
-from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.config.parameters import Model
-from contact_tracker.errors import NoTruth, OutputError, UnreadableRecording, UsageError, printable
+from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, extra, printable
 from contact_tracker.exports.columns import (
     BELIEF_COLUMNS,
     SEGMENT_COLUMNS,
@@ -32,27 +17,28 @@ from contact_tracker.exports.columns import (
     segment_columns,
     to_pandas,
 )
-from contact_tracker.exports.formats import (
-    SUFFIXES,
-    format_of,
-    require_library,
-    write_outcome,
-    write_pieces,
-)
-from contact_tracker.exports.outcome import Outcome
+from contact_tracker.exports.formats import SUFFIXES, require_library, write_outcome
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
-from contact_tracker.extras import extra
-from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
-from contact_tracker.motion.poses import Pose
-from contact_tracker.outputs.adaptation import noise_text, warnings
+from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.outputs.text import table
-from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_truth, read_wrenches
+from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_wrenches
 from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
-from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.tracking.belief import Detail, Segment
-from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.trajectory import Trajectory, read
+from contact_tracker.trajectory.arguments import (
+    Deviations,
+    ModelLike,
+    errors_as,
+    log_counts,
+    log_text,
+    model_from,
+    number_from,
+    path_from,
+    warn_of,
+)
+from contact_tracker.trajectory.arrays import is_table, moment_ns
 from contact_tracker.viewer.parts import Part, known_parts
 from contact_tracker.wrenches.wrenches import Wrenches
 
@@ -61,67 +47,34 @@ if TYPE_CHECKING:
 
     from contact_tracker.exports import parquet
     from contact_tracker.exports.figure import Axes, Figure
-    from contact_tracker.viewer.notebook import Viewer
-    from contact_tracker.viewer.offline import Shown
+    from contact_tracker.viewer.offline import Viewer
 
 Rows = Literal["ticks", "segments"]
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
-    """The segments of a trajectory and the belief of each tick.
+class Result(Outcome):
+    """The segments of a trajectory and the belief of each tick, with what Python makes of them.
 
-    Parameters
-    ----------
-    trajectory : the poses.
-    segmentation : segments and smoothed beliefs in columns.
-    report : the tracker's adaptation.
-    notes : warnings from before the first pose.
-    with_wrenches : whether measured wrenches decided as well as the motion.
-    map : what the contacts have touched, for ``known`` with the next recording; None where a map or
-        wrenches are given, or if no contact is sure enough.
-    parts : all that is known of the object and its surroundings, as figures, reports and the viewer draw it.
+    ``trajectory`` has the poses, ``segmentation`` the segments and smoothed beliefs in columns, ``report``
+    the tracker's adaptation; ``with_wrenches``: measured wrenches decided as well as the motion.
     """
 
-    trajectory: Trajectory
-    segmentation: Segmentation
-    report: Report | None
-    notes: tuple[str, ...] = ()
-    with_wrenches: bool = False
-    map: Map | None = None
-    parts: tuple[Part, ...] = ()
+    @property
+    def map(self) -> Map | None:
+        """What the contacts have touched, for ``known`` with the next recording; None where a map or wrenches
+        are given, or if no contact is sure enough."""
+        learned = None if self.touched is None else self.touched.learned
+        return Map(learned) if learned else None
 
     @property
-    def segments(self) -> tuple[Segment, ...]:
-        """The segments in order of time, with one label each; they cover all ticks."""
-        return self.segmentation.segments
-
-    @property
-    def beliefs(self) -> Beliefs:
-        """One belief per tick, with the label of its segment and smoothed probabilities."""
-        return self.segmentation.beliefs
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """Numbers of dropped and repaired poses, by kind (docs/conventions.md)."""
-        outliers = {"outlier": self.segmentation.outliers} if self.segmentation.outliers else {}
-        return {**self.trajectory.counts, **outliers}
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """One line per warning, including those of the trajectory and damage of the recording."""
-        damage = () if self.trajectory.damage is None else (self.trajectory.damage,)
-        return (*damage, *self.trajectory.notes, *self._own_warnings)
-
-    @property
-    def _own_warnings(self) -> tuple[str, ...]:
-        """One line per warning that the trajectory does not have."""
-        return (*self.notes, *(() if self.report is None else warnings(self.report)))
+    def parts(self) -> tuple[Part, ...]:
+        """All that is known of the object and its surroundings, as all outputs draw it."""
+        return known_parts(self)
 
     def at(self, time: Any) -> Segment:
         """The segment that holds at a time: seconds or a duration since the first pose, or a date; raises
         UsageError outside of the recording."""
-        stamp_ns = moment_ns(time, self._origin_ns)
+        stamp_ns = moment_ns(time, self.origin_ns)
         found = next((one for one in self.segments if one.start_ns <= stamp_ns <= one.end_ns), None)
         if found is None:
             raise UsageError(f"no segment at {time}: there are {self.trajectory.duration_s:.2f} s of poses")
@@ -189,73 +142,41 @@ class Result:
         """
         from contact_tracker.exports.figure import Figure, draw_figure, draw_on
 
-        truth, stamps = self._truth, self.trajectory.stamp_ns
+        outcome, stamps = self, self.trajectory.stamp_ns
         if labels is not None:
-            truth, _ = read_labels(path_from(labels, "labels"), int(stamps[0]), int(stamps[-1]), meanings)
+            own, _ = read_labels(path_from(labels, "labels"), int(stamps[0]), int(stamps[-1]), meanings)
+            outcome = replace(self, labels=own)
         if ax is not None:
-            draw_on(ax, self.segmentation, self._origin_ns, truth)
+            draw_on(ax, outcome)
             figure = ax.get_figure(root=True)
             assert isinstance(figure, Figure)
             return figure
-        found = None
-        if curves:
-            from contact_tracker.paper import window_curves
-
-            found = window_curves.curves(self.trajectory.poses)
-        return draw_figure(self.segmentation, self._origin_ns, found, self.parts, truth)
+        return draw_figure(outcome, curves)
 
     def show(self, width: int = 1280, height: int = 720) -> "Viewer":
         """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.
 
-        It shows what ``contact-tracker view`` does, without the truth.
+        It shows what ``contact-tracker view`` does.
         """
-        with extra("notebook", "the viewer in a notebook"):
-            from contact_tracker.viewer.notebook import show_in_notebook
-
         sizes = (("width", width), ("height", height))
         width, height = (
             int(number_from(pixels, name, "of pixels", lambda count: count >= 1.0)) for name, pixels in sizes
         )
+        with extra("notebook", "the viewer in a notebook"):
+            from contact_tracker.viewer.offline import show_in_notebook
 
-        return show_in_notebook(self._shown, width, height)
-
-    @property
-    def _shown(self) -> "Shown":
-        """What the rerun viewer shows."""
-        from contact_tracker.viewer.offline import Shown
-
-        def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
-            deque(poses, maxlen=0)
-            yield self.segmentation
-
-        trajectory = self.trajectory
-        return Shown(
-            trajectory.poses, found, None, trajectory.vertices_m, True, trajectory.name, parts=self.parts
-        )
+            return show_in_notebook(self, width, height)
 
     def __str__(self) -> str:
         banner = (f"warning: {printable(text)}" for text in self.warnings)
-        return "\n".join((*banner, *table(self.segments, self._origin_ns, self.with_wrenches)))
+        return "\n".join((*banner, *table(self.segments, self.origin_ns, self.with_wrenches)))
 
     def __repr__(self) -> str:
         return f"<Result of {self.trajectory!r}: {len(self.segments)} segments, {len(self.beliefs)} ticks>"
 
     def _repr_html_(self) -> str:
-        shown = ribbon_html(self.segments) + table_html(self.segments, self._origin_ns)
+        shown = ribbon_html(self.segments) + table_html(self.segments, self.origin_ns)
         return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
-
-    @property
-    def _truth(self) -> Truth | None:
-        """That of the recording, if it can be read again."""
-        path = self.trajectory.path
-        if path is not None and os.path.exists(path):
-            with suppress(NoTruth):  # nothing that is drawn needs it
-                return read_truth(path)
-        return None
-
-    @property
-    def _origin_ns(self) -> int:
-        return int(self.trajectory.stamp_ns[0])
 
     def _columns(self, rows: str) -> tuple[Columns, Any]:
         if rows == "ticks":
@@ -265,42 +186,19 @@ class Result:
         raise UsageError(f"rows is 'ticks' or 'segments', not {rows!r}")
 
     def _write(self, name: str | os.PathLike[str], overwrite: bool, *suffixes: str) -> None:
-        path, trajectory = Path(path_from(name)), self.trajectory
+        path = Path(path_from(name))
         with errors_as(OutputError, str(path)):
-            self._write_file(path, trajectory, overwrite, *suffixes)
+            if path.suffix.lower() not in suffixes:
+                raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
+            read = () if self.log is None else parts_of(self.log)
+            check = check_output(path, overwrite, read, "overwrite=True")
+            if path.suffix.lower() == ".rrd":
+                from contact_tracker.viewer.offline import write_rrd
 
-    def _write_file(self, path: Path, trajectory: Trajectory, overwrite: bool, *suffixes: str) -> None:
-        if path.suffix.lower() not in suffixes:
-            raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
-        log = trajectory.path if trajectory.path is not None and os.path.exists(trajectory.path) else None
-        check = check_output(path, overwrite, () if log is None else parts_of(log), "overwrite=True")
-        if path.suffix.lower() == ".rrd":
-            from contact_tracker.viewer.offline import write_rrd
-
-            write_rrd(path, self._shown, check)
-            return
-        require_library(path)
-        if format_of(path).rows != "whole":
-            write_pieces([self.segmentation], path, lambda: self._origin_ns, check)
-            return
-        source = trajectory.source
-        outcome = Outcome(
-            trajectory.name,
-            trajectory.poses,
-            self.segmentation,
-            self._origin_ns,
-            self.counts,
-            self.warnings,
-            "" if self.report is None else noise_text(self.report),
-            "" if source is None else source.frame_id,
-            "" if source is None else source.child_frame_id,
-            trajectory.vertices_m,
-            self.parts,
-            lambda: self._truth,
-            log,
-            trajectory.log_offset_ns,
-        )
-        write_outcome(outcome, path, check)
+                write_rrd(path, self, check)
+                return
+            require_library(path)
+            write_outcome(self, path, check)
 
 
 def segment(
@@ -358,14 +256,9 @@ def segment(
         notes += used.warnings
         if not used.is_warning:
             log_text(used.text)
-    tracker = OfflineTracker(given, known_map, wrenches=evidence, read_as=poses.read_as)
-    found = Segmentation.join(list(tracker.pieces(poses, progress, Detail.WEIGHTS)))
-    world = tracker.map
-    learned = None if world is None else world.learned
-    touched = Map(learned) if learned else None
-    parts = known_parts(world, poses.poses, found.segments, known_map, poses.vertices_m)
-    result = Result(poses, found, tracker.report, tuple(notes), evidence is not None, touched, parts)
-    warn_of(result._own_warnings)
+    outcome = segmented(poses, given, known_map, evidence, progress=progress, notes=notes)
+    result = Result(**vars(outcome))
+    warn_of(result.own_warnings)
     log_counts(poses.name, {kind: count for kind, count in result.counts.items() if kind == "outlier"})
     return result
 

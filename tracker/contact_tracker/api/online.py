@@ -8,16 +8,7 @@ from typing import Any, Final, Self, SupportsIndex
 
 from contact_tracker import tracker
 from contact_tracker.adaptation.report import Report
-from contact_tracker.api.given import (
-    Deviations,
-    ModelLike,
-    errors_as,
-    model_from,
-    number_from,
-    path_from,
-)
 from contact_tracker.api.learned_map import Known, Map, map_of
-from contact_tracker.api.notices import log_counts, warn_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose
@@ -25,6 +16,16 @@ from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.outputs.adaptation import News, warnings
 from contact_tracker.saved_state import continued, load, save
 from contact_tracker.tracking.belief import Belief
+from contact_tracker.trajectory.arguments import (
+    Deviations,
+    ModelLike,
+    errors_as,
+    log_counts,
+    model_from,
+    number_from,
+    path_from,
+    warn_of,
+)
 
 _ENOUGH: Final = 100
 """Poses after which what is dropped of them is judged, and so often again while no tick is complete."""

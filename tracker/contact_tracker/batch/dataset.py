@@ -12,14 +12,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple
 
-from contact_tracker.atomic_file import TEMPORARY, whole_file
 from contact_tracker.batch import rows
-from contact_tracker.batch.rows import SUMMARY_COLUMNS, Row
+from contact_tracker.batch.rows import SUMMARY_COLUMNS, Row, Settings
 from contact_tracker.batch.segmenting import Answer, Known, require_no_link
-from contact_tracker.batch.settings import Settings
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import Kind
 from contact_tracker.exports.parquet import read_rows, require_kind, write_merged
+from contact_tracker.files import TEMPORARY, whole_file
 
 FORMAT: Final = {"format": "contact-tracker batch", "format_version": 2}
 _MARK: Final = "dataset.json"

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 from contact_tracker.batch import remote
 from contact_tracker.errors import UnreadableRecording, UsageError
+from contact_tracker.files import why_not_regular
 from contact_tracker.recording import may_be_recording, parts_of
-from contact_tracker.regular_file import why_not_regular
 
 SUFFIXES: Final = (".mcap", ".mcap.zst", ".mcap.zstd", ".db3", ".bag")
 """Suffixes of recordings in folders; tables, which may have no poses, have to be named."""

@@ -13,8 +13,7 @@ from contextlib import contextmanager
 from typing import Any, Final
 from urllib.parse import unquote, urljoin, urlsplit
 
-from contact_tracker.errors import MissingExtra, UnreadableRecording
-from contact_tracker.extras import extra
+from contact_tracker.errors import MissingExtra, UnreadableRecording, extra
 
 _VALIDATORS: Final = (
     "ETag",

@@ -1,18 +1,22 @@
-"""The summary row of a recording, also of a failed one; its columns are in docs/batch.md."""
+"""The settings of a run, and the summary row of a recording, also of a failed one (docs/batch.md)."""
 
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import PurePosixPath
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from contact_tracker import __version__, exit_codes
+from contact_tracker import __version__, errors
 from contact_tracker.batch import remote
-from contact_tracker.batch.settings import Settings
+from contact_tracker.config.parameters import Model
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import printable
 from contact_tracker.exports.columns import PROBABILITIES, Kind
+from contact_tracker.map.map import Map
 from contact_tracker.outputs.adaptation import report_json
 from contact_tracker.outputs.text import is_open
+from contact_tracker.saved_state import fingerprint
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 
@@ -72,6 +76,46 @@ def file_of(name: str) -> str:
     return str(PurePosixPath(digits[:2], f"{digits[2:]}.parquet"))
 
 
+class WrenchSettings(NamedTuple):
+    """The topic of measured wrenches, and the mass (kg) of the object if known."""
+
+    topic: str
+    mass_kg: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """All that determines a result besides the recording.
+
+    Parameters
+    ----------
+    topic, frame, relative_to : selection of poses, as of ``recording.open_log``.
+    table : what the columns of tables are, as of ``recording.open_log``.
+    with_ticks : whether to write the beliefs of all ticks, too.
+    wrench : measured wrenches, which decide between contacts that motion cannot distinguish.
+    """
+
+    model: Model
+    known_map: Map
+    topic: str | None = None
+    frame: str | None = None
+    relative_to: str | None = None
+    with_ticks: bool = False
+    table: TableReading = AS_NAMED
+    wrench: WrenchSettings | None = None
+
+    @cached_property
+    def model_hash(self) -> str:
+        """Hash of the model with its noise, and of the map."""
+        return fingerprint((self.model, self.known_map))
+
+    @cached_property
+    def settings_hash(self) -> str:
+        """Hash of all but ``with_ticks``, and of the version."""
+        which = self.topic, self.frame, self.relative_to, tuple(self.table.words())
+        return fingerprint((__version__, self.model_hash, which, tuple(self.wrench or ())))
+
+
 @dataclass
 class Tally:
     """Counts of the segments of one recording while they are written."""
@@ -97,7 +141,7 @@ def base(name: str, settings: Settings) -> Row:
     """A row with the recording and settings only."""
     return dict.fromkeys(SUMMARY_COLUMNS) | {
         "recording": shown(name),
-        "exit_code": exit_codes.DONE,
+        "exit_code": errors.DONE,
         "model": settings.model.name,
         "model_hash": settings.model_hash,
         "settings_hash": settings.settings_hash,

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Final, Self
 
-from contact_tracker import exit_codes
+from contact_tracker import errors
 from contact_tracker.batch import rows
 from contact_tracker.batch.dataset import Dataset
 from contact_tracker.batch.finding import Found
+from contact_tracker.batch.rows import Settings
 from contact_tracker.batch.segmenting import Answer, segment_recording
-from contact_tracker.batch.settings import Settings
 from contact_tracker.processes import Jobs
 
 _GIVEN_UP: Final = "the process that segmented it was ended, as happens where memory runs out"
@@ -63,9 +63,7 @@ class Batch:
             for (name, *_), answer in call(segment_recording, chain([first], jobs)):
                 if answer is None:
                     error = f"{name}: {_GIVEN_UP}"
-                    answer = Answer(
-                        name, "", rows.failure(name, self.settings, exit_codes.KILLED, error, None)
-                    )
+                    answer = Answer(name, "", rows.failure(name, self.settings, errors.KILLED, error, None))
                 self._take(answer)
         return self
 
@@ -90,8 +88,8 @@ class Batch:
     def _count(self, name: str, new: rows.Row | None) -> None:
         """Count a recording with a ``new`` row, or an unchanged one, and report what is wrong with it."""
         code = self.dataset.exit_code(name)
-        is_damaged = code == exit_codes.DAMAGED
-        is_bad = not is_damaged and code != exit_codes.DONE
+        is_damaged = code == errors.DAMAGED
+        is_bad = not is_damaged and code != errors.DONE
         self.done += new is not None
         self.unchanged += new is None
         self.damaged += is_damaged

@@ -1,4 +1,4 @@
-"""Segmentation of one recording: reading, writing, and its summary row."""
+"""Segmentation of one recording of a batch: settings, reading, writing, and its summary row."""
 
 import errno
 import os
@@ -7,12 +7,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from contact_tracker import exit_codes
-from contact_tracker.atomic_file import whole_file
+from contact_tracker import errors
 from contact_tracker.batch import remote, rows
 from contact_tracker.batch.finding import read_content, signature_of
-from contact_tracker.batch.rows import Row, Tally
-from contact_tracker.batch.settings import Settings
+from contact_tracker.batch.rows import Row, Settings, Tally
 from contact_tracker.errors import ContactTrackerError, InputError, MissingExtra, NoPoses, UnreadableRecording
 from contact_tracker.exports.columns import (
     BELIEF_COLUMNS,
@@ -23,6 +21,7 @@ from contact_tracker.exports.columns import (
     segment_columns,
 )
 from contact_tracker.exports.parquet import open_parquet
+from contact_tracker.files import whole_file
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import warnings
 from contact_tracker.recording import PoseLog, open_log
@@ -90,7 +89,7 @@ def _signature_of(name: str, within: str | None) -> str:
 
 
 def _code(error: ContactTrackerError) -> int:
-    return exit_codes.INPUT if isinstance(error, InputError) else exit_codes.USAGE
+    return errors.INPUT if isinstance(error, InputError) else errors.USAGE
 
 
 def _answer(
@@ -111,13 +110,13 @@ def _answer(
     except ContactTrackerError as error:
         code, text, is_lasting = _code(error), str(error), not isinstance(error, MissingExtra | _Unread)
     except MemoryError:
-        code, text, is_lasting = exit_codes.INPUT, "it takes more memory than there is", False
+        code, text, is_lasting = errors.INPUT, "it takes more memory than there is", False
     except OSError:
         raise
     except Exception as error:
         place = _innermost(error)
         text = f"this should not happen, please report it: {type(error).__name__}: {error} ({place})"
-        code, is_lasting = exit_codes.UNEXPECTED, True
+        code, is_lasting = errors.UNEXPECTED, True
     shown = remote.shown(name)
     text = text.replace(path, shown)
     text = text if shown in text else f"{shown}: {text}"
@@ -165,7 +164,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         **rows.base(name, settings),
         **tally.cells(),
         **rows.adapted_cells(adapted),
-        "exit_code": exit_codes.DONE if log.damage is None else exit_codes.DAMAGED,
+        "exit_code": errors.DONE if log.damage is None else errors.DAMAGED,
         "damage": log.damage,
         "warnings": "\n".join(notes) or None,
         "counts": rows.counts_text({**log.counts, "outlier": outliers}),

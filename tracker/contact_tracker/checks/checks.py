@@ -1,9 +1,9 @@
 """All checks of a stream, in order of precedence."""
 
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
-from contact_tracker.checks.check import Check, Stream
+from contact_tracker.checks.check import Stream
 from contact_tracker.checks.clearance import Clearance
 from contact_tracker.checks.contradiction import Contradiction
 from contact_tracker.checks.conventions import Conventions
@@ -13,9 +13,6 @@ from contact_tracker.checks.repeatability import Repeatability
 from contact_tracker.inspection.stream_checks import Finding, findings
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment
-
-OF_POSES: Final = Clearance, Impacts
-"""Checks that are updated with the inspection of the poses; the others with the filters."""
 
 
 class Checks(NamedTuple):
@@ -28,9 +25,24 @@ class Checks(NamedTuple):
     repeatability: Repeatability = Repeatability()
     map_use: MapUse = MapUse()
 
-    def update(self, poses: Poses, stream: Stream, *kinds: type[Check]) -> "Checks":
-        """The checks, those of these kinds updated by poses."""
-        return Checks._make(one.update(poses, stream) if isinstance(one, kinds) else one for one in self)
+    def update(self, poses: Poses, stream: Stream) -> "Checks":
+        """Updated by poses that the filters have taken in."""
+        return self._replace(
+            conventions=self.conventions.update(poses, stream),
+            contradiction=self.contradiction.update(poses, stream),
+        )
+
+    def inspect(self, poses: Poses, stream: Stream) -> "Checks":
+        """Updated by poses that are inspected, in batches."""
+        return self._replace(
+            clearance=self.clearance.update(poses, stream), impacts=self.impacts.update(poses, stream)
+        )
+
+    @property
+    def basis(self) -> tuple[object, ...]:
+        """What doubts depend on: values that do not change, so that the same objects mean the same doubts."""
+        compared = self.conventions.nats, self.conventions.found, self.conventions.is_settled
+        return self.impacts, *compared, self.clearance, self.contradiction
 
     def update_segments(self, segments: Iterable[Segment], stream: Stream) -> "Checks":
         """The checks updated by the next segments."""

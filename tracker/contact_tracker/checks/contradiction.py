@@ -106,7 +106,9 @@ class Contradiction(Check):
         """
         if stream.best is None:
             return self
-        if self.is_settled or not (stream.map or stream.map.states):
+        if self.is_settled:
+            return self
+        if not (stream.map or stream.map.states):
             return replace(self, is_settled=True)
         if not len(poses):
             return self

@@ -18,7 +18,7 @@ from contact_tracker.checks.window_scores import TICKS, explain
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.motion.free_motion import can_be_compared
-from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.poses import Poses
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class Conventions(Check):
     found : text of the mistake that was found, or empty.
     """
 
-    waiting: Poses = NO_POSES
+    waiting: tuple[Poses, ...] = ()
     kept: tuple[tuple[Poses, NDArray[np.int64]], ...] = ()
     nats: Array = field(default_factory=lambda: np.zeros(0))
     fitting: Array = field(default_factory=lambda: np.zeros(0))
@@ -98,22 +98,24 @@ class Conventions(Check):
     def update(self, poses: Poses, stream: Stream) -> "Conventions":
         """Updated by poses. Units are compared only for positions that look odd in metres."""
         model, known = stream.first, self
-        if model is None or stream.sigma is None:
+        if self.is_settled or model is None or stream.sigma is None:
             return self
         if not can_be_compared(model):
             return replace(self, is_settled=True)
-        if self.is_settled or not len(poses):
+        if not poses.stamp_ns.size:
             return self
-        tick_ns = round(1e9 * max(model.tick_s, LEAST_TICK_S))
-        waiting = Poses.join([self.waiting, poses])
+        tick_ns, parts = round(1e9 * max(model.tick_s, LEAST_TICK_S)), (*self.waiting, poses)
+        if poses.stamp_ns[-1] - parts[0].stamp_ns[0] < (TICKS + 2) * tick_ns:
+            return replace(self, waiting=parts)
+        waiting = Poses.join(parts)
         while len(waiting) and len(known.kept) < MOST_WINDOWS:
             tick_of = (waiting.stamp_ns - waiting.stamp_ns[0]) // tick_ns
             if tick_of[-1] < TICKS + 2:
-                return replace(known, waiting=waiting)
+                return replace(known, waiting=(waiting,))
             window = waiting[: np.searchsorted(tick_of, TICKS + 2)]
             waiting = waiting[np.searchsorted(tick_of, TICKS) :]
             known = _after_window(known, stream, window, tick_ns)
-        return replace(known, waiting=NO_POSES, is_settled=True)
+        return replace(known, waiting=(), is_settled=True)
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         if not self.found or has_doubts(earlier, *MIXED_UP):

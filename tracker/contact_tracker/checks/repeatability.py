@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.checks.check import Check, Stream
-from contact_tracker.geometry.elements import Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Element, Line, Plane, Point, shifted
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.same_element import distance_of_planes_m, mahalanobis
 from contact_tracker.states import STATES, Contact
@@ -99,7 +99,10 @@ class Repeatability(Check):
             is_open = len(segment.inseparable) == len(STATES) - 1
             if where is None or is_open or segment.probability < LEAST:
                 continue
-            sides = zip((where.object, where.environment), where.has_open_offset, strict=True)
+            ours, theirs = where.object, where.environment
+            if not isinstance(ours, Plane) or not isinstance(theirs, Plane):  # else the offset is not known
+                ours = shifted(ours, -stream.body_m)  # far from there, small angles are large distances
+            sides = zip((ours, theirs), where.has_open_offset, strict=True)
             for side, (element, has_open_offset) in enumerate(sides):
                 # names are of given elements
                 if element.covariance is not None and element.name is None and element.covariance.any():

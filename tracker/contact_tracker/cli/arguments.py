@@ -12,13 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from contact_tracker.atomic_file import why_not_replaceable
 from contact_tracker.cli.terminal import detail, fail, progress, say, warn
+from contact_tracker.config import preset_names
 from contact_tracker.config.quantities import LENGTHS, deviations
-from contact_tracker.config.shipped import preset_names
 from contact_tracker.config.table_reading import AS_NAMED, TIME_UNIT_HELP, TableReading, reading_of
-from contact_tracker.errors import ChoiceError, InputError, UsageError
-from contact_tracker.exit_codes import INPUT, USAGE
+from contact_tracker.errors import INPUT, USAGE, ChoiceError, InputError, UsageError
+from contact_tracker.files import why_not_replaceable
 from contact_tracker.states import states_from
 
 if TYPE_CHECKING:
@@ -115,11 +114,15 @@ def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
     )
 
 
-def load_labels(args: argparse.Namespace, first_ns: int, last_ns: int) -> "Truth":
-    """The labels of ``--labels``, of poses between two stamps; raises NoTruth or ChoiceError."""
+def load_labels(args: argparse.Namespace, log: str) -> "Truth":
+    """The labels of ``--labels``, which are of the whole recording ``log``; raises NoTruth or ChoiceError."""
     from contact_tracker.recording import read_labels
     from contact_tracker.recording.labels import meanings_of
 
+    poses = open_poses(args, log)
+    first_ns = last_ns = poses.first_stamp_ns
+    for some in poses.batches():
+        last_ns = int(some.stamp_ns[-1])
     truth, text = read_labels(args.labels, first_ns, last_ns, meanings_of(args.map))
     say(text)
     return truth
@@ -166,14 +169,12 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 
 def load_model(args: argparse.Namespace) -> "Model":
     """The model of ``--model``, ``--noise`` and ``--accuracy``; raises ModelError."""
-    from contact_tracker.config import loading
+    from contact_tracker.config.loading import model_file
     from contact_tracker.hypotheses import compiled
+    from contact_tracker.trajectory.arguments import model_from
 
-    detail(f"model {loading.model_file(args.model)}, {compiled.described()}")
-    model = loading.load_model(args.model)
-    if args.noise is not None:
-        model = model.with_noise(*args.noise)
-    return model if args.accuracy is None else model.with_systematic_errors(*args.accuracy)
+    detail(f"model {model_file(args.model)}, {compiled.described()}")
+    return model_from(args.model, args.noise, args.accuracy)
 
 
 def _typed(parse: Callable[[str], T]) -> Callable[[str], T]:

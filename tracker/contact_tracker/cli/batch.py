@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
-from contact_tracker.errors import UnreadableRecording, UsageError
-from contact_tracker.exit_codes import DAMAGED, DONE, INPUT
+from contact_tracker.errors import DAMAGED, DONE, INPUT, UnreadableRecording, UsageError, extra
 from contact_tracker.exports.formats import require_library
 from contact_tracker.exports.replacement import check_output
-from contact_tracker.extras import extra
 
 if TYPE_CHECKING:
     from contact_tracker.processes import Jobs
@@ -68,8 +66,8 @@ def run(args: argparse.Namespace) -> int:
 
     from contact_tracker.batch.dataset import OWN_FILES, open_dataset
     from contact_tracker.batch.finding import find
+    from contact_tracker.batch.rows import Settings, WrenchSettings
     from contact_tracker.batch.run import Batch
-    from contact_tracker.batch.settings import Settings, WrenchSettings
 
     arguments.require_wrench_for_mass(args)
     settings = Settings(

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import show, warn
-from contact_tracker.errors import NoPoses, UsageError
-from contact_tracker.exit_codes import DAMAGED, DONE
+from contact_tracker.errors import DAMAGED, DONE, NoPoses, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

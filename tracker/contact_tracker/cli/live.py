@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import StatusLine, say
-from contact_tracker.errors import UsageError
-from contact_tracker.exit_codes import DONE, INTERRUPTED
+from contact_tracker.errors import DONE, INTERRUPTED, UsageError
 from contact_tracker.exports.formats import TICKS, require_library
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.interrupts import SIGNALS, deferred
@@ -171,8 +170,8 @@ def _viewer(
     if sink is None and not args.rerun:
         return nullcontext()
     from contact_tracker.recording import read_metadata
+    from contact_tracker.trajectory import vertices_from_metadata
     from contact_tracker.viewer.live import LiveViewer
-    from contact_tracker.viewer.scene import vertices_from_metadata
 
     vertices_m = vertices_from_metadata(read_metadata(args.log))
     return LiveViewer(vertices_m, sink, lambda: source.origin_ns, known_map)
@@ -193,7 +192,7 @@ class _Printer:
     """Prints each belief as JSON, or a line where the contact changes or becomes settled."""
 
     def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
-        from contact_tracker.outputs.changes import Changes
+        from contact_tracker.outputs.text import Changes
 
         self.changes = Changes()
         self._as_json = as_json

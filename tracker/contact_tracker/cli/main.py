@@ -16,9 +16,16 @@ from typing import Any, Final, NoReturn
 from contact_tracker import __version__, viewer
 from contact_tracker.cli import batch, info, live, segment, view
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
-from contact_tracker.errors import ContactTrackerError, UsageError
-from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
-from contact_tracker.extras import extra
+from contact_tracker.errors import (
+    DAMAGED,
+    DONE,
+    INPUT,
+    INTERRUPTED,
+    USAGE,
+    ContactTrackerError,
+    UsageError,
+    extra,
+)
 from contact_tracker.interrupts import end_in_order, exit_code_of
 from contact_tracker.suggestions import suggestion
 
@@ -168,7 +175,6 @@ def run(argv: Sequence[str] | None = None) -> int:
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     os.environ.setdefault("RUST_LOG", viewer.SILENT)
-    take_over_warnings()
     if threading.current_thread() is threading.main_thread():
         end_in_order(*_ENDING)
     code = _run(argv)
@@ -196,6 +202,7 @@ def _run(argv: Sequence[str] | None) -> int:
                 f"(see contact-tracker {args.command} --help)"
             )
         set_verbosity(args.verbosity, args.wide)
+        take_over_warnings()
         code: int = args.run(args)
         return code
     except SystemExit as leave:  # argparse after --help or --version; a signal

@@ -6,12 +6,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Final
 
-from contact_tracker.atomic_file import why_not_replaceable
 from contact_tracker.cli.source import Source
 from contact_tracker.cli.terminal import say
 from contact_tracker.errors import StateError, UsageError
+from contact_tracker.files import why_not_replaceable
 from contact_tracker.interrupts import SIGNALS, repeat_unless
-from contact_tracker.outputs.changes import Changes
+from contact_tracker.outputs.text import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.sources import Stamping
 from contact_tracker.saved_state import fingerprint, is_same, load, save

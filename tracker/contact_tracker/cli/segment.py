@@ -13,20 +13,15 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
-from contact_tracker.errors import ChoiceError, NoPoses, UsageError
-from contact_tracker.exit_codes import DONE
+from contact_tracker.errors import DONE, ChoiceError, NoPoses, UsageError
 from contact_tracker.exports.formats import FIGURES, SUFFIXES, format_of, require_library
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from contact_tracker.cli.source import Source
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
-    from contact_tracker.motion.poses import Pose
-    from contact_tracker.segmenting import OfflineTracker
-    from contact_tracker.tracking.segmentation import Segmentation
 
 HELP: Final = "what held when: smoothed segments of whole recordings"
 DESCRIPTION: Final = """\
@@ -147,6 +142,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             "--labels FILE is of use with one LOG and -o FILE.png, .pdf or .svg; evaluate compares"
         )
+    if args.labels is not None and jobs[0].log == "-":
+        raise UsageError("--labels reads the recording twice, which standard input does not allow")
     if args.map_out is not None and len(jobs) > 1:
         raise UsageError("--map-out is of one recording: go from one to the next with --known and --map-out")
     notes = list[str]()
@@ -190,6 +187,8 @@ def _segment(
 ) -> int:
     """Segment one recording; ``before`` are the warnings so far."""
     from contact_tracker.cli.source import Source
+    from contact_tracker.exports.formats import write_outcome, write_pieces
+    from contact_tracker.outputs.outcome import segmented
     from contact_tracker.outputs.text import table
     from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.tracking.belief import Detail
@@ -197,56 +196,33 @@ def _segment(
     read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
     arguments.check_map_out(args, known_map)
+    labels = None if args.labels is None else arguments.load_labels(args, args.log)
     notes = [*before]
     wrenches = arguments.load_wrenches(args.log, args, model, known_map, _noting(notes))
     log = arguments.open_poses(args, args.log)
     source = Source(log, args.log, args)
-    tracker = OfflineTracker(model, known_map, executor, wrenches, log.source.read_as)
     with progress("segment", "poses", source.expected) as set_done:
-        if args.output is None:
-            found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
-            segments = [one for piece in found for one in piece.segments]
-        else:
-            _write(source, tracker, known_map, set_done, args, check, notes)
+        if args.output is not None and format_of(args.output).rows == "whole":
+            trajectory = source.trajectory()
+            outcome = segmented(trajectory, model, known_map, wrenches, executor, set_done, notes)
+            write_outcome(replace(outcome, labels=labels), args.output, check)
+            source.outliers = outcome.segmentation.outliers
+            report, touched = outcome.report, outcome.touched
+        else:  # incrementally, to save memory
+            tracker = OfflineTracker(model, known_map, executor, wrenches, log.source.read_as)
+            pieces = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
+            if args.output is None:
+                segments = [one for piece in pieces for one in piece.segments]
+            else:
+                write_pieces(pieces, args.output, lambda: source.origin_ns, check)
+            report, touched = tracker.report, tracker.map
     if args.output is None:
         for line in table(segments, source.origin_ns, wrenches is not None):
             show(line)
         sys.stdout.flush()
-    code = source.finish(tracker.report)
+    code = source.finish(report)
     if args.output is not None:
         say(f"wrote {args.output}")
     if args.map_out is not None:
-        arguments.write_map(args.map_out, tracker.map)
+        arguments.write_map(args.map_out, touched)
     return code
-
-
-def _write(
-    source: "Source",
-    tracker: "OfflineTracker",
-    known_map: "Map",
-    set_done: Callable[[int], None],
-    args: argparse.Namespace,
-    check: Callable[[], None],
-    notes: Iterable[str],
-) -> None:
-    """Write incrementally where the format allows it, to save memory."""
-    from contact_tracker.exports.formats import write_outcome, write_pieces
-    from contact_tracker.motion.poses import Poses
-    from contact_tracker.tracking.belief import Detail
-    from contact_tracker.tracking.pose_buffer import with_pose_callback
-    from contact_tracker.tracking.segmentation import Segmentation
-
-    def pieces(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
-        return source.counted(tracker.pieces(poses, set_done, Detail.WEIGHTS))
-
-    if format_of(args.output).rows != "whole":
-        write_pieces(pieces(source), args.output, lambda: source.origin_ns, check)
-        return
-    kept: list[Poses] = []
-    found = Segmentation.join(list(with_pose_callback(source, pieces, kept.append)))
-    outcome = source.outcome(Poses.join(kept), found, tracker, known_map, notes)
-    if args.labels is not None:
-        last_ns = int(outcome.poses.stamp_ns[-1])
-        labels = arguments.load_labels(args, source.origin_ns, last_ns)
-        outcome = replace(outcome, truth=lambda: labels)
-    write_outcome(outcome, args.output, check)

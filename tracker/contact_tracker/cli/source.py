@@ -3,24 +3,23 @@
 import argparse
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
-from functools import partial
-from pathlib import Path
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from contact_tracker.cli.terminal import detail, say, warn
-from contact_tracker.errors import ChoiceError, NoPoses
-from contact_tracker.exit_codes import DAMAGED, DONE
+from contact_tracker.errors import DAMAGED, DONE, ChoiceError, NoPoses
 from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import News, noise_text, warnings
 from contact_tracker.recording import PoseLog
+from contact_tracker.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from contact_tracker.adaptation.report import Report
-    from contact_tracker.exports.outcome import Outcome
-    from contact_tracker.map.map import Map
-    from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.tracking.segmentation import Segmentation
 
 _LONGEST_SLEEP_S: Final = 0.1
@@ -50,39 +49,58 @@ class Source:
         self.used = 0
         self.outliers = 0
         self.late = 0
+        self._read_ns: int | None = None  # until when, after the first pose
         self._news = News()
 
     def __iter__(self) -> Iterator[Pose]:
-        """The poses of the interval; raises NoPoses or ChoiceError at the end if there were none."""
-        return (pose for arrival in self.arrivals() for pose in arrival.poses)
+        return (pose for poses in self.batches() for pose in poses)
+
+    def batches(self) -> Iterator[Poses]:
+        """The poses of the interval in columns, many at once.
+
+        Raises
+        ------
+        NoPoses, ChoiceError
+            At the end, if there were none.
+        """
+        for poses in self._log.batches():
+            rows, has_ended = self._cut(poses.stamp_ns)
+            if rows.start < rows.stop:
+                yield poses[rows]
+            if has_ended:
+                break
+        self._require_some()
 
     def arrivals(self) -> Iterator[Arrival]:
-        """What each measured pose of the interval brings, instead of the poses."""
-        since_ns, late, has_ended = 0 if self.used else None, 0, False
+        """What each measured pose of the interval brings, with less delay; raises as ``batches``."""
+        late = 0
         for arrival in self._log.arrivals():
-            poses = list[Pose]()
-            for pose in arrival.poses:
-                if since_ns is None:
-                    self.origin_ns = pose.stamp_ns
-                since_ns = pose.stamp_ns - self.origin_ns
-                has_ended = self._end_ns is not None and since_ns >= self._end_ns
-                if has_ended:
-                    break
-                if since_ns >= self._start_ns:
-                    poses.append(pose)
-            if poses:
-                if not self.used:
-                    self.first_ns = poses[0].stamp_ns
-                self.used += len(poses)
-                self.last_ns = poses[-1].stamp_ns
-            if len(self._log.late_sources) > late:
-                late = self._warn_of_late(late)
+            rows, has_ended = self._cut([pose.stamp_ns for pose in arrival.poses])
+            late = self._warn_of_late(late)
             if self.used:
+                poses = arrival.poses[rows]
                 yield Arrival(poses, None, None) if has_ended else arrival._replace(poses=poses)
             if has_ended:
                 break
         self._warn_of_late(late)
-        self._used_some(since_ns)
+        self._require_some()
+
+    def _cut(self, stamp_ns: Sequence[int] | NDArray[np.int64]) -> tuple[slice, bool]:
+        """The rows of the next poses that are in the interval, which are counted, and whether it is over."""
+        count = len(stamp_ns)
+        if not count:
+            return slice(0, 0), False
+        if self._read_ns is None and not self.used:
+            self.origin_ns = int(stamp_ns[0])
+        self._read_ns = int(stamp_ns[-1]) - self.origin_ns
+        first = bisect_left(stamp_ns, self.origin_ns + self._start_ns)
+        end = count if self._end_ns is None else bisect_left(stamp_ns, self.origin_ns + self._end_ns)
+        if first < end:
+            if not self.used:
+                self.first_ns = int(stamp_ns[first])
+            self.used += end - first
+            self.last_ns = int(stamp_ns[end - 1])
+        return slice(first, end), end < count
 
     @property
     def name(self) -> str:
@@ -107,37 +125,16 @@ class Source:
             )
         return len(self._log.late_sources)
 
-    def batches(self) -> Iterator[Poses]:
-        """The poses in columns, of many at once; with more delay than iteration."""
-        last_ns = None
-        for poses in self._log.batches():
-            if last_ns is None:
-                self.origin_ns = int(poses.stamp_ns[0])
-            since_ns = poses.stamp_ns - self.origin_ns
-            last_ns = int(since_ns[-1])
-            ended = self._end_ns is not None and last_ns >= self._end_ns
-            first, end = since_ns.searchsorted([self._start_ns, self._end_ns if ended else last_ns + 1])
-            if first < end:
-                stamps_ns = poses.stamp_ns[first:end].tolist()
-                if not self.used:
-                    self.first_ns = stamps_ns[0]
-                self.last_ns = stamps_ns[-1]
-                self.used += len(stamps_ns)
-                yield poses[first:end]
-            if ended:
-                break
-        self._used_some(last_ns)
-
-    def _used_some(self, last_ns: int | None) -> None:
-        """Raise if no pose was used; the last was read at ``last_ns`` after the first, None without any."""
+    def _require_some(self) -> None:
+        """Raise if no pose was used."""
         if self.used:
             return
-        if last_ns is None:
+        if self._read_ns is None:
             reason = "" if self._log.loss is None else f": {self._log.loss}"
             raise NoPoses(f"{self._name}: no pose that can be used{reason}{self._noted()}")
         raise ChoiceError(
             f"{self._name}: no pose in the interval that --start and --duration leave; poses were read until "
-            f"{last_ns * 1e-9:.2f} s{self._noted()}"
+            f"{self._read_ns * 1e-9:.2f} s{self._noted()}"
         )
 
     def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
@@ -159,38 +156,11 @@ class Source:
         kinds = {**self._log.counts, "late": self.late, "outlier": self.outliers}
         return {kind: count for kind, count in kinds.items() if count}
 
-    def outcome(
-        self,
-        poses: Poses,
-        found: "Segmentation",
-        tracker: "OfflineTracker",
-        known_map: "Map",
-        notes: Iterable[str],
-    ) -> "Outcome":
-        """The outcome for outputs of a whole recording; ``notes`` are warnings from before the first pose."""
-        from contact_tracker.exports.outcome import Outcome
-        from contact_tracker.recording import read_metadata, read_truth
-        from contact_tracker.viewer.parts import known_parts
-        from contact_tracker.viewer.scene import vertices_from_metadata
-
-        adapted, vertices_m = tracker.report, vertices_from_metadata(read_metadata(self._name))
-        is_readable = not self.is_stdin and os.path.exists(self._name) and self._is_as_named
-        return Outcome(
-            "standard input" if self.is_stdin else Path(self._name).name or self._name,
-            poses,
-            found,
-            self.origin_ns,
-            self.counts,
-            (*notes, *self._log.warnings, *(() if adapted is None else warnings(adapted))),
-            "" if adapted is None else noise_text(adapted),
-            self._log.source.frame_id,
-            self._log.source.child_frame_id,
-            vertices_m,
-            known_parts(tracker.map, poses, found.segments, known_map, vertices_m),
-            partial(read_truth, self._name),
-            self._name if is_readable else None,
-            self._log.stamping.log_offset_ns,
-        )
+    def trajectory(self) -> Trajectory:
+        """All poses of the interval, in memory."""
+        poses = Poses.join(list(self.batches()))
+        is_rereadable = not self.is_stdin and os.path.exists(self._name) and self._is_as_named
+        return Trajectory.from_log(self._log, self._name, poses, is_rereadable, self.origin_ns)
 
     def finish(self, adapted: "Report | None") -> int:
         """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""

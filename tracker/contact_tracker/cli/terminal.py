@@ -3,7 +3,6 @@
 Data go to stdout, messages to stderr; progress and status only to a terminal.
 """
 
-import logging
 import os
 import re
 import shutil
@@ -25,6 +24,8 @@ _ROW: Final = re.compile(r"\s*[\d.]+\s+(?:[\d.]+\s+)?(?:[-+=] )?[a-z]|\s+(?:star
 """A line of a table of contacts, or its header."""
 _DEVIATION: Final = re.compile(r" \+/- [\d.]+ \w+")
 _CUT: Final = "..."
+_FIGURES: Final = 33
+"""Width of the times, label and probability of a row, which are never cut."""
 _LABELLED: Final = re.compile(rf"(\s*[\d.]+\s+(?:[\d.]+\s+)?)([+-] )?({'|'.join(STATES)})(?=\s|$)")
 """A line of data with a label after one or two times."""
 
@@ -43,7 +44,7 @@ def _fitted(line: str) -> str:
         return line
     line = _DEVIATION.sub("", line)
     where, semicolon, others = line.partition("; or ")
-    room = max(width - len(semicolon + others) - len(_CUT), 0)
+    room = max(width - len(semicolon + others) - len(_CUT), _FIGURES)
     return line if len(line) <= width else f"{where[:room]}{_CUT}{semicolon}{others}"
 
 
@@ -110,19 +111,20 @@ def _has_colours(stream: TextIO) -> bool:
 
 def take_over_warnings() -> None:
     """Print warnings and log messages of Python and libraries like our own warnings."""
+    import logging
+
+    class LogLine(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            warn(f"{record.name}: {' '.join(record.getMessage().split())}")
+
     warnings.showwarning = _show_warning  # type: ignore[assignment]
-    logging.lastResort = _LogLine(logging.WARNING)
+    logging.lastResort = LogLine(logging.WARNING)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any) -> None:
     """Print a warning in one line, without its place in the code."""
     text = " ".join(str(message).split())
     warn(text if issubclass(category, ContactTrackerWarning) else f"{category.__name__}: {text}")
-
-
-class _LogLine(logging.Handler):
-    def emit(self, record: logging.LogRecord) -> None:
-        warn(f"{record.name}: {' '.join(record.getMessage().split())}")
 
 
 @contextmanager

@@ -1,24 +1,21 @@
 """``contact-tracker view``: recordings and their segmentation in the rerun viewer."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say
-from contact_tracker.errors import UsageError
-from contact_tracker.exit_codes import DONE
+from contact_tracker.errors import DONE, UsageError
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
-    from contact_tracker.motion.poses import Pose
-    from contact_tracker.tracking.segmentation import Segmentation
-    from contact_tracker.viewer.offline import Shown
+    from contact_tracker.viewer.offline import Draw
 
 HELP: Final = "see recordings in the rerun viewer"
 DESCRIPTION: Final = """\
@@ -56,54 +53,48 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"{args.save} can hold one recording: save each LOG of its own; rerun opens several")
     check = check_output(args.save, args.overwrite, arguments.files_read(logs, args.model, args.known))
     model, known_map = arguments.load_model(args), arguments.load_map(args)
-    with _shower(args, check, len(logs) > 1) as show:
-        works = (partial(_view, log, args, model, known_map, show) for log in logs)
+    with _opener(args, check, len(logs) > 1) as open_view:
+        works = (partial(_view, log, args, model, known_map, open_view) for log in logs)
         codes = list(arguments.run_each(works, len(logs) == 1))
     return next(filter(None, reversed(codes)), DONE)
 
 
 @contextmanager
-def _shower(
+def _opener(
     args: argparse.Namespace, check: Callable[[], None], are_several: bool
-) -> "Iterator[Callable[[Shown], None]]":
-    """The function that shows a recording in a file, a window or a browser, by the arguments."""
-    from contact_tracker.viewer.offline import show, write_rrd
+) -> "Iterator[Callable[[str], Draw]]":
+    """The function that opens a view of a recording by its name, in a file, a window or a browser."""
+    from contact_tracker.viewer.offline import begin, write_rrd
     from contact_tracker.viewer.sinks import to_viewer, web_viewer
 
     if args.save is not None:
-        yield lambda shown: write_rrd(args.save, shown, check)
+        yield lambda _: partial(write_rrd, args.save, check=check)
     elif args.web:
         with web_viewer() as web:
             say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
-            yield lambda shown: show(shown, web.sink, are_several)
+            yield lambda name: begin(web.sink, name, are_several)
             web.wait_until_interrupted()
     else:
         sink = to_viewer()
-        yield lambda shown: show(shown, sink, are_several)
+        yield lambda name: begin(sink, name, are_several)
 
 
 def _view(
-    log: str, args: argparse.Namespace, model: "Model", known_map: "Map", show: "Callable[[Shown], None]"
+    log: str, args: argparse.Namespace, model: "Model", known_map: "Map", open_view: "Callable[[str], Draw]"
 ) -> int:
     from contact_tracker.cli.source import Source
-    from contact_tracker.recording import read_metadata, read_truth
-    from contact_tracker.segmenting import OfflineTracker
-    from contact_tracker.viewer.offline import Shown
-    from contact_tracker.viewer.scene import vertices_from_metadata
+    from contact_tracker.outputs.outcome import segmented
+    from contact_tracker.recording import read_truth
+    from contact_tracker.tracking.belief import Detail
 
-    poses = arguments.open_poses(args, log)
-    tracker = OfflineTracker(model, known_map, read_as=poses.source.read_as)
-    source = Source(poses, log, args)
-    truth, vertices_m = read_truth(log), vertices_from_metadata(read_metadata(log))
-    with progress("segment", "poses", source.expected) as set_done:
-
-        def found(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
-            return source.counted(tracker.pieces(poses, set_done))
-
-        name = None if source.is_stdin else Path(log).name or log
-        known = known_map, lambda: tracker.map
-        show(Shown(source, found, truth, vertices_m, True, name, lambda: source.origin_ns, *known))
-    code = source.finish(tracker.report)
+    source = Source(arguments.open_poses(args, log), log, args)
+    truth, trajectory = read_truth(log), source.trajectory()
+    draw = open_view(trajectory.name)
+    with progress("segment", "poses", len(trajectory)) as set_done:
+        found = segmented(trajectory, model, known_map, progress=set_done, detail=Detail.SHARED)
+        draw(replace(found, labels=truth))
+    source.outliers = found.segmentation.outliers
+    code = source.finish(found.report)
     if args.save is not None:
         say(f"wrote {args.save}")
     return code

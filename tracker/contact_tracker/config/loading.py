@@ -7,11 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from contact_tracker.config import preset_names, shipped
 from contact_tracker.config.parameters import ZERO, ByChange, ByState, Model
-from contact_tracker.config.shipped import preset_names, shipped
-from contact_tracker.config.toml_text import parse_toml
 from contact_tracker.errors import ModelError
-from contact_tracker.regular_file import read_regular
+from contact_tracker.files import parse_toml, read_regular
 from contact_tracker.states import STATES, Contact
 
 _RANGES: Final = {

@@ -4,7 +4,7 @@ DataFrame of pandas, whose types do not depend on the values (an extra)."""
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from contact_tracker.extras import extra
+from contact_tracker.errors import extra
 from contact_tracker.geometry.elements import NONE, VERTEX, ContactGeometry, flat
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
@@ -55,13 +55,10 @@ def belief_columns(beliefs: Iterable[Belief]) -> Columns:
     """A row per tick with the columns ``BELIEF_COLUMNS``; ``probability`` is that of the label."""
     rows = _Rows(BELIEF_COLUMNS)
     for one in beliefs:
-        probability = [float(p) for p in one.probability]
-        cells: dict[str, Any] = dict(zip(PROBABILITIES, probability, strict=True))
-        cells |= {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns, "contact": one.contact.value}
-        cells |= {"probability": probability[one.contact.column], "inseparable": " ".join(one.inseparable)}
-        cells |= {"contacts": _kinds(one), "decided": decided(one)}
-        cells |= _joint_cells(one.joint)
-        rows.add(cells, one.geometry)
+        posterior = [float(p) for p in one.probability]
+        times = {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns}
+        own = times | dict(zip(PROBABILITIES, posterior, strict=True))
+        rows.add(own | _contact_cells(one, posterior[one.contact.column]), one.geometry)
     return rows.columns
 
 
@@ -69,12 +66,15 @@ def segment_columns(segments: Iterable[Segment]) -> Columns:
     """A row per segment with the columns ``SEGMENT_COLUMNS``."""
     rows = _Rows(SEGMENT_COLUMNS)
     for one in segments:
-        cells: dict[str, Any] = {"start_ns": one.start_ns, "end_ns": one.end_ns, "contact": one.contact.value}
-        cells |= {"probability": one.probability, "inseparable": " ".join(one.inseparable)}
-        cells |= {"contacts": _kinds(one), "decided": decided(one)}
-        cells |= _joint_cells(one.joint)
-        rows.add(cells, one.geometry)
+        times = {"start_ns": one.start_ns, "end_ns": one.end_ns}
+        rows.add(times | _contact_cells(one, one.probability), one.geometry)
     return rows.columns
+
+
+def _contact_cells(one: Belief | Segment, probability: float) -> dict[str, Any]:
+    label = {"contact": one.contact.value, "probability": probability, "decided": decided(one)}
+    others = {"inseparable": " ".join(one.inseparable), "contacts": _kinds(one)}
+    return label | others | _joint_cells(one.joint)
 
 
 def _joint_cells(joint: Joint | None) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """A figure for papers and notebooks, drawn by matplotlib."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -16,14 +15,12 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from contact_tracker.errors import NoTruth
-from contact_tracker.exports.outcome import Outcome
 from contact_tracker.ground_truth import Truth
 from contact_tracker.outputs.colours import COLOUR, Colour
-from contact_tracker.paper.window_curves import WindowCurves
+from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.states import CONTACTS, STATES
-from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.parts import SIDES, Part
+from contact_tracker.viewer.parts import SIDES, Part, known_parts
 
 _NAME_SIZE: Final = 9.0
 """Of the names in the ribbons (points)."""
@@ -42,46 +39,37 @@ _TRUTH: Final = (1.22, 1.32)
 """Where the labels are above the probabilities, and the truth above them."""
 
 
-def draw_figure(
-    found: Segmentation,
-    origin_ns: int,
-    curves: WindowCurves | None = None,
-    parts: Sequence[Part] = (),
-    truth: Truth | None = None,
-) -> Figure:
-    """The segments and their probabilities on one axes, below them the paper's curves if given, and what is
-    known of the object and its surroundings.
-
-    Time counts from ``origin_ns``.
-    """
-    rows = 1 if curves is None or not len(curves.stamp_ns) else 2
-    height = 1.0 + _ROW * rows
+def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
+    """The segments and their probabilities on one axes, below them the paper's objective functions over
+    windows, if asked for, and what is known of the object and its surroundings."""
+    curves, parts = _curves(outcome) if with_curves else None, known_parts(outcome)
+    height = 1.0 + _ROW * (1 if curves is None else 2)
     figure = pyplot.figure(figsize=(10.0, height + _MAP * bool(parts)), layout="constrained")
     over_time: FigureBase = figure
     if parts:
         over_time, below_it = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, _MAP))[:, 0]
-        _draw_parts(below_it, parts, origin_ns)
-    first, *below = over_time.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-    draw_on(first, found, origin_ns, truth)
-    for axes in below:
-        assert curves is not None
-        _draw_curves(axes, curves, origin_ns)
-        axes.set_xlabel("time (s)")
+        _draw_parts(below_it, parts, outcome.origin_ns)
+    first, *below = over_time.subplots(1 if curves is None else 2, 1, sharex=True, squeeze=False)[:, 0]
+    draw_on(first, outcome)
+    if curves is not None:
+        _draw_curves(below[0], curves, outcome.origin_ns)
+        below[0].set_xlabel("time (s)")
         first.set_xlabel("")
     if "inline" in get_backend():  # a notebook shows what is returned, and what pyplot keeps
         pyplot.close(figure)
     return figure
 
 
-def draw_on(axes: Axes, found: Segmentation, origin_ns: int, truth: Truth | None = None) -> None:
+def draw_on(axes: Axes, outcome: Outcome) -> None:
     """The probabilities of all states, and above them the segments, by name where it fits and hatched where
     the motion fits other contacts as well, below the truth if it is known."""
-    seconds = (found.stamp_ns - origin_ns) * 1e-9
-    spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in found.segments]
+    beliefs, segments, origin_ns, truth = outcome.beliefs, outcome.segments, outcome.origin_ns, outcome.truth
+    seconds = (beliefs.stamp_ns - origin_ns) * 1e-9
+    spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in segments]
     if len(seconds):
         axes.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
     low, high = _RIBBON
-    for segment, (start_s, duration_s) in zip(found.segments, spans, strict=True):
+    for segment, (start_s, duration_s) in zip(segments, spans, strict=True):
         axes.broken_barh(
             [(start_s, duration_s)],
             (low, high - low),
@@ -92,17 +80,22 @@ def draw_on(axes: Axes, found: Segmentation, origin_ns: int, truth: Truth | None
             linewidth=0.0,
         )
         _name(axes, start_s, duration_s, _RIBBON, segment.contact)
-    for state, share in zip(STATES, np.transpose(found.beliefs.probability), strict=True):
+    for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=_fraction(COLOUR[state]), label=state.value)
     axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, high + 0.02))
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
     if truth is not None and len(seconds):
-        _draw_truth(axes, truth.between(*found.stamp_ns[[0, -1]].tolist()), origin_ns)
+        _draw_truth(axes, truth.between(*beliefs.stamp_ns[[0, -1]].tolist()), origin_ns)
         axes.set_ylim(0.0, _TRUTH[1] + 0.02)
     handles, _ = axes.get_legend_handles_labels()
-    if any(one.inseparable for one in found.segments):
+    if any(one.inseparable for one in segments):
         handles.append(Patch(facecolor="white", edgecolor="grey", hatch="///", label="open: others fit"))
     axes.legend(handles=handles, ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+
+
+def _curves(outcome: Outcome) -> WindowCurves | None:
+    found = curves(outcome.trajectory.poses)
+    return found if len(found.stamp_ns) else None
 
 
 def _draw_truth(axes: Axes, truth: Truth, origin_ns: int) -> None:
@@ -172,10 +165,7 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
 
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     """Write the figure in the format of a suffix."""
-    truth = None
-    with suppress(NoTruth):  # a figure does not need it
-        truth = outcome.truth()
-    figure = draw_figure(outcome.found, outcome.origin_ns, None, outcome.parts, truth)
+    figure = draw_figure(outcome)
     figure.savefig(path, format=suffix.removeprefix("."), dpi=_DOTS_PER_INCH)
     pyplot.close(figure)
 

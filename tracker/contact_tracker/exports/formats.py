@@ -8,12 +8,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, TextIO
 
-from contact_tracker.atomic_file import accept_any, whole_file
-from contact_tracker.errors import printable
-from contact_tracker.extras import extra
+from contact_tracker.errors import extra, printable
+from contact_tracker.files import accept_any, whole_file
 
 if TYPE_CHECKING:
-    from contact_tracker.exports.outcome import Outcome
+    from contact_tracker.outputs.outcome import Outcome
     from contact_tracker.tracking.belief import Belief, Segment
     from contact_tracker.tracking.segmentation import Segmentation
 
@@ -123,9 +122,13 @@ def write_pieces(
 
 
 def write_outcome(outcome: "Outcome", path: Path, check: Callable[[], None] = accept_any) -> None:
-    """Write an output of a whole recording atomically; ``check`` as of ``whole_file``."""
-    require_library(path)
+    """Write the output of a whole recording that the suffix selects, atomically; ``check`` as of
+    ``whole_file``."""
     one = format_of(path)
+    if one.rows != "whole":
+        write_pieces([outcome.segmentation], path, lambda: outcome.origin_ns, check)
+        return
+    require_library(path)
     write = getattr(import_module(f"contact_tracker.exports.{one.module}"), one.write)
     with whole_file(path, check) as temporary:
         write(outcome, temporary, path.suffix.lower())

@@ -12,9 +12,10 @@ from typing import Any, Final
 from foxglove import messages as fox
 
 from contact_tracker.errors import UsageError
-from contact_tracker.exports.outcome import Outcome
 from contact_tracker.geometry.elements import Array
+from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.colours import COLOUR, Colour
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.recording import (
     BELIEF_TOPIC,
     FRAMES_TOPIC,
@@ -26,14 +27,8 @@ from contact_tracker.recording import (
 )
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
-from contact_tracker.viewer.parts import SIDES
-from contact_tracker.viewer.scene import (
-    GREY,
-    OBJECT,
-    Mesh,
-    draw_all,
-    poses_within,
-)
+from contact_tracker.viewer.parts import SIDES, known_parts
+from contact_tracker.viewer.scene import GREY, OBJECT, Extent, Mesh, draw_all, extent_of, poses_within
 
 WORLD: Final = "world"
 BODY: Final = "object"
@@ -61,14 +56,16 @@ def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
     OSError
         The file cannot be written.
     """
-    stamps_ns, log_offset_ns = outcome.poses.stamp_ns, outcome.log_offset_ns
-    if len(stamps_ns) and not 0 <= stamps_ns[0] + min(log_offset_ns, 0) <= stamps_ns[-1] < _RANGE_NS:
+    poses, log_offset_ns = outcome.trajectory.poses, outcome.trajectory.log_offset_ns
+    if len(poses) and not 0 <= poses.stamp_ns[0] + min(log_offset_ns, 0) <= poses.stamp_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
+    frames = tuple(given or own for given, own in zip(outcome.trajectory.frames, (WORLD, BODY), strict=True))
+    extent = extent_of(outcome.trajectory.vertices_m)
     added = merge(
         _beliefs(outcome),
-        _frames(outcome),
-        _known(outcome),
-        _scene(outcome),
+        _frames(outcome, frames),
+        _known(outcome, frames, extent),
+        _scene(outcome, frames, extent),
         key=lambda message: message.log_time_ns,
     )
     shifted = (message._replace(log_time_ns=message.log_time_ns + log_offset_ns) for message in added)
@@ -109,14 +106,14 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
     }
     encoded = json.dumps(schema).encode()
     channel = Channel(BELIEF_TOPIC, "json", "contact_tracker.Belief", "jsonschema", encoded)
-    for belief in outcome.found.beliefs:
+    for belief in outcome.beliefs:
         yield RawMessage(channel, belief.stamp_ns, json.dumps(belief.to_json(), allow_nan=False).encode())
 
 
-def _frames(outcome: Outcome) -> Iterator[RawMessage]:
+def _frames(outcome: Outcome, frames: tuple[str, ...]) -> Iterator[RawMessage]:
     channel = _channel(FRAMES_TOPIC, fox.FrameTransforms)
-    world, body, next_ns = outcome.world or WORLD, outcome.body or BODY, None
-    for stamp_ns, position_m, quat_xyzw in outcome.poses:
+    (world, body), next_ns = frames, None
+    for stamp_ns, position_m, quat_xyzw in outcome.trajectory:
         if next_ns is not None and stamp_ns < next_ns:
             continue
         next_ns = stamp_ns + _FRAME_NS
@@ -130,42 +127,65 @@ def _frames(outcome: Outcome) -> Iterator[RawMessage]:
         yield RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
 
 
-def _scene(outcome: Outcome) -> Iterator[RawMessage]:
+def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
     """The scene from each change on; each message replaces the previous one."""
     channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
-    for segment in outcome.found.segments:
+    for segment in outcome.segments:
         for part in segment.parts:
             deletion = fox.SceneEntityDeletion(
                 timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
             )
-            update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, part))
+            within = poses_within(outcome.trajectory.poses, part.start_ns, part.end_ns)
+            entities = _entities(segment, part, within, frames, extent)
+            update = fox.SceneUpdate(deletions=[deletion], entities=entities)
             yield RawMessage(channel, part.start_ns, update.encode())
 
 
-def _entities(outcome: Outcome, segment: Segment, part: SegmentPart) -> list[fox.SceneEntity]:
-    entities, extent = [], outcome.extent
-    drawing = draw_all(part.geometries, poses_within(outcome.poses, part.start_ns, part.end_ns), extent)
-    if drawing is not None:
-        colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
-        colours = (OBJECT, OBJECT, colour, colour)
-        shapes = [_triangles(*one) for one in zip(drawing.meshes, colours, opacities, strict=True)]
-        named = " on ".join(name for name in segment.touching if name) or _kinds(segment, part)
-        text = _text(drawing.label_m, _TEXT_SIZE * extent.radius_m, colour, named)
-        entities.append(_entity(outcome, segment, part, "object element", shapes[:2]))
-        entities.append(_entity(outcome, segment, part, "environment element", shapes[2:], [text]))
-    return entities
+def _entities(
+    segment: Segment, part: SegmentPart, within: Poses, frames: tuple[str, ...], extent: Extent
+) -> list[fox.SceneEntity]:
+    """The object's element, and that of the surroundings with its name."""
+    drawing = draw_all(part.geometries, within, extent)
+    if drawing is None:
+        return []
+    colour = COLOUR[segment.contact]
+    colours, opacities = (OBJECT, OBJECT, colour, colour), (_OPAQUE, _PALE) * 2
+    shapes = [_triangles(*one) for one in zip(drawing.meshes, colours, opacities, strict=True)]
+    kinds = " + ".join((segment.contact, *(one.contact for one in part.further)))
+    named = " on ".join(name for name in segment.touching if name) or kinds
+    text = _text(drawing.label_m, _TEXT_SIZE * extent.radius_m, colour, named)
+    world, body = frames
+    return [
+        fox.SceneEntity(
+            timestamp=_timestamp(part.start_ns),
+            frame_id=frame,
+            id=name,
+            frame_locked=True,
+            metadata=[
+                fox.KeyValuePair(key="contact", value=segment.contact.value),
+                fox.KeyValuePair(key="probability", value=f"{segment.probability:.3f}"),
+            ],
+            triangles=[one for one in triangles if one is not None],
+            texts=texts,
+        )
+        for name, frame, triangles, texts in (
+            ("object element", body, shapes[:2], []),
+            ("environment element", world, shapes[2:], [text]),
+        )
+    ]
 
 
-def _known(outcome: Outcome) -> Iterator[RawMessage]:
+def _known(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
     """All that is known, from the first pose on, on a topic of its own, as each message on that of the scene
     replaces the previous one."""
-    if not outcome.parts or not len(outcome.poses):
+    (world, body), parts = frames, known_parts(outcome)
+    if not parts or not len(outcome.trajectory):
         return
-    stamp_ns, size_m = int(outcome.poses.stamp_ns[0]), _TEXT_SIZE * outcome.extent.radius_m
+    stamp_ns, size_m = int(outcome.trajectory.stamp_ns[0]), _TEXT_SIZE * extent.radius_m
     entities = [
         fox.SceneEntity(
             timestamp=_timestamp(stamp_ns),
-            frame_id=((outcome.world or WORLD) if one.side else (outcome.body or BODY)),
+            frame_id=world if one.side else body,
             id=f"{number} {SIDES[one.side]} {one.name}",
             frame_locked=True,
             triangles=[
@@ -174,36 +194,10 @@ def _known(outcome: Outcome) -> Iterator[RawMessage]:
             lines=[_line(strip, _KNOWN[one.side]) for strip in one.outline],
             texts=[_text(one.label_m, size_m, _KNOWN[one.side], one.name)],
         )
-        for number, one in enumerate(outcome.parts)
+        for number, one in enumerate(parts)
     ]
-    yield RawMessage(
-        _channel(MAP_TOPIC, fox.SceneUpdate), stamp_ns, fox.SceneUpdate(entities=entities).encode()
-    )
-
-
-def _kinds(segment: Segment, part: SegmentPart) -> str:
-    return " + ".join((segment.contact, *(one.contact for one in part.further)))
-
-
-def _entity(
-    outcome: Outcome,
-    segment: Segment,
-    part: SegmentPart,
-    name: str,
-    triangles: list[fox.TriangleListPrimitive | None],
-    texts: list[fox.TextPrimitive] | None = None,
-) -> fox.SceneEntity:
-    frame = (outcome.world or WORLD) if name.startswith("environment") else (outcome.body or BODY)
-    contact = fox.KeyValuePair(key="contact", value=segment.contact.value)
-    return fox.SceneEntity(
-        timestamp=_timestamp(part.start_ns),
-        frame_id=frame,
-        id=name,
-        frame_locked=True,
-        metadata=[contact, fox.KeyValuePair(key="probability", value=f"{segment.probability:.3f}")],
-        triangles=[one for one in triangles if one is not None],
-        texts=texts or [],
-    )
+    channel = _channel(MAP_TOPIC, fox.SceneUpdate)
+    yield RawMessage(channel, stamp_ns, fox.SceneUpdate(entities=entities).encode())
 
 
 def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> Any:

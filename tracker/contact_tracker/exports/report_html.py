@@ -13,17 +13,16 @@ from plotly.graph_objects import Figure, Mesh3d, Scatter, Scatter3d
 
 from contact_tracker import __version__
 from contact_tracker.errors import printable
-from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.colours import COLOUR, Colour
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.viewer.camera import Eye, Upward
-from contact_tracker.viewer.parts import SIDES, Part
-from contact_tracker.viewer.scene import GREY, Drawing, draw_all, poses_within
+from contact_tracker.viewer.parts import SIDES, Part, known_parts
+from contact_tracker.viewer.scene import GREY, Drawing, Eye, Upward, draw_all, extent_of, poses_within
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
@@ -59,10 +58,9 @@ _STYLE: Final = (
 
 def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
     """Write the report; OSError if the file cannot be written."""
-    found, poses, origin_ns = outcome.found, outcome.poses, outcome.origin_ns
-    span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9 if len(poses) else 0.0
-    title = escape(printable(f"Contacts in {outcome.name}"))
-    facts = f"{len(poses)} poses, {span_s:.2f} s of motion, {len(found.segments)} segments"
+    segments, trajectory, parts = outcome.segments, outcome.trajectory, known_parts(outcome)
+    title = escape(printable(f"Contacts in {trajectory.name}"))
+    facts = f"{len(trajectory)} poses, {trajectory.duration_s:.2f} s of motion, {len(segments)} segments"
     facts += f"; {outcome.noise}" if outcome.noise else ""
     legend = " ".join(
         f'<span style="background:rgb{COLOUR[state]};padding:1px 7px">{state.value}</span>'
@@ -74,13 +72,13 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
         file.write(f"<style>{_STYLE}</style><script>{_plotly_js()}</script></head><body><h1>{title}</h1>")
         file.write(warnings_html(outcome.warnings))
         file.write(f"<p>{escape(printable(facts))}</p>{counts_html(outcome.counts)}")
-        ribbon = f'<div style="margin:0 {_RIGHT_PX}px 0 {_LEFT_PX}px">{ribbon_html(found.segments)}</div>'
+        ribbon = f'<div style="margin:0 {_RIGHT_PX}px 0 {_LEFT_PX}px">{ribbon_html(segments)}</div>'
         file.write(f"<h2>Labels</h2>{ribbon}<p>{legend}</p>")
         file.write("<h2>Probabilities</h2>" + _posteriors(outcome).to_html(**settings))
-        file.write(_ABOUT_GEOMETRY + _geometry(outcome).to_html(**settings))
-        if any(one.side == 0 for one in outcome.parts):
-            file.write(_ABOUT_OBJECT + _object(outcome.parts).to_html(**settings))
-        file.write(f"<h2>Segments</h2>{table_html(found.segments, origin_ns)}")
+        file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts).to_html(**settings))
+        if any(one.side == 0 for one in parts):
+            file.write(_ABOUT_OBJECT + _object(parts).to_html(**settings))
+        file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
 
 
@@ -91,7 +89,7 @@ def _plotly_js() -> str:
 
 
 def _posteriors(outcome: Outcome) -> Figure:
-    beliefs, segments = outcome.found.beliefs, outcome.found.segments
+    beliefs, segments = outcome.beliefs, outcome.segments
     every = 1 + len(beliefs) // MOST_TICKS
     seconds = ((beliefs.stamp_ns - outcome.origin_ns) * 1e-9)[::every]
     figure = Figure()
@@ -114,11 +112,11 @@ def _posteriors(outcome: Outcome) -> Figure:
     return figure
 
 
-def _geometry(outcome: Outcome) -> Figure:
+def _geometry(outcome: Outcome, parts: Sequence[Part]) -> Figure:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
-    poses, segments = outcome.poses, outcome.found.segments
-    figure = Figure([*_path(outcome), *_known(outcome.parts, 1)])
-    extent, upward = outcome.extent, Upward(outcome.extent)
+    poses, segments = outcome.trajectory.poses, outcome.segments
+    extent = extent_of(outcome.trajectory.vertices_m)
+    figure, upward = Figure([*_path(outcome), *_known(parts, 1)]), Upward(extent)
     longest = sorted(segments, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
     for segment in sorted(longest, key=lambda s: s.start_ns):
         if segment.geometry is not None:
@@ -126,7 +124,7 @@ def _geometry(outcome: Outcome) -> Figure:
             drawing = draw_all(_touching(segment, within), within, extent, upward.direction)
             assert drawing is not None
             upward.add(segment.geometry, within, segment.end_ns - segment.start_ns)
-            figure.add_traces(list(_elements(outcome, segment, within, drawing)))
+            figure.add_traces(list(_elements(segment, within, drawing, parts, outcome.origin_ns)))
     figure.update_layout(height=620, **_SPACE)
     if len(poses):
         figure.update_layout(scene_camera=_camera(upward.eye(extent.radius_m)))
@@ -165,7 +163,7 @@ def _touching(segment: Segment, within: Poses) -> tuple[ContactGeometry, ...]:
 
 def _path(outcome: Outcome) -> Iterator[Scatter3d]:
     """A line per state, with breaks where others hold."""
-    poses, segments = outcome.poses, outcome.found.segments
+    poses, segments = outcome.trajectory.poses, outcome.segments
     poses = poses[:: 1 + len(poses) // MOST_PATH_POSES]
     starts = np.array([segment.start_ns for segment in segments], np.int64)
     number = np.searchsorted(starts, poses.stamp_ns, side="right") - 1
@@ -182,7 +180,7 @@ def _path(outcome: Outcome) -> Iterator[Scatter3d]:
 
 
 def _elements(
-    outcome: Outcome, segment: Segment, within: Poses, drawing: Drawing
+    segment: Segment, within: Poses, drawing: Drawing, parts: Sequence[Part], origin_ns: int
 ) -> Iterator[Mesh3d | Scatter3d]:
     """The touching pair, and what is known of the object, at the middle of the segment.
 
@@ -192,7 +190,7 @@ def _elements(
     middle = within[len(within) // 2 : len(within) // 2 + 1]
     rotation, position = middle.rotation[0], middle.position_m[0]
     on_object, _, on_environment, _ = drawing.meshes
-    start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
+    start_s = (segment.start_ns - origin_ns) * 1e-9
     name = f"{segment.contact.value} from {start_s:.1f} s"
     text = printable(describe(segment.geometry, segment.inseparable)).replace(" on ", "<br>on ")
     common: dict[str, Any] = {
@@ -205,9 +203,7 @@ def _elements(
     yield _mesh(on_environment.vertices, on_environment.triangles, colour, 0.45, showlegend=True, **common)
     moved = on_object.vertices @ rotation.T + position
     yield _mesh(moved, on_object.triangles, colour, 0.9, **common)
-    strips = [
-        strip @ rotation.T + position for one in outcome.parts if one.side == 0 for strip in one.outline
-    ]
+    strips = [strip @ rotation.T + position for one in parts if one.side == 0 for strip in one.outline]
     if strips:
         shown = {"legendgroup": name, "visible": common["visible"]}
         yield _lines(strips, GREY, showlegend=False, hoverinfo="skip", **shown)

@@ -1,6 +1,7 @@
 """Further contacts in the ticks of a segment whose first contact is known (docs/theory.md, section 18)."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -8,15 +9,14 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.formations.complexity import elements_complexity
 from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
-from contact_tracker.formations.elements import FittedElements, fit_elements
-from contact_tracker.formations.naming import named_by
+from contact_tracker.formations.elements import FittedElements, elements_complexity, fit_elements
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
-from contact_tracker.geometry.elements import ContactGeometry, Origins
+from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, Plane, canonical
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
-from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
+from contact_tracker.map.same_element import is_same_element
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -40,10 +40,15 @@ MAX_RMS: Final = 1.5
 
 
 class KnownContact(NamedTuple):
-    """A contact model and its element parameters x (S,)."""
+    """A contact and the parameters x (S,) of its elements."""
 
-    model: ContactModel
+    contact: Contact
     x: Array
+
+    @property
+    def model(self) -> ContactModel:
+        """Its model."""
+        return CONTACT_MODELS[self.contact.column]
 
     @property
     def c(self) -> Array:
@@ -57,20 +62,11 @@ class Further(NamedTuple):
     ``inseparable`` are contact kinds that explain the motion as well.
     """
 
-    elements: FittedElements
+    known: KnownContact
     geometry: ContactGeometry
     runs: tuple[Run, ...]
     log_odds: float
     inseparable: tuple[Contact, ...]
-
-    @property
-    def contact(self) -> Contact:
-        return self.elements.model.contact
-
-    @property
-    def known(self) -> KnownContact:
-        """Its contact model and element parameters."""
-        return KnownContact(self.elements.model, self.elements.x)
 
 
 Ranks = tuple[tuple[frozenset[int], int], ...]
@@ -185,7 +181,7 @@ def _further_contacts(
             # unused freedom: further constraints that this contact does not explain
             return found, True
         others = inseparable_kinds(segment, motion, best, some, run, more - before)
-        found.append(Further(elements, geometry, best.presence.runs, best.presence.log_odds, others))
+        found.append(Further(best.known, geometry, best.presence.runs, best.presence.log_odds, others))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
     return found, False
@@ -193,7 +189,7 @@ def _further_contacts(
 
 def allowed(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Candidate]:
     """The candidates whose kinds the map allows."""
-    return [one for one in candidates if one.known.model.contact in segment.kinds]
+    return [one for one in candidates if one.known.contact in segment.kinds]
 
 
 def refine(
@@ -206,7 +202,7 @@ def refine(
     """
     model = best.known.model
     elements = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
-    refined = evaluate(segment, motion, KnownContact(model, elements.x))
+    refined = evaluate(segment, motion, KnownContact(model.contact, elements.bank.x[0]))
     return None if refined is None else (refined, elements)
 
 
@@ -214,7 +210,9 @@ def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[
     """Candidates for single constraints in promising spans: every contact keeps one of them."""
     for span, models in _promising_spans(motion):
         for model in models:
-            yield from search_span(segment, motion, model, span)
+            candidate = search_span(segment, motion, model, span)
+            if candidate is not None:
+                yield candidate
 
 
 def _promising_spans(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]]:
@@ -252,20 +250,19 @@ def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
 def _search_kinds(segment: FormationTicks, motion: ConditionalMotion, run: Run) -> list[Candidate]:
     """The best elements of each contact kind in a run."""
     models = [CONTACT_MODELS[kind.column] for kind in segment.kinds]
-    return [one for model in models for one in search_span(segment, motion, model, run)]
+    found = (search_span(segment, motion, model, run) for model in models)
+    return [one for one in found if one is not None]
 
 
 def search_span(
     segment: FormationTicks, motion: ConditionalMotion, model: ContactModel, span: Run
-) -> Iterator[Candidate]:
-    """Search one span for elements of ``model``; the best is evaluated on all ticks."""
+) -> Candidate | None:
+    """The best elements of ``model`` in one span, evaluated on all ticks; None if they do not fit it."""
     part, window = motion.cut(*span), segment.window.cut(*span)
-    for x in search(model, part, window, segment.scales.reach_m).x[:1]:
-        known = KnownContact(model, x)
-        if np.sqrt(part.evidence(known.c).chi_sq.mean()) < MAX_RMS:
-            candidate = evaluate(segment, motion, known)
-            if candidate is not None:
-                yield candidate
+    known = KnownContact(model.contact, search(model, part, window, segment.scales.reach_m))
+    if np.sqrt(part.evidence(known.c).chi_sq.mean()) < MAX_RMS:
+        return evaluate(segment, motion, known)
+    return None
 
 
 def evaluate(segment: FormationTicks, motion: ConditionalMotion, known: KnownContact) -> Candidate | None:
@@ -308,7 +305,7 @@ def inseparable_kinds(
     A kind contained in one of these counts if it has at least as many constraints. As the best was refined
     on ``run``, rivals that fit less well are refined there, too.
     """
-    alike = {best.known.model.contact}
+    alike = {best.known.contact}
     for one in others:
         if one.rms > AS_WELL and one.gain > EQUAL_GAIN * best.gain:
             refined = refine(segment, motion, one, run)
@@ -316,6 +313,28 @@ def inseparable_kinds(
         near = one.presence.log_odds > best.presence.log_odds - DECISIVE
         fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > EQUAL_GAIN * best.gain
         if near or fits:
-            alike.add(one.known.model.contact)
+            alike.add(one.known.contact)
     contained = {kind for kind in CONTACTS for one in alike if one.contains(kind) and kind.codimension >= new}
-    return tuple(kind for kind in CONTACTS if kind in contained and kind is not best.known.model.contact)
+    return tuple(kind for kind in CONTACTS if kind in contained and kind is not best.known.contact)
+
+
+def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
+    """The geometry with the names of elements of the map that agree with it within their uncertainty."""
+    return ContactGeometry(
+        _named(geometry.object, known_map.object), _named(geometry.environment, known_map.environment)
+    )
+
+
+def _named(element: Element, known: Sequence[NamedElement]) -> Element:
+    for one in (one for one in known if not one.is_covered):
+        for side in (element, _other_way(element)):
+            if type(one.element) is type(side) and is_same_element(side, one.element):
+                return replace(side, name=one.name)
+    return canonical(element)
+
+
+def _other_way(element: Element) -> Element:
+    """A plane with its normal reversed: the solid side is unknown."""
+    if not isinstance(element, Plane):
+        return element
+    return replace(element, normal=-element.normal, offset_m=-element.offset_m)

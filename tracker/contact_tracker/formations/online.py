@@ -50,21 +50,10 @@ COUNTED_TICKS: Final = 20
 """Constraints are counted over this many of the latest ticks."""
 
 
-class ContactElements(NamedTuple):
-    """A contact kind and its element parameters x (S,)."""
-
-    contact: Contact
-    x: Array
-
-    @property
-    def known(self) -> KnownContact:
-        return KnownContact(CONTACT_MODELS[self.contact.column], self.x)
-
-
 class TrackedContact(NamedTuple):
     """A further contact that was found: present since tick ``since``, or no longer present."""
 
-    elements: ContactElements
+    elements: KnownContact
     geometry: ContactGeometry
     inseparable: tuple[Contact, ...]
     log_odds: float
@@ -90,12 +79,12 @@ class FormationState(NamedTuple):
     reclassified : index of the tracked contact whose kind is compared with others; -1 for none.
     """
 
-    first: ContactElements | None = None
+    first: KnownContact | None = None
     tracked: tuple[TrackedContact, ...] = ()
-    remembered: tuple[ContactElements, ...] = ()
+    remembered: tuple[KnownContact, ...] = ()
     queue: tuple[Contact, ...] = ()
     span: int = 0
-    proposals: tuple[ContactElements, ...] = ()
+    proposals: tuple[KnownContact, ...] = ()
     searches_all: bool = False
     ticks_since_search: float = 0.0
     search_interval: float = SEARCH_INTERVAL_TICKS
@@ -122,7 +111,7 @@ def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -
         now, runs = _evaluated(one, ticks, motion)
         tracked.append(now)
         for run in runs:
-            motion = motion.keeping(one.elements.known.c, *run)
+            motion = motion.keeping(one.elements.c, *run)
     state = state._replace(tracked=tuple(tracked), constraints=_count(tracked, motion, first))
     if state.reclassified >= 0:
         return _reclassify(state, ticks, first)
@@ -143,7 +132,7 @@ def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -
 
 def _count(tracked: Sequence[TrackedContact], motion: ConditionalMotion, first: KnownContact) -> int:
     """Constraints of the first contact and the further ones present now on the latest ticks."""
-    present = [one.elements.known.c for one in tracked if one.is_present]
+    present = [one.elements.c for one in tracked if one.is_present]
     if not present:
         return first.model.contact.codimension
     last = motion.cut(max(len(motion) - COUNTED_TICKS, 0), len(motion))
@@ -158,13 +147,11 @@ def suspend(state: FormationState) -> FormationState:
 
 def _with_first(state: FormationState, first: KnownContact, motion: ConditionalMotion) -> FormationState:
     """The state for this first contact; if it has changed, known contacts become remembered elements."""
-    elements, before = ContactElements(first.model.contact, first.x), state.first
-    if before is None:
-        return state._replace(first=elements)
-    if before.contact is elements.contact and _is_same(motion, before.known, first):
-        return state._replace(first=elements)
+    before = state.first
+    if before is None or (before.contact is first.contact and _is_same(motion, before, first)):
+        return state._replace(first=first)
     known = [before, *(one.elements for one in state.tracked), *state.remembered]
-    return FormationState(elements, remembered=tuple(known[:MAX_REMEMBERED]), search_interval=0.0)
+    return FormationState(first, remembered=tuple(known[:MAX_REMEMBERED]), search_interval=0.0)
 
 
 def _is_same(motion: ConditionalMotion, one: KnownContact, other: KnownContact) -> bool:
@@ -177,7 +164,7 @@ def _evaluated(
     one: TrackedContact, ticks: FormationTicks, motion: ConditionalMotion
 ) -> tuple[TrackedContact, tuple[Run, ...]]:
     """A tracked contact after the newest tick, and the runs in which it was present."""
-    candidate = evaluate(ticks, motion, one.elements.known)
+    candidate = evaluate(ticks, motion, one.elements)
     if candidate is None or candidate.presence.log_odds <= 0.0:
         return one._replace(is_present=False), ()
     last = candidate.presence.runs[-1]
@@ -195,10 +182,10 @@ def _evaluated(
         if refined is None:  # it keeps the elements that it has
             return now._replace(refit_at=_refit_at(newest, last)), candidate.presence.runs
         better, fitted = refined
-        elements, geometry = ContactElements(one.elements.contact, better.known.x), ticks.geometry_of(fitted)
+        geometry = ticks.geometry_of(fitted)
         if geometry is None:
             return now._replace(is_present=False), candidate.presence.runs
-        now = now._replace(elements=elements, geometry=geometry, refit_at=_refit_at(newest, last))
+        now = now._replace(elements=better.known, geometry=geometry, refit_at=_refit_at(newest, last))
     return now, candidate.presence.runs
 
 
@@ -211,30 +198,17 @@ def _begin_search(state: FormationState, ticks: FormationTicks, motion: Conditio
     state = state._replace(
         ticks_since_search=0.0, search_interval=max(state.search_interval, SEARCH_INTERVAL_TICKS)
     )
-    candidates = [evaluate(ticks, motion, one.known) for one in state.remembered]
+    candidates = [evaluate(ticks, motion, one) for one in state.remembered]
     best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
     if best is not None:
         return _queue_all_kinds(state, best, ticks)
-    tests = [
-        _SpanTest.at(motion, min(span, len(motion))) for span in SEARCH_SPANS_TICKS if span < 2 * len(motion)
-    ]
-    best_test = max(tests, key=lambda test: test.gain)
-    if not best_test.kinds:
+    spans = [min(span, len(motion)) for span in SEARCH_SPANS_TICKS if span < 2 * len(motion)]
+    tests = [(*promising_kinds(motion.cut(len(motion) - span, len(motion))), span) for span in spans]
+    _, models, span = max(tests, key=lambda test: test[0])
+    if not models:
         return state._replace(is_open=False)
-    return state._replace(queue=best_test.kinds, span=best_test.span, proposals=(), searches_all=False)
-
-
-class _SpanTest(NamedTuple):
-    """Kinds of constraints that the last ``span`` ticks may keep, and their largest ``gain`` (nats)."""
-
-    gain: float
-    span: int
-    kinds: tuple[Contact, ...]
-
-    @classmethod
-    def at(cls, motion: ConditionalMotion, span: int) -> "_SpanTest":
-        gain, models = promising_kinds(motion.cut(len(motion) - span, len(motion)))
-        return cls(gain, span, tuple(model.contact for model in models))
+    kinds = tuple(model.contact for model in models)
+    return state._replace(queue=kinds, span=span, proposals=(), searches_all=False)
 
 
 def _continue_search(
@@ -276,9 +250,10 @@ def _search_next_kinds(
     """The state after a search for the next queued kinds in ``run``."""
     some, queue = state.queue[:KINDS_PER_TICK], state.queue[KINDS_PER_TICK:]
     new = (
-        ContactElements(kind, one.known.x)
+        one.known
         for kind in some
-        for one in search_span(ticks, motion, CONTACT_MODELS[kind.column], run)
+        for one in [search_span(ticks, motion, CONTACT_MODELS[kind.column], run)]
+        if one is not None
     )
     return state._replace(queue=queue, proposals=(*state.proposals, *new))
 
@@ -289,10 +264,10 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
     del others[state.reclassified]
     motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
     for other in others:
-        known = evaluate(ticks, motion, other.elements.known) if other.is_present else None
+        known = evaluate(ticks, motion, other.elements) if other.is_present else None
         for run in known.presence.runs if known is not None else ():
-            motion = motion.keeping(other.elements.known.c, *run)
-    own = evaluate(ticks, motion, one.elements.known)
+            motion = motion.keeping(other.elements.c, *run)
+    own = evaluate(ticks, motion, one.elements)
     if own is None or not one.is_present or not _is_now(own.presence, motion):
         return state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
     run = own.presence.runs[-1]
@@ -309,9 +284,8 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
         if refined is None or geometry is None:
             return state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
         best = refined[0]
-        elements = ContactElements(best.known.model.contact, best.known.x)
-        one = one._replace(elements=elements, geometry=geometry)
-    present = [first.c, *(other.elements.known.c for other in others if other.is_present)]
+        one = one._replace(elements=best.known, geometry=geometry)
+    present = [first.c, *(other.elements.c for other in others if other.is_present)]
     part = motion.cut(*run)
     new = count_constraints(part, [*present, best.known.c]) - count_constraints(part, present)
     tracked = list(state.tracked)
@@ -323,17 +297,15 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
 
 def _queue_all_kinds(state: FormationState, best: Candidate, ticks: FormationTicks) -> FormationState:
     """Queue all kinds for the run of the best candidate: others may explain it as well."""
-    elements, run = ContactElements(best.known.model.contact, best.known.x), best.presence.runs[-1]
-    return state._replace(
-        queue=ticks.kinds, span=run.end - run.first, proposals=(elements,), searches_all=True
-    )
+    run, proposals = best.presence.runs[-1], (best.known,)
+    return state._replace(queue=ticks.kinds, span=run.end - run.first, proposals=proposals, searches_all=True)
 
 
 def _candidates(
     state: FormationState, ticks: FormationTicks, motion: ConditionalMotion
 ) -> Iterator[Candidate]:
     for one in state.proposals:
-        candidate = evaluate(ticks, motion, one.known)
+        candidate = evaluate(ticks, motion, one)
         if candidate is not None and _is_now(candidate.presence, motion):
             yield candidate
 
@@ -358,16 +330,16 @@ def _accept(
     best, elements = refined
     present = [one for one in state.tracked if one.is_present]
     run = best.presence.runs[-1]
-    contacts = [first.c, *(one.elements.known.c for one in present)]
+    contacts = [first.c, *(one.elements.c for one in present)]
     before = count_constraints(motion.cut(*run), contacts) if present else first.model.contact.codimension
     constraints = count_constraints(motion.cut(*run), [*contacts, best.known.c])
     uses_freedom = used_directions(ticks.window.cut(*run)) >= DIRECTIONS - constraints
     geometry = ticks.geometry_of(elements)
     if geometry is None or constraints <= before or not uses_freedom:
         return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
-    kind, last = best.known.model.contact, best.presence.runs[-1]
+    last = best.presence.runs[-1]
     tracked = TrackedContact(
-        ContactElements(kind, best.known.x),
+        best.known,
         geometry,
         inseparable_kinds(ticks, motion, best, candidates, last, constraints - before),
         best.presence.log_odds,

@@ -5,7 +5,6 @@ make them large; those that the known contacts imply are not. Squared residual, 
 quadratic forms of the residual's coefficients.
 """
 
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -121,17 +120,9 @@ def _congruent(lower: Array, matrix: Array) -> Array:
     return np.asarray(np.linalg.solve(lower, half.T))
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """Local minima x (B, S) of one contact with the cost (B,), lowest first."""
-
-    model: ContactModel
-    x: Array
-    cost: Array
-
-
-def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach_m: float) -> Found:
-    """Search for elements of ``model`` in the ticks of ``motion``, which are those of ``window``."""
+def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach_m: float) -> Array:
+    """The elements x (S,) of ``model`` with the least cost in the ticks of ``motion``, which are those of
+    ``window``."""
     family = model.family
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
     prior = weak_prior(family, anchors, reach_m)
@@ -143,9 +134,7 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
     for steps, kept in ROUNDS:
         x = problem.descend(x, steps)
         x = x[np.argsort(problem.ratio(x), kind="stable")[:kept]]
-    cost = problem.cost(x)
-    best = np.argsort(cost, kind="stable")
-    return Found(model, x[best], cost[best])
+    return np.asarray(x[np.argmin(problem.cost(x))])
 
 
 class _Problem(NamedTuple):

@@ -76,7 +76,7 @@ def weigh_births(
             rows = Bank(words, begins.rows.layout, begins.rows.onsets, past)
             weighed.append(BirthProposals(rows, begins.is_given[kept], begins.are_both_known[kept]))
             continue
-        newest = window.cut(-1, None).with_error(beyond) if len(pairs.x) else window
+        newest = window.cut(-1).with_error(beyond) if len(pairs.x) else window
         own = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
         log_odds[column], gain[column] = own.log_odds, own.gain
         weighed.append(own.proposals)

@@ -17,7 +17,7 @@ from contact_tracker.inspection.turning_point import NO_TURNING_POINTS, TurningP
 from contact_tracker.inspection.two_bodies import ALARM, BACK, is_of_two_bodies, page_sum, returned
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
 from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
-from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE
+from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, independent_point
 
 Array = NDArray[np.float64]
 
@@ -140,7 +140,8 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
         from_body_m, from_world_m = inspection.turning.median_m
         text = (
             f"poses look inverse, of the world in the body (they turn about points {from_body_m:.1f} m from "
-            f"the body's origin and {from_world_m:.1f} m from the world's): invert them"
+            f"the body's origin and {from_world_m:.1f} m from the world's): "
+            "invert them, or, if the body's origin is that far from the object, give it one near the object"
         )
         found.append(Finding("inverse", text, True))
     if inspection.filtered and not inspection.bodies:
@@ -219,7 +220,11 @@ def _inspect_noise(before: Inspection, window: Poses, new: int, interval_s: floa
     if not before.filtered and len(smooth) >= REACH + new:
         whiteness = compare(before.whiteness, smooth, new, interval_s)
         after = after._replace(whiteness=whiteness, filtered=is_filtered(whiteness))
-    return after if after.units or after.bodies else after._replace(units=_are_other_units(after))
+    if after.units or after.bodies or not _are_other_units(after):
+        return after
+    near = window.of_point(independent_point(window))  # an origin far away has the noise of the orientation
+    smooth[:, :3] = near.position_m[1:]
+    return after._replace(units=_are_other_units(after._replace(noise=_histogram(smooth[-new - 3 :]))))
 
 
 def _median(values: Array) -> float:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.formations.complexity import elements_complexity
 from contact_tracker.formations.conditional import ConditionalMotion
+from contact_tracker.formations.elements import elements_complexity
 from contact_tracker.formations.further import SURE_NATS, KnownContact
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives

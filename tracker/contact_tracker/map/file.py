@@ -10,12 +10,11 @@ from typing import Any, Final
 import numpy as np
 
 from contact_tracker.config.loading import MOST_BYTES
-from contact_tracker.config.toml_text import parse_toml
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KnowledgeError
+from contact_tracker.files import parse_toml, read_regular
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
-from contact_tracker.map.covered_faces import mark_covered
 from contact_tracker.map.keys import FARTHEST_M, Keys
 from contact_tracker.map.learned_file import learned_from
 from contact_tracker.map.map import (
@@ -26,11 +25,11 @@ from contact_tracker.map.map import (
     axis_name,
     elements_of,
     known_to,
+    mark_covered,
     number_name,
 )
 from contact_tracker.map.mesh import read_mesh
 from contact_tracker.map.pairs import named_pairs
-from contact_tracker.regular_file import read_regular
 
 Note = Callable[[str], None]
 MOST_ELEMENTS: Final = 200

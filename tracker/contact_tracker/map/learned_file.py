@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from contact_tracker import __version__
-from contact_tracker.atomic_file import whole_file
 from contact_tracker.errors import KnowledgeError
+from contact_tracker.files import whole_file
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.elements import MapElement
 from contact_tracker.map.keys import FARTHEST_M, Keys

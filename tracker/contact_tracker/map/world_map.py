@@ -13,10 +13,9 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.elements import Array, Origins
-from contact_tracker.map.association import log_marginal, weigh_pairs
+from contact_tracker.map.association import log_marginal, log_probabilities_of_new, weigh_pairs
 from contact_tracker.map.elements import MapElement, prior_variance
 from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements, slots_of
-from contact_tracker.map.prices import log_probabilities_of_new
 from contact_tracker.map.sighting import Sighting
 from contact_tracker.map.view import Key, MapView
 

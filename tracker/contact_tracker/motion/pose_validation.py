@@ -300,7 +300,9 @@ class PoseGate:
     def finish(self) -> Sequence[Pose]:
         """The poses still held, at the end of the stream."""
         passed = self._pass_on(self._order.finish())
-        waiting = [kept for pose in self._defaults.finish() for kept in self._without_excursions(pose, True)]
+        period_ns = self._order.period_ns
+        defaults = self._defaults.finish()
+        waiting = [kept for pose in defaults for kept in self._excursions.admit(pose, True, period_ns)]
         return (*passed, *map(self._continuous, (*waiting, *self._excursions.finish())))
 
     def admit_all(self, poses: Poses) -> Poses | None:
@@ -358,11 +360,8 @@ class PoseGate:
             self._continuous(kept)
             for arrived, continues in ordered
             for pose in self._defaults.admit(arrived, continues)
-            for kept in self._without_excursions(pose, continues)
+            for kept in self._excursions.admit(pose, continues, self._order.period_ns)
         ]
-
-    def _without_excursions(self, pose: Pose, continues: bool) -> Sequence[Pose]:
-        return self._excursions.admit(pose, continues, self._order.period_ns)
 
     def _continuous(self, pose: Pose) -> Pose:
         """The pose with the sign of its quaternion that is nearer to the last."""

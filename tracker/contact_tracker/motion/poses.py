@@ -120,6 +120,12 @@ class Poses:
             same &= (self.quat_xyzw[1:] == self.quat_xyzw[:-1]).all(axis=1)
         return np.asarray(same, bool)
 
+    def differ_from(self, before: "Poses") -> NDArray[np.bool_]:
+        """(N,) whether each pose differs from the one before it, the first from the last of ``before``."""
+        if not before.stamp_ns.size:
+            return np.append(True, ~self.repeats)
+        return ~Poses.join([before[-1:], self]).repeats
+
     @property
     def fresh(self) -> "Poses":
         """The poses that do not repeat the one before."""

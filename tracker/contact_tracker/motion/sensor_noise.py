@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import between, matrices, rotation_vectors
 from contact_tracker.geometry.vectors import cross_matrix
-from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.poses import Poses
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,8 @@ whose origin is moved by 10 m, one is 6 mm (median; at most 16) from the limit o
 SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
 MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
 """Median of the chi-squared distribution with three degrees of freedom."""
+ROUNDING_RAD: Final = 1e-9
+"""Smaller differences of orientations are rounding errors, by which a point may seem to be anywhere."""
 TINY: Final = 1e-30
 
 
@@ -87,14 +89,20 @@ class NoiseBuffer(NamedTuple):
 
     ``differences`` (15, n) are every second third difference of the last frames, scaled to the noise of a
     frame: of the origin's position in the body's axes at the time (m), of the orientation in the body's axes
-    (rad), and the rotation ``R`` then. ``frames`` are those since the last estimate.
+    (rad), and the rotation ``R`` then. ``frames`` are those since the last estimate, ``many`` of them.
     """
 
     differences: Array
-    frames: Poses
+    frames: tuple[Poses, ...] = ()
+    many: int = 0
+
+    def is_due(self, many: int) -> bool:
+        """Whether so many frames are enough for a new estimate."""
+        new, known = (many - ORDER + 1) // STRIDE, int(self.differences.shape[1])
+        return new >= NEW_SHARE * min(known + new, MEMORY)
 
 
-EMPTY_BUFFER: Final = NoiseBuffer(np.zeros((15, 0)), NO_POSES)
+EMPTY_BUFFER: Final = NoiseBuffer(np.zeros((15, 0)))
 
 
 def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
@@ -110,14 +118,15 @@ def advance(
 
     Repeated poses carry no information on the noise, and are left out.
     """
-    frames_left, known = Poses.join([buffer.frames, frames]).fresh, buffer.differences.shape[1]
-    new = (len(frames_left) - ORDER + 1) // STRIDE
-    if new < NEW_SHARE * min(known + new, MEMORY):
-        return NoiseBuffer(buffer.differences, frames_left), estimate
-    differences = np.concatenate([buffer.differences, _third_differences(frames_left)], axis=1)[:, -MEMORY:]
-    return NoiseBuffer(differences, frames_left[max(new, 0) * STRIDE :]), _estimate(
-        estimate, differences, prior
-    )
+    parts, many = (*buffer.frames, frames), buffer.many + frames.stamp_ns.size
+    if not buffer.is_due(many):
+        return NoiseBuffer(buffer.differences, parts, many), estimate
+    joined = Poses.join(parts).fresh
+    if not buffer.is_due(len(joined)):
+        return NoiseBuffer(buffer.differences, (joined,), len(joined)), estimate
+    differences = np.concatenate([buffer.differences, _third_differences(joined)], axis=1)[:, -MEMORY:]
+    left = joined[max((len(joined) - ORDER + 1) // STRIDE, 0) * STRIDE :]
+    return NoiseBuffer(differences, (left,), len(left)), _estimate(estimate, differences, prior)
 
 
 def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
@@ -159,7 +168,7 @@ def independent_point(poses: Poses) -> Array:
         return np.zeros(3)
     differences = _third_differences(poses[: STRIDE * MEMORY].fresh)
     across, about, count = differences[:3], differences[3:6], differences.shape[1]
-    if count < 2 * ORDER or not np.any(about):
+    if count < 2 * ORDER or np.abs(about).max() < ROUNDING_RAD:
         return np.zeros(3)
     gain, swung = 0.0, cross_matrix(-about.T).reshape(-1, 3)
     point_m = np.array(np.linalg.lstsq(swung, across.T.ravel(), rcond=None)[0], np.float64)

@@ -62,22 +62,21 @@ class StampOrder:
     Parameters
     ----------
     counts : dropped poses and events are counted here by kind.
+
+    Attributes
+    ----------
+    last_ns : stamp of the last pose in order; None before the first.
     """
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
-        self._last_ns: int | None = None
+        self.last_ns: int | None = None
         self._offset_ns = 0
         self._backward: tuple[int, int, int] | None = None
         self._held: list[Pose] = []
         self._latest: deque[Pose] = deque(maxlen=LATEST)
         self._follows_other = False
         self._periods = Periods()
-
-    @property
-    def last_ns(self) -> int | None:
-        """Stamp of the last pose in order; None before the first."""
-        return self._last_ns
 
     @property
     def period_ns(self) -> int:
@@ -97,8 +96,8 @@ class StampOrder:
             return ()
         if self._offset_ns:
             pose = pose._replace(stamp_ns=stamp_ns)
-        if self._last_ns is not None:
-            step_ns = stamp_ns - self._last_ns
+        if self.last_ns is not None:
+            step_ns = stamp_ns - self.last_ns
             if step_ns == 0 or (self._follows_other and step_ns == -OTHER_NS):
                 return self._consider_other(pose)
             if step_ns < 0:
@@ -115,10 +114,10 @@ class StampOrder:
 
     def steps_of_all(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.int64] | None:
         """Intervals (ns) between poses, from the last one on; None if one of them needs further checks."""
-        if self._last_ns is None or self._held or self._offset_ns or stamp_ns[-1] > RANGE_NS:
+        if self.last_ns is None or self._held or self._offset_ns or stamp_ns[-1] > RANGE_NS:
             return None
         steps_ns = np.empty_like(stamp_ns)
-        steps_ns[0] = stamp_ns[0] - self._last_ns
+        steps_ns[0] = stamp_ns[0] - self.last_ns
         np.subtract(stamp_ns[1:], stamp_ns[:-1], out=steps_ns[1:])
         if steps_ns.min() <= 0 or steps_ns.max() > GAP_NS or self._periods.lead_among(steps_ns):
             return None
@@ -129,19 +128,19 @@ class StampOrder:
         self._periods.extend(steps_ns[-PERIODS_KEPT:].tolist())
         self._backward = None
         self._latest.extend(poses[-LATEST:])
-        self._last_ns, self._follows_other = int(poses.stamp_ns[-1]), False
+        self.last_ns, self._follows_other = int(poses.stamp_ns[-1]), False
 
     def _release(self, ended: bool) -> Sequence[Ordered]:
         """Pass on the held poses that have been confirmed, and drop those that contradict them."""
         released = list[Ordered]()
         while self._held:
             stamps_ns = [pose.stamp_ns for pose in self._held]
-            run = longest_run(stamps_ns, self._last_ns)
+            run = longest_run(stamps_ns, self.last_ns)
             if len(self._held) < HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
                 if not ended:
                     break
                 # one stamp contradicts all before it; at the start there is nothing to contradict
-                if len(run) == 1 and self._last_ns is not None and self._periods.known:
+                if len(run) == 1 and self.last_ns is not None and self._periods.known:
                     self._counts["leading_stamp"] += len(self._held)
                     self._held = []
                     break
@@ -163,9 +162,9 @@ class StampOrder:
     def _is_confirmed(self, run_ns: Sequence[int]) -> bool:
         """Whether enough stamps have followed the first of a run for it to be right."""
         followers = len(run_ns) - 1
-        if self._last_ns is None:
+        if self.last_ns is None:
             return followers > 0
-        lead_ns = run_ns[0] - self._last_ns
+        lead_ns = run_ns[0] - self.last_ns
         if lead_ns <= self._periods.lead_ns:
             return True
         slow = followers >= SLOW_FOLLOWERS and run_ns[-1] - run_ns[0] >= SLOW_RUN_NS
@@ -173,13 +172,13 @@ class StampOrder:
 
     def _consider_other(self, pose: Pose) -> Sequence[Ordered]:
         """Drop a pose at the stamp of the last one, unless it is of another body: then one is enough."""
-        assert self._last_ns is not None
+        assert self.last_ns is not None
         if self._held or self._follows_other or not self._is_away(pose):
             self._counts["repeated_stamp"] += 1
             return ()
         self._counts["simultaneous"] += 1
-        self._last_ns, self._follows_other = self._last_ns + OTHER_NS, True
-        return (Ordered(pose._replace(stamp_ns=self._last_ns), True),)
+        self.last_ns, self._follows_other = self.last_ns + OTHER_NS, True
+        return (Ordered(pose._replace(stamp_ns=self.last_ns), True),)
 
     def _is_away(self, pose: Pose) -> bool:
         """Whether this pose is farther from the last one than calibration, noise and usual steps explain."""
@@ -203,8 +202,8 @@ class StampOrder:
             self._counts["backward_stamp"] += 1
             return ()
         released = self.finish()
-        assert self._last_ns is not None
-        shift_ns = self._last_ns + self._periods.median_ns - first_ns
+        assert self.last_ns is not None
+        shift_ns = self.last_ns + self._periods.median_ns - first_ns
         self._offset_ns += shift_ns
         self._counts["clock_reset"] += 1
         return (
@@ -213,9 +212,9 @@ class StampOrder:
         )
 
     def _accept(self, pose: Pose) -> Ordered:
-        continues = self._last_ns is not None
-        if self._last_ns is not None:
-            step_ns = pose.stamp_ns - self._last_ns
+        continues = self.last_ns is not None
+        if self.last_ns is not None:
+            step_ns = pose.stamp_ns - self.last_ns
             if step_ns > GAP_NS and self._periods.known and step_ns > GAP_PERIODS * self._periods.median_ns:
                 self._counts["gap"] += 1
                 continues = False
@@ -223,7 +222,7 @@ class StampOrder:
                 self._periods.append(step_ns)
         self._backward = None
         self._latest.append(pose)
-        self._last_ns, self._follows_other = pose.stamp_ns, False
+        self.last_ns, self._follows_other = pose.stamp_ns, False
         return Ordered(pose, continues)
 
 
@@ -257,12 +256,9 @@ class Periods:
     def __init__(self) -> None:
         self._recent: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._sorted: list[int] = []
+        self.known = False
         self.median_ns = 1
         self.lead_ns = 0
-
-    @property
-    def known(self) -> bool:
-        return bool(self._recent)
 
     def append(self, period_ns: int) -> None:
         recent, in_order = self._recent, self._sorted
@@ -270,17 +266,14 @@ class Periods:
             del in_order[bisect_left(in_order, recent[0])]
         recent.append(period_ns)
         insort(in_order, period_ns)
-        self._note_median()
+        self.known, self.median_ns = True, in_order[len(in_order) // 2]
+        self.lead_ns = LEAD_PERIODS * self.median_ns
 
     def extend(self, periods_ns: Sequence[int]) -> None:
         """``append`` for several."""
-        self._recent.extend(periods_ns)
+        self._recent.extend(periods_ns[:-1])
         self._sorted = sorted(self._recent)
-        self._note_median()
-
-    def _note_median(self) -> None:
-        self.median_ns = self._sorted[len(self._sorted) // 2]
-        self.lead_ns = LEAD_PERIODS * self.median_ns
+        self.append(periods_ns[-1])
 
     def lead_among(self, periods_ns: NDArray[np.int64]) -> bool:
         """Whether one of the next intervals is of a leading stamp; also True while the period is unknown."""

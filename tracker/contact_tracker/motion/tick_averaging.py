@@ -84,17 +84,16 @@ def average_run(stream: StreamState, run: TickRun, model: Model) -> tuple[Stream
     if run.is_rest:
         stream = stream._replace(free_motion=None)
     closed, first, last = list[Tick](), 0, run.last
+    is_new = run.frames.differ_from(stream.last_frame)
     for end in run.ends.tolist():
-        frames, before = run.frames[first:end], stream.last_frame
-        stream, new = stream._replace(last_frame=frames[-1:]), _new_frames(before, frames)
-        is_rest = run.is_rest and not first
-        if last is not None and not len(new) and _is_stuck(frames, stream, model):
+        frames, new, is_rest = run.frames[first:end], is_new[first:end], run.is_rest and not first
+        if last is not None and not new.any() and _is_stuck(frames, stream, model):
             last = empty_tick(last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), is_rest)
         else:
             stream, last = _average_tick(stream, frames, new, run.origins, model, is_rest)
         closed.append(last)
         first = end
-    return stream, closed
+    return stream._replace(last_frame=run.frames[first - 1 : first]), closed
 
 
 def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) -> Tick:
@@ -111,31 +110,29 @@ def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) 
 
 
 def _average_tick(
-    stream: StreamState, frames: Poses, new: Poses, origins: Origins, model: Model, is_rest: bool
+    stream: StreamState, frames: Poses, new: NDArray[np.bool_], origins: Origins, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
-    """One tick from its ``new`` frames; without any, from the repeated pose."""
+    """One tick from its frames that are ``new``; without any, from the repeated pose."""
     start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), stream.noise
-    frames = new if len(new) else frames[:1]
+    if not new.all():
+        frames = frames[new] if new.any() else frames[:1]
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
     good = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
-    some = frames if good.all() else frames[good]
+    some, outliers = frames, int(good.size - np.count_nonzero(good))
+    if outliers:
+        some = frames[good]
     buffer, estimate = stream.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         # outliers do not count as noise, unless most frames are outliers
-        typical = some if 2 * len(some) > len(frames) else frames
+        typical = some if 2 * outliers < good.size else frames
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origins.world_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
-    counts, stamps_ns = (len(some), len(frames) - len(some)), (start_ns, stamp_ns, mean_ns)
+    counts, stamps_ns = (good.size - outliers, outliers), (start_ns, stamp_ns, mean_ns)
     tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origins, is_rest)
     motion, tick = with_excess(stream.free_motion, tick, model)
     return stream._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick
-
-
-def _new_frames(last_frame: Poses, frames: Poses) -> Poses:
-    """The frames that do not repeat the one before, bit for bit."""
-    return Poses.join([last_frame, frames]).fresh[len(last_frame) :]
 
 
 def _is_stuck(held: Poses, stream: StreamState, model: Model) -> bool:
@@ -159,29 +156,25 @@ def with_excess(motion: FreeMotion | None, tick: Tick, model: Model) -> tuple[Fr
     if motion is None or not free_motion.can_go_on(motion, tick.mean_ns):
         assumed = model.motion.initial_autocorrelation
         return None if tick.is_rest else free_motion.begin(turn, position_m, tick.mean_ns, assumed), tick
-    variance = tick_variances(tick.noise, np.array(float(tick.count)), model)
-    rest = rest_variances(tick.noise, np.array(float(tick.count)), model)
+    white = white_variances(tick.noise, np.array(float(tick.count)), model)
+    variance = innovation_variances(white, model)
+    # half of the variance of the step from a tick to the next while the object rests
+    rest = white + 0.5 * (1.0 - model.correlation**2) * np.array(model.noise.wander_variance)
     motion, excess = free_motion.advance(
         motion, turn, position_m, variance, rest, tick.mean_ns, model.tick_s, model.motion.error_memory_s
     )
     return motion, replace(tick, innovation_excess=excess)
 
 
-def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Noise per axis (m^2, rad^2): of one frame, which averaging reduces, and the floor, which it does
-    not."""
-    share = model.noise.estimate_share
-    sensor = (share * estimate.sigma_position_m) ** 2, (share * estimate.sigma_rotation_rad) ** 2
-    return sensor, (model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2)
-
-
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
-    """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames.
+    """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames."""
+    return innovation_variances(white_variances(estimate, count, model), model)
 
-    With errors that are correlated between ticks it is the variance of their innovation, ``correlation``
-    times the tick before subtracted.
-    """
-    white, rho = white_variances(estimate, count, model), model.correlation
+
+def innovation_variances(white: Array, model: Model) -> Array:
+    """The variances (..., 2) of ticks with ``white`` noise and errors that are correlated between ticks: of
+    their innovation, ``correlation`` times the tick before subtracted."""
+    rho = model.correlation
     if not rho:
         return white
     wander = np.array(model.noise.wander_variance)
@@ -189,17 +182,15 @@ def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array
 
 
 def white_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
-    """``tick_variances`` without the correlated errors."""
+    """``tick_variances`` without the correlated errors: noise of a frame, which averaging reduces, and the
+    floor, which it does not."""
+    share, noise = model.noise.estimate_share, model.noise
+    sensor = (share * estimate.sigma_position_m) ** 2, (share * estimate.sigma_rotation_rad) ** 2
     parts = np.empty((*count.shape, 2))
     parts[..., 0], parts[..., 1] = 1.0 / np.maximum(count, 1.0), 1.0
     # for so few columns faster than sums of arrays, and than ``@``
-    return np.asarray(np.dot(parts, np.array(variances(estimate, model))))
-
-
-def rest_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
-    """Half (..., 2) of the variance of the step from a tick to the next while the object rests."""
-    wander = np.array(model.noise.wander_variance)
-    return white_variances(estimate, count, model) + 0.5 * wander * (1.0 - model.correlation**2)
+    floor = noise.floor_position_m**2, noise.floor_rotation_rad**2
+    return np.asarray(np.dot(parts, np.array([sensor, floor])))
 
 
 def tick_anisotropy(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
@@ -224,7 +215,8 @@ def _plausible(
     Without a prediction, at the start and just after a gap, frames are compared by their steps. If all frames
     are implausible, the object has jumped: all are taken.
     """
-    count, everything = len(frames), np.ones(len(frames), bool)
+    count = frames.stamp_ns.size
+    everything = np.ones(count, bool)
     if motion is not None and free_motion.is_predictable(motion, int(frames.stamp_ns[0]), model.tick_s):
         at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
         off, spread = _off(frames, at + origin_m, facing), motion.spread
@@ -255,8 +247,8 @@ def _distance_sq(off: Array) -> Array:
 
 def _local_median(rows: Array) -> Array:
     """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
-    width = min(NEIGHBOURS, len(rows) - 1 + len(rows) % 2)
-    windows = np.array([rows[i : len(rows) - width + 1 + i] for i in range(width)])
+    count = len(rows)
+    width = min(NEIGHBOURS, count - 1 + count % 2)
+    windows = rows[np.arange(width)[:, None] + np.arange(count - width + 1)]
     windows.partition(width // 2, axis=0)
-    centre = np.arange(len(rows)) - width // 2
-    return np.asarray(windows[width // 2].take(centre, axis=0, mode="clip"))
+    return np.asarray(windows[width // 2].take(np.arange(count) - width // 2, axis=0, mode="clip"))

@@ -67,12 +67,13 @@ class TickGrid:
             stamp_ns < self.origin_ns + (self.number + 1) * self.model.tick_ns
         )
 
-    @property
-    def open_since_ns(self) -> int | None:
-        """Where the current tick begins; its end if it was closed early; None before the first pose."""
+    def is_late(self, stamp_ns: int) -> bool:
+        """Whether a pose is more than a tick before the current one, or before its end if it was closed
+        early."""
         if self.origin_ns is None:
-            return None
-        return self.origin_ns + (self.number + self._has_closed_early) * self.model.tick_ns
+            return False
+        begin_ns = self.origin_ns + self.number * self.model.tick_ns
+        return stamp_ns < begin_ns and (self._has_closed_early or stamp_ns < begin_ns - self.model.tick_ns)
 
     def add(self, poses: Poses) -> list[Tick]:
         """Add one pose or more; returns the ticks that they close, several after a gap."""
@@ -81,14 +82,12 @@ class TickGrid:
             begun = TickGrid.begun(self.model, int(poses.stamp_ns[0]), origins)
             vars(self).update(vars(begun))
         assert self.origin_ns is not None
-        left, closed = Poses.join((self.frames, poses)) if len(self.frames) else poses, list[Tick]()
-        while True:
-            first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns.max())
+        left, closed = Poses.join((self.frames, poses)) if self.frames.stamp_ns.size else poses, list[Tick]()
+        while not self.goes_on(int(left.stamp_ns.max())):
+            first_ns = int(left.stamp_ns[0])
             if not self.goes_on(first_ns):
                 closed += self._pass_to(first_ns, bool(closed) or self._has_closed_early)
-            if self.goes_on(last_ns):  # the usual case online
-                self.frames = left
-                return closed
+                continue
             number = (left.stamp_ns - self.origin_ns) // self.model.tick_ns
             number = np.maximum.accumulate(np.maximum(number, self.number))  # closed ticks stay closed
             ends = np.flatnonzero(number[1:] > number[:-1]) + 1
@@ -96,15 +95,18 @@ class TickGrid:
             many = len(ends) if follows.all() else int(follows.argmin())
             closed += self._close(left, ends[:many])
             left = left[int(ends[many - 1]) :]
+        self.frames = left
+        return closed
 
     def pass_time(self, until_ns: int) -> list[Tick]:
         """Close the current tick if it ends by this time, or, where no poses come, all ticks that do.
 
         Later poses in the time of closed ticks will be in the next one.
         """
-        if self.goes_on(until_ns) or (self.last is None and not len(self.frames)):
+        has_frames = self.frames.stamp_ns.size > 0
+        if self.goes_on(until_ns) or (self.last is None and not has_frames):
             return []
-        if len(self.frames):
+        if has_frames:
             closed = self.close()
             self.number += 1
             return closed
@@ -113,7 +115,7 @@ class TickGrid:
     def close(self) -> list[Tick]:
         """Close the current tick early, if it has poses; later poses in its time will form another tick."""
         frames, self.frames = self.frames, NO_POSES
-        return self._close(frames, np.array([len(frames)])) if len(frames) else []
+        return self._close(frames, np.array([count])) if (count := frames.stamp_ns.size) else []
 
     def follow(self, model: Model, motion: FreeMotion | None) -> None:
         """Gate frames by the free motion of another filter from now on."""

@@ -1,4 +1,4 @@
-"""The window of the latest ticks, on which evidence is evaluated."""
+"""The window of the latest ticks, on which evidence is evaluated, and the rests in it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
+from contact_tracker.motion.free_motion import NOW_TICKS, STILL
 from contact_tracker.motion.lifted_pose import R, T, lift_of_inverse
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
+REST_S: Final = 1.0
+"""Shortest time in one place that is a rest."""
 _POSE: Final = slice(T[-1] + 1)
 """Where zeta has the rotation, and then the position."""
 _TURN: Final = len(R)
@@ -38,6 +42,8 @@ class Window:
     """(W, 3, 3) covariance of the position minus its mean over the axes (m^2); None if isotropic."""
     before: Array | None = None
     """(25,) zeta of the tick before the first; None if there is none."""
+    frames: Array | None = None
+    """(W,) number of frames in each tick; None where it does not matter."""
 
     def __len__(self) -> int:
         return len(self.index)
@@ -59,7 +65,12 @@ class Window:
 
         Zero where the tick before is not in the window.
         """
-        return travel_of(self.zeta, self.index, self.before)
+        pose = self.zeta[:, _POSE]
+        apart = np.empty_like(pose)
+        np.subtract(pose[1:], pose[:-1], out=apart[1:])
+        apart[:1] = 0.0 if self.before is None else pose[:1] - self.before[_POSE]
+        apart[1:][self.index[1:] - self.index[:-1] != 1] = 0.0
+        return _per_axis(apart)
 
     @property
     def before_lifts(self) -> Array | None:
@@ -69,19 +80,19 @@ class Window:
     @property
     def before_newest(self) -> Array | None:
         """zeta (25,) of the tick before the newest; None if there is none."""
-        return self.zeta[-2] if len(self) > 1 else self.before
+        return self.zeta[-2] if self.index.size > 1 else self.before
 
     @property
     def usual_variance(self) -> Array:
         """Median (2,) of the noise over the ticks; for few of them several times faster than
         ``np.median``."""
-        rising, half = np.sort(self.variance, axis=0), len(self) // 2
-        return np.asarray(0.5 * (rising[len(self) - 1 - half] + rising[half]))
+        rising, count = np.sort(self.variance, axis=0), self.index.size
+        return np.asarray(0.5 * (rising[(count - 1) // 2] + rising[count // 2]))
 
     @property
     def displacement_ratio(self) -> float:
         """``motion_ratio`` of the newest tick by the whole displacement instead of the innovations."""
-        moved = self.cut(-1, None).travel[-1]
+        moved = self.cut(-1).travel[-1]
         return float(np.max(moved / (moved + self.variance[-1])))
 
     @cached_property
@@ -97,13 +108,23 @@ class Window:
         (a, b), (p, q) = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
         return float(max(a / (a + p), b / (b + q)))
 
-    def then(self, index: int, zeta: Array, excess: Array, variance: Array, uneven: Array) -> "Window":
+    def then(
+        self,
+        index: int,
+        zeta: Array,
+        excess: Array,
+        variance: Array,
+        uneven: Array,
+        frames: Array | None = None,
+    ) -> "Window":
         """The window after one more tick, with as many ticks as ``variance`` (W, 2) has rows.
 
         Values that do not depend on the noise are carried over, and computed for the new tick only.
         """
-        first = len(self) + 1 - len(variance)
-        displaced = np.maximum(excess, travel_to(zeta, self.zeta[-1] if len(self) else None))
+        first = self.index.size + 1 - len(variance)
+        displaced = (
+            np.maximum(excess, _per_axis((zeta - self.zeta[-1])[_POSE])) if self.index.size else excess
+        )
         moved_on = Window(
             np.concatenate([self.index[first:], [index]]),
             np.concatenate([self.zeta[first:], zeta[None]]),
@@ -111,11 +132,13 @@ class Window:
             np.concatenate([self.innovation_excess[first:], excess[None]]),
             uneven,
             self.zeta[first - 1] if first else self.before,
+            frames,
         )
-        inverse = np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]])
-        return moved_on.with_cached(
-            inverse, np.concatenate([self.displacement_variance[first:], displaced[None]])
+        vars(moved_on).update(
+            inverse=np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]]),
+            displacement_variance=np.concatenate([self.displacement_variance[first:], displaced[None]]),
         )
+        return moved_on
 
     def with_cached(self, inverse: Array, displacement_variance: Array) -> "Window":
         """The same window with ``inverse`` and ``displacement_variance`` computed already."""
@@ -125,33 +148,33 @@ class Window:
     def hold(self, count: int, most: int) -> "Window":
         """The window of at most ``most`` ticks after ``count`` further ones without frames, which repeat the
         newest."""
-        first = max(len(self) + count - most, 0)
-        rows = np.minimum(np.arange(first, len(self) + count), len(self) - 1)
-        end = int(self.index[-1]) + count + 1
-        numbers = np.concatenate([self.index[first:], np.arange(max(end - most, self.index[-1] + 1), end)])
-        before = self.zeta[min(first, len(self)) - 1] if first else self.before
-        one = replace(self.pick(rows, before), index=numbers)
+        size, numbers = self.index.size, np.arange(self.index[-1] + 1, self.index[-1] + 1 + count)
+        first = max(size + count - most, 0)
+        rows = np.minimum(np.arange(first, size + count), size - 1)
+        one = self.pick(rows, self.zeta[min(first, size) - 1] if first else self.before)
+        frames = None if self.frames is None else np.append(self.frames, np.zeros(count))[first:]
+        one = replace(one, index=np.append(self.index, numbers)[first:], frames=frames)
         return one.with_cached(self.inverse[rows], self.displacement_variance[rows])
 
     def expired_by(self, after: "Window", count: int = 1) -> "Window":
         """The oldest ticks, which are not in the window ``after`` any more, ``count`` ticks later."""
-        return self.cut(0, max(len(self) + count - len(after), 0))
+        return self.cut(0, max(self.index.size + count - after.index.size, 0))
 
-    def cut(self, first: int, end: int | None) -> "Window":
+    def cut(self, first: int, end: int | None = None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
-        rows = slice(*slice(first, end).indices(len(self)))
-        return self.pick(rows, self.zeta[rows.start - 1] if rows.start else self.before)
+        first, end, _ = slice(first, end).indices(self.index.size)
+        return self.pick(slice(first, end), self.zeta[first - 1] if first else self.before)
 
     def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
         """A window of some ticks, with ``before`` as the tick before the first."""
-        uneven = None if self.position_anisotropy is None else self.position_anisotropy[rows]
         return Window(
             self.index[rows],
             self.zeta[rows],
             self.variance[rows],
             self.innovation_excess[rows],
-            uneven,
+            None if self.position_anisotropy is None else self.position_anisotropy[rows],
             before,
+            None if self.frames is None else self.frames[rows],
         )
 
     def with_error(self, beyond: tuple[float, float]) -> "Window":
@@ -170,6 +193,7 @@ class Window:
             np.zeros((len(p), 3, 3)) if p.position_anisotropy is None else p.position_anisotropy
             for p in parts
         ]
+        frames = [p.frames for p in parts if p.frames is not None]
         return cls(
             np.concatenate([p.index for p in parts]),
             np.concatenate([p.zeta for p in parts]),
@@ -177,59 +201,26 @@ class Window:
             np.concatenate([p.innovation_excess for p in parts]),
             np.concatenate(uneven) if known else None,
             parts[0].before,
+            np.concatenate(frames) if len(frames) == len(parts) else None,
         )
 
 
-class SlidingWindow(NamedTuple):
-    """The ``window`` of the last ticks and the ``frames`` (W,) in each."""
-
-    window: Window
-    frames: Array
-
-
-EMPTY_WINDOW = SlidingWindow(
-    Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2))), np.zeros(0)
+EMPTY_WINDOW: Final = Window(
+    np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2)), frames=np.zeros(0)
 )
 
 
-def advance_window(sliding: SlidingWindow, number: int, tick: Tick, model: Model) -> SlidingWindow:
+def advance_window(window: Window, number: int, tick: Tick, model: Model) -> Window:
     """Append a ``tick`` with this ``number``; the window keeps the length that the model prescribes."""
-    window, noise, most = sliding.window, tick.noise, _most_ticks(model)
-    frames = np.concatenate([sliding.frames, [tick.count]])[-most:]
-    variance, uneven = tick_variances(noise, frames, model), tick_anisotropy(noise, frames, model)
-    return SlidingWindow(
-        window.then(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven), frames
-    )
+    assert window.frames is not None
+    frames = np.append(window.frames, tick.count)[-most_ticks(model) :]
+    variance, uneven = tick_variances(tick.noise, frames, model), tick_anisotropy(tick.noise, frames, model)
+    return window.then(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven, frames)
 
 
-def hold_window(sliding: SlidingWindow, count: int, model: Model) -> SlidingWindow:
-    """The window after ``count`` further ticks without frames, in one step."""
-    most = _most_ticks(model)
-    frames = np.concatenate([sliding.frames, np.zeros(min(count, most))])[-most:]
-    return SlidingWindow(sliding.window.hold(count, most), frames)
-
-
-def _most_ticks(model: Model) -> int:
+def most_ticks(model: Model) -> int:
+    """The length that the model prescribes."""
     return round(model.search.window_s / model.tick_s)
-
-
-def travel_of(zeta: Array, index: NDArray[np.int64], before: Array | None) -> Array:
-    """Mean squared displacements (W, 2) per axis, of position (m^2) and rotation (rad^2), to ticks of
-    ``zeta`` (W, 25) from the tick before by ``index`` (W,).
-
-    Zero where the tick before is missing; of the first it is ``before`` (25,).
-    """
-    pose = zeta[:, _POSE]
-    apart = np.empty_like(pose)
-    np.subtract(pose[1:], pose[:-1], out=apart[1:])
-    apart[:1] = 0.0 if before is None else pose[:1] - before[_POSE]
-    apart[1:][index[1:] - index[:-1] != 1] = 0.0
-    return _per_axis(apart)
-
-
-def travel_to(zeta: Array, before: Array | None) -> Array:
-    """Mean squared displacement (2,) to one tick of ``zeta`` (25,); zero without ``before``."""
-    return np.zeros(2) if before is None else _per_axis(zeta[_POSE] - before[_POSE])
 
 
 def _per_axis(apart: Array) -> Array:
@@ -238,3 +229,51 @@ def _per_axis(apart: Array) -> Array:
     out[..., 0] = square[..., _TURN:].sum(axis=-1) / 3.0
     out[..., 1] = square[..., :_TURN].sum(axis=-1) / 6.0
     return out
+
+
+class NewestRest(NamedTuple):
+    """Whether the newest tick ``is_in_rest``, and whether it ``completes`` the first ``REST_S`` of one."""
+
+    is_in_rest: bool
+    completes: bool
+
+
+def newest_rest(window: Window, tick_s: float) -> NewestRest:
+    """Whether the object rests in the newest tick; not if that has no frames."""
+    if window.frames is None or not window.frames[-1]:
+        return NewestRest(False, False)
+    count = rest_ticks(tick_s)
+    still = _still(window, np.flatnonzero(window.frames)[-2 * count :], count)
+    is_in_rest = bool(still[-1:].any())
+    return NewestRest(is_in_rest, is_in_rest and not still[:-1].any())
+
+
+def at_rest(window: Window, tick_s: float) -> Bools:
+    """Which ticks (W,) belong to a rest: within ``REST_S`` their poses scatter like noise about their mean.
+
+    The excess of single ticks does not show it: noise has some now and then, and steady motion has none. A
+    tick without frames belongs to a rest if it lies within one.
+    """
+    assert window.frames is not None
+    count = rest_ticks(tick_s)
+    resting, filled = np.zeros(len(window), bool), np.flatnonzero(window.frames)
+    for first in np.flatnonzero(_still(window, filled, count)):
+        resting[filled[first] : filled[first + count - 1] + 1] = True
+    return resting
+
+
+def rest_ticks(tick_s: float) -> int:
+    """Number of ticks of the shortest rest."""
+    return max(round(REST_S / tick_s), NOW_TICKS + 1)
+
+
+def _still(window: Window, filled: NDArray[np.intp], count: int) -> Bools:
+    """In which spans of ``count`` consecutive ticks with frames, whose rows are ``filled``, the object stays
+    where it is."""
+    if filled.size < count:
+        return np.zeros(0, bool)
+    spans = filled[np.arange(filled.size - count + 1)[:, None] + np.arange(count)]
+    scatter = window.zeta[:, _POSE][spans].var(axis=1, ddof=1)
+    of_noise = STILL * window.variance[spans].mean(axis=1)
+    still = scatter[:, T].sum(axis=1) / 3.0 <= of_noise[:, 0]
+    return np.asarray(still & (scatter[:, R].sum(axis=1) / 6.0 <= of_noise[:, 1]))

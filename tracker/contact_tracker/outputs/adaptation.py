@@ -40,8 +40,8 @@ def noise_text(report: Report) -> str:
     given = "" if report.model.noise.estimated else " (as given)"
     lasting = f", errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
     return (
-        f"noise {_deviations(report.noise)} a pose{given}, {_deviations(report.tick)} a tick{lasting}"
-        f"{_chosen(report)}"
+        f"noise {_deviations(report.noise)} a pose{_point(report)}{given}, {_deviations(report.tick)} a tick"
+        f"{lasting}{_chosen(report)}"
     )
 
 
@@ -75,6 +75,7 @@ def report_json(report: Report) -> dict[str, Any]:
         "lasting_sigma_position_m": report.lasting[0],
         "lasting_sigma_rotation_rad": report.lasting[1],
         "poses_per_tick": report.poses_per_tick,
+        "point_m": [*report.point_m],
         "findings": [finding.kind for finding in report.findings],
         "warnings": [*warnings(report)],
     }
@@ -85,9 +86,16 @@ def _assumed_text(report: Report) -> str:
     lasting = f" and errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
     why = "the part that was looked at does not tell" if report.is_cut_short else "too little motion to tell"
     return (
-        f"noise {_deviations(report.noise)} a pose; {why} what averaging leaves of it: "
+        f"noise {_deviations(report.noise)} a pose{_point(report)}; {why} what averaging leaves of it: "
         f"{_deviations(report.tick)} a tick{lasting} are assumed (--noise sets it)"
     )
+
+
+def _point(report: Report) -> str:
+    """The point of the body to which the noise belongs, if it is not the origin."""
+    if not any(report.point_m):
+        return ""
+    return f" at the point ({' '.join(f'{metres:.2f}' for metres in report.point_m)}) m of the body"
 
 
 def _chosen(report: Report) -> str:

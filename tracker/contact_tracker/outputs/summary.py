@@ -70,7 +70,9 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
         yield "motion", f"{source.path_m:.2f} m of path within {extent} m"
     position_m, rotation_rad = _finite(source.sigma_position_m), _finite(source.sigma_rotation_rad)
     if position_m is not None and rotation_rad is not None:
-        yield "noise", f"about {position_m * 1e3:.3f} mm and {math.degrees(rotation_rad):.3f} deg per axis"
+        where = " at the body's origin" if adapted is not None and any(adapted.point_m) else ""
+        deviations = f"{position_m * 1e3:.3f} mm and {math.degrees(rotation_rad):.3f} deg per axis"
+        yield "noise", f"about {deviations}{where}"
     if adapted is not None:
         yield "tracking", noise_text(adapted)
         yield from (("warning", line) for line in warnings(adapted))

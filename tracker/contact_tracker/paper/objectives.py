@@ -4,6 +4,10 @@ All take the motion ``rotation`` (N, 3, 3), ``p`` (N, 3) with ``x_body = R x_wor
 over the N frames. Units: rad^2 and m^2 (and m^2 rad^2) are added up as the paper adds them.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -89,3 +93,28 @@ def _plane_in_body(rotation: Array, p: Array, plane: Array) -> tuple[Array, Arra
 
 def _sum_of_squares(*residuals: Array) -> float:
     return float(sum(np.sum(r**2) for r in residuals))
+
+
+UNREPORTED: Final = float("nan")
+
+
+class ReportedError(NamedTuple):
+    """Of one element; nan where the paper gives no figure."""
+
+    angle_deg: float
+    distance_mm: float
+
+
+REPORTED_ERRORS: Final[Mapping[tuple[Contact, str], ReportedError]] = MappingProxyType(
+    {
+        (Contact.FF, "object"): ReportedError(0.12, UNREPORTED),
+        (Contact.FF, "environment"): ReportedError(0.12, UNREPORTED),
+        (Contact.EF, "object"): ReportedError(0.76, 5.6),
+        (Contact.EF, "environment"): ReportedError(0.72, UNREPORTED),
+        (Contact.VF, "object"): ReportedError(UNREPORTED, 9.4),
+        (Contact.VF, "environment"): ReportedError(0.14, UNREPORTED),
+        (Contact.EE, "object"): ReportedError(0.43, 6.3),
+        (Contact.EE, "environment"): ReportedError(0.15, 4.0),
+    }
+)
+"""By contact and side."""

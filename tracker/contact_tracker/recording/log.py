@@ -307,7 +307,7 @@ def open_log(
         Several sources match.
     """
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
-    wanted = FrameFilter(topic, relative_to, table.field) if is_chain else ChannelFilter(topic, table.field)
+    wanted = FrameFilter(topic, relative_to, table) if is_chain else ChannelFilter(topic, table)
     reading = Reading(path, wanted, follow, table)
     decoder, is_table = MessageDecoder(reading.budget, table.field), is_table_file(path)
     items = iter(reading)
@@ -398,7 +398,7 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
     UnreadableRecording
         No such file, or not MCAP.
     """
-    wanted = ChannelFilter(None, table.field)
+    wanted = ChannelFilter(None, table)
     try:
         messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted, table=table)))
     except NoPoses:

@@ -13,12 +13,13 @@ requested.
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from statistics import median
 from typing import Final
 
 from mcap.summary import Summary
 
-from contact_tracker.config.table_reading import TableReading
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
@@ -142,12 +143,14 @@ class ChannelFilter:
     Parameters
     ----------
     topic : ``/name``, or ``/name:TYPE`` where a topic has several types; TYPE may be without its package.
-    field : path to the poses in messages, instead of those of known types.
+    table : with the path to the poses in messages, if these are not those of known types, and the command
+        that reads them.
     """
 
-    def __init__(self, topic: str | None, field: str | None = None) -> None:
+    def __init__(self, topic: str | None, table: TableReading = AS_NAMED) -> None:
         self._topic = topic
-        self._field = field
+        self._table = table
+        self._field = table.field
         self.seen: dict[tuple[str, str, str], Channel] = {}
 
     def __call__(self, channel: Channel) -> bool:
@@ -174,7 +177,7 @@ class ChannelFilter:
         if any(map(self, asked)):
             return NoPoses(f"{path}: {_undecoded([asked[0].topic])}")
         poses = [c for c in seen if may_have_poses(c, self._field)]
-        fields = _fields_in(path, asked or seen, self._field)
+        fields = _fields_in(path, asked or seen, self._table)
         if fields and (asked or not poses):
             return NoPoses(f"{path}: {fields}")
         if asked:
@@ -339,14 +342,15 @@ def _without(path: str, lacking: str, name: str, sources: Iterable[PoseSource], 
     )
 
 
-def _fields_in(path: str, channels: Iterable[Channel], asked: str | None) -> str:
+def _fields_in(path: str, channels: Iterable[Channel], table: TableReading) -> str:
     """What messages of unknown types, or without the field that is asked for, have poses in, with the command
     that reads them; empty if none has."""
+    asked = table.field
     found = [(c, field) for c in channels if asked or not may_have_poses(c) for field in fields_with_poses(c)]
     if not found or asked in [field for _, field in found]:
         return ""
     channel, field = found[0]
-    command = TableReading(field=field).command(path, "--topic", channel.topic)
+    command = replace(table, field=field).command(path, "--topic", channel.topic)
     others = [f"{field} of {c.topic}" for c, field in found[1:]]
     more = f"; others are in {_listing(others)}" if others else ""
     lacks = "" if asked is None else f"no messages have poses in the field {asked}; "

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import AmbiguousSource
 from contact_tracker.motion.poses import Pose, Poses, ReadAs
 from contact_tracker.recording.decoding import LoggedPose
@@ -120,8 +121,8 @@ def may_be_step(channel: Channel, relative_to: str | None) -> bool:
 class FrameFilter(ChannelFilter):
     """Accepts what ``ChannelFilter`` accepts, transforms, and the topic that poses are relative to."""
 
-    def __init__(self, topic: str | None, relative_to: str | None, field: str | None = None) -> None:
-        super().__init__(topic, field)
+    def __init__(self, topic: str | None, relative_to: str | None, table: TableReading = AS_NAMED) -> None:
+        super().__init__(topic, table)
         self._relative_to = relative_to
 
     def __call__(self, channel: Channel) -> bool:

@@ -9,7 +9,7 @@ from typing import IO, Final
 import numpy as np
 from mcap.writer import Writer
 
-from contact_tracker.atomic_file import accept_any, whole_file
+from contact_tracker.files import accept_any, whole_file
 from contact_tracker.ground_truth import UNSCORED, Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE

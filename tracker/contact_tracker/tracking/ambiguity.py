@@ -5,6 +5,7 @@ preferred by these although the motion has not shown it.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -46,6 +47,8 @@ SHORT_OF_TIE: Final = 1.0 - 1e-9
 """Share of the change that would make two states tie: with less the one ahead stays ahead."""
 LEAST_SHARE: Final = 1e-300
 """Share of a state that wrenches rule out: above zero, as it still has a share in what is divided."""
+CONTAINS: Final = np.array([[one.contains(other) for other in STATES] for one in STATES])
+"""(7, 7) whether the state of the row contains that of the column."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""
@@ -82,13 +85,11 @@ def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedo
     or a screw: then all states.
     """
     if freedom.one_direction:
-        return tuple(state for state in STATES if state is not label)
+        return tuple([state for state in STATES if state is not label])
     close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
     if freedom.underused:
-        fits = close | rivals.fit_like(label)
-        fitting = [state for state, fit in zip(STATES, fits, strict=True) if fit]
-        close = np.array([any(other.contains(state) for other in fitting) for state in STATES])
-    return tuple(state for state, near in zip(STATES, close, strict=True) if near and state is not label)
+        close = CONTAINS[close | rivals.fit_like(label)].any(axis=0)
+    return tuple([STATES[column] for column in close.nonzero()[0] if column != label.column])
 
 
 def alike_in_formation(label: Contact, rivals: CompetingEvidence) -> tuple[Contact, ...]:
@@ -259,6 +260,7 @@ def most_beside(rivals: int) -> float:
     return 1.0 / (1.0 + NOT_EXCLUDED * rivals)
 
 
+@lru_cache(maxsize=64)
 def others_at_rest(label: Contact, known_map: Map) -> tuple[Contact, ...]:
     """The states that a rest does not distinguish from the label: all that there may be.
 

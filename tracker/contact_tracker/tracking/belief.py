@@ -122,8 +122,9 @@ class Belief:
     is_open: bool = False
 
     def __post_init__(self) -> None:
-        p_label = float(self.probability[self.contact.column])
-        object.__setattr__(self, "further", beside(self.further, p_label))
+        if self.further:
+            p_label = float(self.probability[self.contact.column])
+            object.__setattr__(self, "further", beside(self.further, p_label))
 
     @property
     def constraints(self) -> int:
@@ -176,7 +177,7 @@ class SegmentPart(NamedTuple):
 class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline: a row of the result.
 
-    A rest has a row of its own (``motion.rests``). ``probability`` is the smoothed posterior of ``contact``,
+    A rest has a row of its own (``motion.window``). ``probability`` is the smoothed posterior of ``contact``,
     averaged over the segment; ``inseparable`` are the states that the segment's motion does not distinguish
     from ``contact``; ``further`` contacts hold for all of the segment or a part; ``joint`` is the joint in
     which the object moves, if any.

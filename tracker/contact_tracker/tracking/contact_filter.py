@@ -21,14 +21,20 @@ from contact_tracker.hypotheses.births import Births, TickInput
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R
-from contact_tracker.motion.rests import completes_rest, rest_ticks, rests_now
 from contact_tracker.motion.tick_averaging import Tick, with_excess
-from contact_tracker.motion.window import SlidingWindow, advance_window, hold_window
+from contact_tracker.motion.window import (
+    NewestRest,
+    Window,
+    advance_window,
+    most_ticks,
+    newest_rest,
+    rest_ticks,
+)
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
 from contact_tracker.tracking.prediction import TransitionPrediction, predict_transitions
-from contact_tracker.tracking.state import FilterState, scales_of, start
+from contact_tracker.tracking.state import FilterState, start
 from contact_tracker.tracking.transition_model import FREE, hazard_exposure, tick_transitions
 
 Array = NDArray[np.float64]
@@ -52,17 +58,19 @@ class ContactFilter:
     def update(self, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True) -> Belief:
         """Update by a tick; the belief about it has this ``detail``."""
         state = self.state if self.state.ticks else begun(self.state, tick)
-        window = advance_window(state.sliding_window, state.ticks, tick, state.model)
-        if state.belief is not None and is_uninformative(state, tick, window):  # at rest and in gaps
-            belief = replace(state.belief, stamp_ns=tick.stamp_ns)
-            state = pass_over(state, window, tick.outliers)
+        window = advance_window(state.window, state.ticks, tick, state.model)
+        rest = newest_rest(window, state.model.tick_s)
+        if is_uninformative(state, tick, window, rest):  # in gaps, and at rest
+            state, belief = pass_tick(state, tick, window)
         else:
-            transitions = predict_transitions(state, window)  # by containment; births by the map
+            transitions = predict_transitions(
+                state, window, rest.completes
+            )  # by containment; births by the map
             ticks = tick_input(state, tick, window, transitions)
             banks, weights = updated_banks(state, ticks)  # fit of the geometry, evidence, search, pruning
-            state = weighed(state, tick, window, transitions, ticks.births, banks, weights)  # HMM
+            state = weighed(state, tick, ticks, transitions, banks, weights)  # HMM
             state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
-        self.state, belief = with_rest(state, tick, belief)
+        self.state, belief = with_rest(state, belief, rest.is_in_rest)
         return belief
 
     @property
@@ -108,7 +116,7 @@ class ContactFilter:
         if not count:
             return
         assert self.can_hold
-        window = hold_window(self.state.sliding_window, count, self.state.model)
+        window = self.state.window.hold(count, most_ticks(self.state.model))
         self.state = pass_over(self.state, window, outliers, count)
 
 
@@ -117,28 +125,36 @@ def begun(state: FilterState, tick: Tick) -> FilterState:
     return state._replace(origins=tick.origins, map=state.map.at_origins(tick.origins))
 
 
-def is_uninformative(state: FilterState, tick: Tick, sliding: SlidingWindow) -> bool:
+def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: NewestRest) -> bool:
     """Whether neither this tick nor the one before carries information: at rest, in a gap, or before the
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
     the posterior. With known elements every tick is informative, since it shows whether they touch, and with
     those of the map each up to the one that completes a rest, except after a gap."""
-    before, tick_s = state.window.innovation_excess[-1:], state.model.tick_s
-    if state.known_map or not len(before) or before.any() or tick.innovation_excess != NO_EXCESS:
+    if state.belief is None or state.known_map or tick.innovation_excess != NO_EXCESS:
         return False
-    if state.knows_elements and sliding.frames[-rest_ticks(tick_s) :].all():
-        return rests_now(sliding, tick_s) and not completes_rest(sliding, tick_s)
-    return not completes_rest(sliding, tick_s)
+    if state.window.innovation_excess[-1].any():
+        return False
+    assert window.frames is not None
+    if state.knows_elements and window.frames[-rest_ticks(state.model.tick_s) :].all():
+        return rest.is_in_rest and not rest.completes
+    return not rest.completes
 
 
-def pass_over(state: FilterState, sliding: SlidingWindow, outliers: int, count: int = 1) -> FilterState:
+def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterState, Belief]:
+    """Pass over an uninformative tick, after which the belief is that of before."""
+    assert state.belief is not None
+    return pass_over(state, window, tick.outliers), replace(state.belief, stamp_ns=tick.stamp_ns)
+
+
+def pass_over(state: FilterState, window: Window, outliers: int, count: int = 1) -> FilterState:
     """Append an uninformative tick to the window only, or without a lag ``count`` of them; their exposure to
     change is deferred to the next informative tick."""
     assert count == 1 or not state.lag_history.size
-    oldest, banks = state.window.expired_by(sliding.window, count), state.banks
+    oldest, banks = state.window.expired_by(window, count), state.banks
     if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
-        scales, errors = scales_of(state.model), state.model.noise.extra_contact_variance
+        errors = state.model.noise.extra_contact_variance
         banks = tuple(
-            bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), scales)
+            bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), state.scales)
             for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
         )
     change, birth_weight = state.log_transition, state.log_birth_weight
@@ -150,7 +166,7 @@ def pass_over(state: FilterState, sliding: SlidingWindow, outliers: int, count: 
         banks = _with_longer_histories(banks)
         histories = np.array([fixed_lag.grown(past, column) for column, past in enumerate(histories)])
     return state._replace(
-        sliding_window=sliding,
+        window=window,
         banks=banks,
         live_hypotheses=state.live_hypotheses.held(state.ticks + count - 1),
         ticks=state.ticks + count,
@@ -165,9 +181,9 @@ def pass_over(state: FilterState, sliding: SlidingWindow, outliers: int, count: 
 
 
 def tick_input(
-    state: FilterState, tick: Tick, sliding: SlidingWindow, transitions: TransitionPrediction
+    state: FilterState, tick: Tick, window: Window, transitions: TransitionPrediction
 ) -> TickInput:
-    """The newest tick of the window ``sliding``, with the hypotheses that begin in it."""
+    """The newest tick of the window, with the hypotheses that begin in it."""
     births = Births(
         transitions.proposals,
         state.ticks,
@@ -177,36 +193,34 @@ def tick_input(
         fixed_lag.inherited(state.lag_history, state.log_state_weight, transitions.log_transition),
         tick.zeta[R].reshape(3, 3),
     )
-    return TickInput(births, sliding.window, state.window, transitions.log_survival)
+    return TickInput(births, window, state.window, transitions.log_survival)
 
 
 def updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], TickWeights]:
     """The banks after a tick, and the weights of their hypotheses."""
-    model = state.model
-    beyond, margin = model.noise.extra_contact_variance, model.search.margin_nats
-    return bank_update.update(state.banks, ticks, beyond, scales_of(model), margin)
+    beyond, margin = state.model.noise.extra_contact_variance, state.model.search.margin_nats
+    return bank_update.update(state.banks, ticks, beyond, state.scales, margin)
 
 
 def weighed(
     state: FilterState,
     tick: Tick,
-    sliding: SlidingWindow,
+    ticks: TickInput,
     transitions: TransitionPrediction,
-    births: Births,
     banks: Sequence[Bank],
     weights: TickWeights,
 ) -> FilterState:
     """The state after an informative tick, with the updated banks and weights."""
-    past = births.lag_history
+    past = ticks.births.lag_history
     if past.size:
         banks, free = _with_longer_histories(banks), fixed_lag.grown(past[FREE], FREE)
         past = np.array([*(fixed_lag.mixed(b.lag_history, b.log_weight) for b in banks), free])
     was_free = state.label is Contact.FREE
     return state._replace(
-        sliding_window=sliding,
+        window=ticks.window,
         cached_proposals=transitions.cached_proposals,
         ticks=state.ticks + 1,
-        next_hypothesis_id=state.next_hypothesis_id + births.total + 1,
+        next_hypothesis_id=state.next_hypothesis_id + ticks.births.total + 1,
         deferred_exposure=0.0,
         banks=tuple(banks),
         log_state_weight=weights.log_state_weight,

@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
+from contact_tracker.map.association import log_prior_of_new
 from contact_tracker.map.map import Map
-from contact_tracker.map.prices import log_prior_of_new
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity

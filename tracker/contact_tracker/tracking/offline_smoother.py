@@ -320,6 +320,7 @@ class Segmenter:
             rows["excess"],
             tick_averaging.tick_anisotropy(noise, rows["count"], state.model),
             self._before if self._first else None,
+            rows["count"],
         )
         wrenches = None
         if self._wrenches is not None:

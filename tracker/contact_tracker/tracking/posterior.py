@@ -15,14 +15,13 @@ from contact_tracker.hypotheses.births import named
 from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
-from contact_tracker.motion.rests import rests_now
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact
-from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, CurvedMotion, update_curved_motion
-from contact_tracker.tracking.state import FilterState, scales_of
+from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
+from contact_tracker.tracking.state import FilterState
 
 Array = NDArray[np.float64]
 
@@ -44,8 +43,11 @@ def read_posterior(
     belief = state_posterior(state, tick.stamp_ns)
     shared, learns = belief, _should_update_map(state, belief)
     if learns or detail >= Detail.SHARED:  # sharing never raises the label's probability
-        if tests_curvature or belief.contact is not Contact.FREE:
-            state = state._replace(curved=_curved_motion(state, belief.contact))
+        if belief.contact is not Contact.FREE:
+            state = state._replace(curved=NO_CURVED_MOTION)
+        elif tests_curvature:  # at intervals
+            known = state.curved, state.window, state.free_since, state.scales, state.known_map
+            state = state._replace(curved=update_curved_motion(*known))
         shared = share_among_indistinguishable(state, belief)
         learns = learns and _should_update_map(state, shared)
     if detail >= Detail.SHARED:
@@ -71,14 +73,6 @@ def _should_update_map(state: FilterState, belief: Belief) -> bool:
     ):
         return False
     return belief.stamp_ns >= state.map.due_ns.get(belief.onset_ns, belief.stamp_ns)
-
-
-def _curved_motion(state: FilterState, label: Contact) -> CurvedMotion:
-    """The test of free motion for a curved surface, which is made at intervals."""
-    if label is not Contact.FREE:
-        return NO_CURVED_MOTION
-    known = state.curved, state.window, state.free_since
-    return update_curved_motion(*known, scales_of(state.model), state.known_map)
 
 
 def _had_begun(belief: Belief, stamp_ns: int) -> bool:
@@ -147,7 +141,7 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     p_restricted = ambiguity.p_restricted(freedom.underused, since, state.model.tick_s)
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
-    inseparable = tuple(other for other in others if state.known_map.allows(other))
+    inseparable = tuple(filter(state.known_map.allows, others))
     return _shared(state, belief, inseparable, p_restricted, belief)
 
 
@@ -179,11 +173,11 @@ def _compared_since_onset(
     return rivals, since, onset < state.window.index[0]
 
 
-def with_rest(state: FilterState, tick: Tick, belief: Belief) -> tuple[FilterState, Belief]:
+def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:
     """The state and the belief to report after a tick: an object at rest does not tell the label from other
     states, and beside those that the motion leaves open it is not certain."""
-    others = ambiguity.others_at_rest(belief.contact, state.known_map) if tick.count else ()
-    if others and belief.inseparable != others and rests_now(state.sliding_window, state.model.tick_s):
+    others = ambiguity.others_at_rest(belief.contact, state.known_map) if is_in_rest else ()
+    if others and belief.inseparable != others:
         p_restricted = ambiguity.CHANGED_AT_REST
         belief = _shared(state, belief, others, p_restricted, state_posterior(state, belief.stamp_ns))
         if belief.is_open:
@@ -212,10 +206,9 @@ def label_geometry(state: FilterState, label: Contact) -> ContactGeometry | None
         return None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row = int(state.best_rows[label.column])
-    scales, origins = scales_of(state.model), state.origins
     pair = named_pairs(state.known_map, contact)[bank.rows["known_pair_index"][row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
-    where = contact_geometry(bank, row, contact, scales, window, origins, state.model.systematic)
+    where = contact_geometry(bank, row, contact, state.scales, window, state.origins, state.model.systematic)
     return named(where, pair)
 
 
@@ -226,14 +219,15 @@ def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sightin
     first, window = int(one.onset[0]), state.window
     since = window.pick(slice(window.index.searchsorted(first), None))
     since = since.with_error(state.model.noise.extra_contact_variance[label.column])
-    estimate = element_estimate(one, contact, scales_of(state.model), since)
+    estimate = element_estimate(one, contact, state.scales, since)
     return Sighting(first, state.ticks, estimate, int(one.onsets.onset_ns[0]), stamp_ns)
 
 
 def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[FilterState, Belief]:
     """Update the further contacts after an informative tick; returns the state and the belief with them."""
     label = belief.contact
-    least = STILL_ESTABLISHED if any(one.is_present for one in state.formation.tracked) else ESTABLISHED
+    tracked = state.formation.tracked
+    least = STILL_ESTABLISHED if tracked and any(one.is_present for one in tracked) else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
         return state._replace(formation=online.suspend(state.formation)), belief
     bank, row = state.banks[label.column], int(state.best_rows[label.column])
@@ -244,13 +238,12 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     some = window.cut(max(first_row, len(window) - online.WINDOW_TICKS), None)
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
     leave_per_s, origins = state.model.transitions.leave_per_s, state.origins
-    ticks = FormationTicks(
-        some, scales_of(state.model), leave_per_s, origins, state.known_map, state.model.systematic
-    )
-    first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
+    ticks = FormationTicks(some, state.scales, leave_per_s, origins, state.known_map, state.model.systematic)
+    first = KnownContact(label, bank.x[row])
     formation = online.advance(state.formation, ticks, first)
     state = state._replace(formation=formation)
-    belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
+    if formation.tracked:
+        belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
     if formation.is_open:
         capped = ambiguity.at_most(belief.probability, label, possible=state.known_map.possible)
         belief = replace(belief, probability=capped, is_open=True)

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Array
 from contact_tracker.hypotheses.births import (
@@ -17,10 +16,9 @@ from contact_tracker.hypotheses.births import (
 )
 from contact_tracker.hypotheses.proximity_prior import reweight_transitions, weigh_births
 from contact_tracker.motion.lifted_pose import T
-from contact_tracker.motion.rests import completes_rest
-from contact_tracker.motion.window import SlidingWindow
+from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES
-from contact_tracker.tracking.state import FilterState, scales_of
+from contact_tracker.tracking.state import FilterState
 from contact_tracker.tracking.transition_model import (
     REST_LOG_LIKELIHOOD,
     hazard_exposure,
@@ -45,9 +43,14 @@ class TransitionPrediction(NamedTuple):
     """(7,) log birth weights."""
 
 
-def predict_transitions(state: FilterState, sliding: SlidingWindow) -> TransitionPrediction:
-    """The prediction for the newest tick of ``window``, by which ``state`` has not been updated."""
-    window, model = sliding.window, state.model
+def predict_transitions(
+    state: FilterState, window: Window, completes_rest: bool = False
+) -> TransitionPrediction:
+    """The prediction for the newest tick of ``window``, by which ``state`` has not been updated.
+
+    If it completes a rest, the object has rested until now in the state: that counts once.
+    """
+    model = state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
     proposals, log_odds = tuple([one.proposals for one in cached]), np.zeros(len(STATES))
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
@@ -56,24 +59,16 @@ def predict_transitions(state: FilterState, sliding: SlidingWindow) -> Transitio
     transition, survival = tick_transitions(model, exposed)
     if state.knows_elements:
         beyond = model.noise.extra_contact_variance
-        proposals, log_odds[:-1], gain = weigh_births(proposals, window, beyond, scales_of(model))
+        proposals, log_odds[:-1], gain = weigh_births(proposals, window, beyond, state.scales)
         transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
-    transition, survival = _with_rest((transition, survival), sliding, model)
+    if completes_rest:
+        transition, survival = transition + REST_LOG_LIKELIHOOD[:, None], survival + REST_LOG_LIKELIHOOD
     if state.ticks:
         birth_weight = hmm.birth_log_weights(state.log_state_weight, transition)
     else:
         birth_weight = state.log_state_weight + log_odds
         birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
     return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
-
-
-def _with_rest(transitions: tuple[Array, Array], sliding: SlidingWindow, model: Model) -> tuple[Array, Array]:
-    """Log probabilities of changing and staying, times those that the object has rested until now in each
-    state, if this tick completes a rest."""
-    change, stay = transitions
-    if not completes_rest(sliding, model.tick_s):
-        return change, stay
-    return change + REST_LOG_LIKELIHOOD[:, None], stay + REST_LOG_LIKELIHOOD
 
 
 def _proposals(state: FilterState, frame: Frame) -> tuple[CachedProposals, ...]:

@@ -26,8 +26,7 @@ from contact_tracker.map.same_element import is_same_element
 from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.lifted_pose import T
-from contact_tracker.motion.rests import at_rest
-from contact_tracker.motion.window import SlidingWindow, Window
+from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import FurtherContact, Segment
@@ -130,7 +129,7 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     """The fit of a segment: its contact, by the fits of all contacts to ``window``, and its joint."""
     fit = _contact_fit(segment, window, fits)
     banks = zip(CONTACT_MODELS, fits, strict=True)
-    known = [KnownContact(contact, bank.x[0]) for contact, bank in banks if len(bank)]
+    known = [KnownContact(model.contact, bank.x[0]) for model, bank in banks if len(bank)]
     scales = scales_of(segment.model)
     found = find_joint(window, scales, known, fit.constraints, segment.model.systematic)
     if found is None:
@@ -173,7 +172,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     where = contact_geometry(
         fitted, 0, contact, scales, window, segment.origins, model.systematic, information
     )
-    formation = _formation(segment, window, KnownContact(contact, fitted.x[0]))
+    formation = _formation(segment, window, KnownContact(label, fitted.x[0]))
     alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
@@ -215,7 +214,7 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
         others = tuple(filter(segment.known_map.allows, one.inseparable))
         given_label = float(expit(power * one.log_odds)) * ambiguity.most_beside(len(others))
         spans = tuple((int(window.index[run.first]), int(window.index[run.end - 1])) for run in one.runs)
-        further.append(FittedContact(one.contact, given_label, spans, one.geometry, others))
+        further.append(FittedContact(one.known.contact, given_label, spans, one.geometry, others))
     return FittedFormation(tuple(further), found.is_open, found.ranks)
 
 
@@ -315,7 +314,7 @@ class FinishedSegment(NamedTuple):
 
     def _rests(self) -> NDArray[np.bool_]:
         """Which ticks (n,) are at rest; motion too short to be told from the end of a rest belongs to it."""
-        resting = at_rest(SlidingWindow(self.ticks.window, self.rows["count"]), self.ticks.model.tick_s)
+        resting = at_rest(self.ticks.window, self.ticks.model.tick_s)
         edges = np.flatnonzero(np.diff(resting, prepend=False, append=False))
         for first, end in pairwise([0, *edges, len(resting)]):
             if end - first < NOW_TICKS and resting.any():

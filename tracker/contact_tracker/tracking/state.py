@@ -18,7 +18,7 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.view import Key
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import FreeMotion
-from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
+from contact_tracker.motion.window import EMPTY_WINDOW, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, CurvedMotion
@@ -40,7 +40,9 @@ class FilterState(NamedTuple):
     """Those of the ticks, once there are some."""
     free_motion: FreeMotion | None
     """Free motion as this filter sees it, if its ticks have been averaged for another one."""
-    sliding_window: SlidingWindow
+    scales: EvidenceParameters
+    """Those of the model."""
+    window: Window
     """The latest ticks by which the hypotheses have been updated."""
     banks: tuple[Bank, ...]
     """The hypothesis bank of each contact."""
@@ -108,11 +110,6 @@ class FilterState(NamedTuple):
         row = int(self.best_rows[self.label.column])
         return self.map.pairs.get(int(self.banks[self.label.column].rows["onset"][row]))
 
-    @property
-    def window(self) -> Window:
-        """The latest ticks."""
-        return self.sliding_window.window
-
 
 def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> FilterState:
     """The state before the first tick.
@@ -133,7 +130,8 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Filte
         known_map=known_map,
         origins=Origins.zero(),
         free_motion=None,
-        sliding_window=EMPTY_WINDOW,
+        scales=scales_of(model),
+        window=EMPTY_WINDOW,
         banks=banks,
         map=empty,
         cached_proposals=tuple(

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from contact_tracker.viewer import canvas
-from contact_tracker.viewer.camera import Eye
+from contact_tracker.viewer.scene import Eye
 
 PanelState = Literal["collapsed", "expanded"]
 BACKGROUND = (25, 28, 33)
@@ -15,21 +15,17 @@ BACKGROUND = (25, 28, 33)
 TRAIL_S = 4.0
 LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
+_PAPER = "Paper's objectives, windows of 500 poses (normalised)"
 
 
-def offline(eye: Eye, paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
-    """Layout of a whole recording; ``paper``: with the fixed-window curves.
-
-    With several recordings their list is open.
-    """
+def offline(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
+    """Layout of a whole recording; with several recordings their list is open."""
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, 1.05, legend=True)
     filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, 1.05)
-    minima = [_plot(canvas.RESIDUAL, _RESIDUAL, everything, 3.0, legend=True)]
-    if paper:
-        name = "Paper's objectives, windows of 500 poses (normalised)"
-        minima.append(_plot(canvas.PAPER, name, everything, 1.0, legend=True))
-    views = _states(everything), smoothed, filtered, rrb.Tabs(*minima)
+    residual = _plot(canvas.RESIDUAL, _RESIDUAL, everything, 3.0, legend=True)
+    paper = _plot(canvas.PAPER, _PAPER, everything, 1.0, legend=True)
+    views = _states(everything), smoothed, filtered, rrb.Tabs(residual, paper)
     over_time = rrb.Vertical(*views, row_shares=[15, 14, 7, 12])
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE)
     return _blueprint(eye, over_time, panel, "expanded" if is_one_of_several else "collapsed")

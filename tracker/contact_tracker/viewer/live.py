@@ -12,15 +12,13 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.changes import Changes
-from contact_tracker.outputs.text import is_settled
+from contact_tracker.outputs.text import Changes, is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.viewer import canvas, layout
-from contact_tracker.viewer.camera import Upward
 from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
 from contact_tracker.viewer.parts import KnownParts
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Upward, draw
 from contact_tracker.viewer.sinks import Sink, close, to_viewer
 
 _CLOSE_S: Final = 5.0

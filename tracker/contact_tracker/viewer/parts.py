@@ -5,8 +5,8 @@ as the segment, a vertex as the point. Where one touches that reaches farther th
 a face, the patch is as large as the object.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Hashable, Iterator, Sequence
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -15,7 +15,7 @@ from contact_tracker.geometry.elements import Array, ContactGeometry, Element, L
 from contact_tracker.map.map import EMPTY_MAP, KINDS, Map, NamedElement
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
-from contact_tracker.tracking.belief import Segment
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.viewer.scene import (
     EMPTY,
     UNKNOWN_EXTENT,
@@ -97,6 +97,15 @@ class KnownParts:
         self._poses, self._every_ns, self._last_span = list[Poses](), _EVERY_NS, -(2**62)
         self._touches: dict[int, Touch] = {}
 
+    @classmethod
+    def of(cls, outcome: Outcome) -> Self:
+        """With all poses and contacts of a recording."""
+        known = cls(outcome.known_map, outcome.trajectory.vertices_m)
+        known.add_poses(outcome.trajectory.poses)
+        for one in outcome.segments:
+            known.add_contact(one.start_ns, one.end_ns, one.geometry)
+        return known
+
     @property
     def bodies(self) -> tuple[Part, ...]:
         """The known bodies."""
@@ -169,19 +178,9 @@ class KnownParts:
         return (*self.bodies, *found)
 
 
-def known_parts(
-    world: GrowingMap | None,
-    poses: Poses,
-    segments: Iterable[Segment],
-    known_map: Map = EMPTY_MAP,
-    vertices_m: Array | None = None,
-) -> tuple[Part, ...]:
-    """All that is known after a recording; ``known_map`` and ``vertices_m`` as of ``KnownParts``."""
-    known = KnownParts(known_map, vertices_m)
-    known.add_poses(poses)
-    for one in segments:
-        known.add_contact(one.start_ns, one.end_ns, one.geometry)
-    return known.parts(world)
+def known_parts(outcome: Outcome) -> tuple[Part, ...]:
+    """All that is known after a recording."""
+    return KnownParts.of(outcome).parts(outcome.touched)
 
 
 def _bodies(known_map: Map) -> Iterator[tuple[int, str, Hull]]:

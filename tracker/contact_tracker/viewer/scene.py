@@ -1,4 +1,4 @@
-"""Drawing of touching pairs: colours, meshes of elements, where they are drawn, and the object's hull.
+"""Drawing of touching pairs: meshes of elements, where they are drawn and seen from, and the object's hull.
 
 Meshes are round for the object, square for the surroundings. An object's face is a wheel, its edge a round
 rod, its vertex a ball; a face of the surroundings is a square sheet, an edge a square bar, a vertex a cube.
@@ -6,8 +6,7 @@ Uncertainty is the surface at two standard deviations: a pair of bowls about a p
 a line, an ellipsoid about a point.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -419,9 +418,6 @@ def _label_position(element: Element, centre: Array, half_m: float, up: Array) -
     return np.asarray(centre + half_m * away)
 
 
-KEY = "object_vertices_m"
-
-
 class Hull(NamedTuple):
     """``vertices`` (V, 3) in metres in the body frame, ``triangles`` (T, 3), ``edges`` (E, 2, 3)."""
 
@@ -429,18 +425,6 @@ class Hull(NamedTuple):
     triangles: NDArray[np.uint32]
     edges: NDArray[np.float32]
     extent: Extent
-
-
-def vertices_from_metadata(metadata: Mapping[str, Mapping[str, str]]) -> Array | None:
-    """The object's vertices (V, 3) in the body frame; None if no record has a list of points."""
-    for record in metadata.values():
-        try:
-            vertices = np.asarray(json.loads(record[KEY]), float)
-        except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
-            continue
-        if vertices.ndim == 2 and vertices.shape[1] == 3 and np.all(np.isfinite(vertices)):
-            return vertices
-    return None
 
 
 def hull(vertices_m: Array) -> Hull | None:
@@ -465,3 +449,58 @@ def hull(vertices_m: Array) -> Hull | None:
         np.array(edges, np.float32).reshape(-1, 2, 3),
         Extent(centre, radius, vertices_m),
     )
+
+
+def extent_of(vertices_m: Array | None) -> Extent:
+    """The size of an object by its vertices (V, 3), if they are known and span a solid."""
+    solid = None if vertices_m is None else hull(vertices_m)
+    return UNKNOWN_EXTENT if solid is None else solid.extent
+
+
+_BACK: Final = 3.9
+_ABOVE: Final = 2.2
+"""Place of the eye relative to the object, by its radius."""
+_AHEAD: Final = np.array([0.2, 1.0, 0.1])
+"""The view is along the level direction nearest to this one."""
+_ALIKE: Final = np.cos(np.radians(10.0))
+
+
+class Eye(NamedTuple):
+    """``position_m`` (3,) relative to the object, which is in the middle of the view; ``up`` (3,)."""
+
+    position_m: Array
+    up: Array
+
+
+class Upward:
+    """Estimates upward as away from the planes that were touched longest; without any it is z.
+
+    ``extent`` is that of the object. A plane on whose side the object is not known counts towards z.
+    """
+
+    def __init__(self, extent: Extent) -> None:
+        self._extent = extent
+        self._sum = np.zeros(3)  # of the normals on the object's side, by time (s)
+
+    def add(self, geometry: ContactGeometry, poses: Poses, lasted_ns: int) -> bool:
+        """Add a contact of duration ``lasted_ns``; returns whether the direction has changed."""
+        if not isinstance(geometry.environment, Plane):
+            return False
+        before, normal = self.direction, geometry.environment.normal
+        centres = poses.rotation @ self._extent.centre_m + poses.position_m
+        known = side(geometry.environment, centres, self._extent.radius_m)
+        sign = known or (1.0 if normal @ before >= 0.0 else -1.0)
+        self._sum = self._sum + 1e-9 * lasted_ns * sign * normal
+        return not before @ self.direction > _ALIKE
+
+    @property
+    def direction(self) -> Array:
+        """(3,) upward in the world."""
+        length = float(np.linalg.norm(self._sum))
+        return self._sum / length if length > 0.0 else UP
+
+    def eye(self, radius_m: float) -> Eye:
+        """The eye for an object of this size."""
+        up = self.direction
+        ahead = _AHEAD - (_AHEAD @ up) * up
+        return Eye(radius_m * (_ABOVE * up - _BACK * ahead / np.linalg.norm(ahead)), up)

@@ -19,7 +19,6 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import Runner
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import CONTACTS, STATES
-from contact_tracker.tracking.forward_pass import RecordedPass
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import (
@@ -39,6 +38,7 @@ from contact_tracker_lab.calibration.parameters import (
     value_of,
     with_value,
 )
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.calibration.residuals import (
     FEWEST,
     ContactSegment,

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker import __version__
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
-from contact_tracker.config.shipped import preset_names
-from contact_tracker.errors import UsageError
-from contact_tracker.exit_codes import DAMAGED, DONE
+from contact_tracker.config import preset_names
+from contact_tracker.errors import DAMAGED, DONE, UsageError
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
@@ -139,7 +138,7 @@ def _how_many_folds(asked: int | None, recordings: int) -> int:
 def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], None]) -> None:
     from dataclasses import replace
 
-    from contact_tracker.atomic_file import whole_file
+    from contact_tracker.files import whole_file
     from contact_tracker_lab.calibration.parameters import model_text
 
     model = replace(found.learned.model, name=args.output.stem)

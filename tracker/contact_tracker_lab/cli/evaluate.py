@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, warn
-from contact_tracker.errors import NoPoses, UsageError
-from contact_tracker.exit_codes import DAMAGED, DONE
+from contact_tracker.errors import DAMAGED, DONE, NoPoses, UsageError
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
@@ -67,22 +66,18 @@ def _truth(name: str, args: argparse.Namespace) -> "Truth":
 
     if args.labels is None:
         return need_truth(name, args.topic, args.frame, args.table)
-    log = arguments.open_poses(args, name)
-    first_ns = last_ns = log.first_stamp_ns
-    for poses in log.batches():
-        last_ns = int(poses.stamp_ns[-1])
-    return arguments.load_labels(args, first_ns, last_ns)
+    return arguments.load_labels(args, name)
 
 
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", known_map: "Map"
 ) -> "tuple[Evaluation, bool]":
-    from contact_tracker.outputs.adaptation import warnings
-    from contact_tracker.segmenting import OfflineTracker
+    from contact_tracker.motion.poses import Poses
+    from contact_tracker.outputs.outcome import segmented
     from contact_tracker.tracking.belief import Detail
-    from contact_tracker.tracking.pose_buffer import with_pose_callback
+    from contact_tracker.trajectory import Trajectory
+    from contact_tracker_lab.evaluation import evaluate
     from contact_tracker_lab.evaluation.answers import Answering
-    from contact_tracker_lab.evaluation.evaluate import Evaluator
 
     truth = _truth(name, args)
     if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
@@ -91,21 +86,15 @@ def _evaluate(
             f"--relative-to {args.relative_to}"
         )
         truth = truth.without_geometry()
-    evaluator = Evaluator(truth)
     wrenches = arguments.load_wrenches(name, args, model, known_map)
     log = arguments.open_poses(args, name)
     answering = Answering(model, known_map, log.source.read_as)
-    with progress(name, "poses", log.source.messages) as set_done:
-        tracker = OfflineTracker(model, known_map, wrenches=wrenches, read_as=log.source.read_as)
-        for piece in with_pose_callback(
-            answering.through(log.arrivals()),
-            lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION),
-            evaluator.add_poses,
-        ):
-            evaluator.add_piece(piece)
-    if not evaluator.frames:
+    poses = Poses.collect(answering.through(log.arrivals()))
+    if not len(poses):
         raise NoPoses(f"{name}: no pose that can be used{'' if log.loss is None else f': {log.loss}'}")
-    found = () if tracker.report is None else warnings(tracker.report)
-    for line in (*log.warnings, *found):
+    trajectory = Trajectory.from_log(log, name, poses, True)
+    with progress(name, "poses", len(poses)) as set_done:
+        found = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=Detail.FORMATION)
+    for line in found.warnings:
         warn(f"{name}: {line}")
-    return evaluator.finish(answering.finish()), log.damage is not None
+    return evaluate.evaluate(poses, truth, found.segmentation, answering.finish()), log.damage is not None

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import say, show
-from contact_tracker.errors import UsageError
-from contact_tracker.exit_codes import DONE
+from contact_tracker.errors import DONE, UsageError
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:

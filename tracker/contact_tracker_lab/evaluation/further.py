@@ -1,6 +1,5 @@
 """Scores of further contacts: the reported set of contacts against the true one."""
 
-from array import array
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from itertools import pairwise, permutations
@@ -61,43 +60,24 @@ class FurtherScore:
         return self.false_s / self.alone_s if self.alone_s else float("nan")
 
 
-class FurtherTicks:
-    """The further contacts of ticks, in 8 bytes for each tick."""
+def score_further(scored: Scoring, truth: Truth, tick: Ints, beliefs: Beliefs) -> FurtherScore:
+    """Compare the further contacts of T ``beliefs`` with the truth.
 
-    def __init__(self) -> None:
-        self._numbers: dict[Kinds, int] = {}
-        self._of_tick = array("q")
-
-    def add(self, beliefs: Beliefs) -> None:
-        """Append later ticks."""
-        number = [
-            self._numbers.setdefault(
-                tuple((one.contact, *one.inseparable) for one in further), len(self._numbers)
-            )
-            for further in beliefs.formations
-        ]
-        index = beliefs.rows["further"]
-        self._of_tick.extend(np.append(number, NONE).astype(np.int64)[index].tolist())
-
-    def score(self, scored: Scoring, truth: Truth, tick: Ints, label: NDArray[np.int8]) -> FurtherScore:
-        """Compare with the truth.
-
-        Parameters
-        ----------
-        scored, truth : of N frames.
-        tick : (N,) index of the belief that holds at each frame, -1 where there is none.
-        label : (T,) column of each belief's label.
-        """
-        found = np.append(np.frombuffer(self._of_tick, np.int64), NONE)[tick]
-        labelled = np.append(label, NONE)[tick]
-        kinds: list[Kinds] = [*self._numbers, ()]
-        total = FurtherScore()
-        for true, frames in _true_sets(scored, truth):
-            cells = np.stack([found[frames], labelled[frames]], axis=1)
-            for (number, column), seconds in _summed(cells, scored.seconds[frames]):
-                first = () if column == NONE else (STATES[column],)
-                total += _score(true, first, kinds[number], seconds)
-        return total
+    Parameters
+    ----------
+    scored, truth : of N frames.
+    tick : (N,) index of the belief that holds at each frame, -1 where there is none.
+    """
+    kinds = [tuple((one.contact, *one.inseparable) for one in further) for further in beliefs.formations]
+    found = np.append(beliefs.rows["further"], NONE)[tick]
+    labelled = np.append(beliefs.rows["contact"], NONE)[tick]
+    total = FurtherScore()
+    for true, frames in _true_sets(scored, truth):
+        cells = np.stack([found[frames], labelled[frames]], axis=1)
+        for (number, column), seconds in _summed(cells, scored.seconds[frames]):
+            first = () if column == NONE else (STATES[column],)
+            total += _score(true, first, () if number == NONE else kinds[number], seconds)
+    return total
 
 
 class _TrueSet(NamedTuple):

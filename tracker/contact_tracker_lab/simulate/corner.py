@@ -20,8 +20,8 @@ from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import lift, perturbations
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.chart import Rigid
+from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
 from contact_tracker_lab.simulate.scenarios import Further, Scenario
-from contact_tracker_lab.simulate.signals import band_limited, smooth_step, within
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.geometry.elements import Element, Line, Point
 from contact_tracker.joints.models import JointKind
 from contact_tracker_lab.simulate.chart import Rigid
+from contact_tracker_lab.simulate.motion import band_limited
 from contact_tracker_lab.simulate.scenarios import Scenario
-from contact_tracker_lab.simulate.signals import band_limited
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Motion along one leg: smooth and random in all free directions of the contact."""
+"""Motion along one leg: smooth and random in all free directions of the contact; and smooth signals."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,6 @@ from contact_tracker.geometry.polyhedron import Feature, unit
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.chart import Chart, Rigid
 from contact_tracker_lab.simulate.plan import SETTLE_S, Anchor, Leg, sample_normal, sample_point
-from contact_tracker_lab.simulate.signals import band_limited, blend, drift, smooth_step, within
 
 Array = NDArray[np.float64]
 Weights = tuple[Array, Array, Array]
@@ -22,6 +21,8 @@ _LIFT_RAMP_S = 0.8
 _MARGIN = 0.8  # share of the room up to a feature's rim that the motion uses
 _CROSSING = (np.radians(65.0), np.radians(115.0))  # crossing angle of two edges during the motion
 _CROSSING_ROOM_RAD = np.radians(35.0)
+_SINUSOIDS = 24
+_LOWEST_HZ = 0.2
 
 
 @dataclass(frozen=True)
@@ -206,3 +207,44 @@ def _slide(rng: np.random.Generator, feature: Feature, centre: Array, time_s: Ar
     span = feature.span
     wave = hand.amplitude_m * band_limited(rng, time_s, len(span), hand.bandwidth_hz)
     return centre + within(wave, _MARGIN * feature.point_clearance(centre)) @ span
+
+
+def band_limited(rng: np.random.Generator, time_s: Array, count: int, bandwidth_hz: float) -> Array:
+    """``count`` independent random signals (N, count) of mean 0 and about unit power below ``bandwidth_hz``.
+
+    Power is normalised over ``time_s`` (N,), so that each signal moves in every leg; in very short legs it
+    stays below one.
+    """
+    shape = (_SINUSOIDS, count)
+    frequency = rng.uniform(min(_LOWEST_HZ, bandwidth_hz / 2), bandwidth_hz, shape)
+    phase = rng.uniform(0.0, 2.0 * np.pi, shape)
+    angle = 2.0 * np.pi * frequency * time_s[:, None, None] + phase
+    signal = np.sqrt(2.0 / _SINUSOIDS) * np.sin(angle).sum(axis=1)
+    signal -= signal.mean(axis=0)
+    return np.asarray(signal / np.maximum(signal.std(axis=0), 0.5), float)
+
+
+def within(displacement: Array, radius: float) -> Array:
+    """Displacements (N, d) softly bounded to less than ``radius``, unchanged where small."""
+    length = np.linalg.norm(displacement, axis=-1, keepdims=True)
+    return np.asarray(displacement / np.sqrt(1.0 + (length / max(radius, 1e-12)) ** 2), float)
+
+
+def smooth_step(x: Array) -> Array:
+    """0 for x <= 0, 1 for x >= 1, between them with continuous first and second derivatives."""
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x**3 * (10.0 - 15.0 * x + 6.0 * x**2), float)
+
+
+def blend(time_s: Array, duration_s: float, ramp_s: float) -> tuple[Array, Array, Array]:
+    """Weights (N,) of the start, the middle and the end of a leg, which sum to one."""
+    ramp = min(ramp_s, duration_s / 2.0)
+    start = 1.0 - smooth_step(time_s / ramp)
+    end = smooth_step((time_s - duration_s) / ramp + 1.0)
+    return start, 1.0 - start - end, end
+
+
+def drift(time_s: Array, settle_s: float) -> Array:
+    """Displacement (N,) per unit of speed at time 0; the speed decays within ``settle_s`` before and
+    after."""
+    return np.asarray(settle_s * np.tanh(time_s / settle_s), float)

@@ -11,9 +11,8 @@ from contact_tracker.geometry.polyhedron import Polyhedron, unit
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
 from contact_tracker_lab.simulate.chart import Rigid
-from contact_tracker_lab.simulate.motion import Path
+from contact_tracker_lab.simulate.motion import Path, band_limited, blend, within
 from contact_tracker_lab.simulate.plan import Leg
-from contact_tracker_lab.simulate.signals import band_limited, blend, within
 
 Array = NDArray[np.float64]
 

@@ -83,7 +83,7 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
 
 def _words_of(layout: np.dtype[np.void]) -> tuple[int, dict[str, int]]:
     """Number of words per row, and the first word of each column."""
-    return layout.itemsize // 8, {name: layout.fields[name][1] // 8 for name in layout.names}
+    return layout.itemsize // 8, {name: field[1] // 8 for name, field in (layout.fields or {}).items()}
 
 
 @lru_cache(maxsize=8)

@@ -1,5 +1,6 @@
 """Validated poses from a recording, arrays or a table."""
 
+import json
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,25 +11,24 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact_tracker.api.arrays import (
-    have_own_unit,
-    moment_ns,
-    nanoseconds,
-    positions_and_quaternions,
-    stated,
-)
-from contact_tracker.api.dataframes import columns_of, with_columns
-from contact_tracker.api.given import errors_as, name_from, path_from
-from contact_tracker.api.notices import log_counts, warn_of
 from contact_tracker.config.quantities import LENGTHS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import first_refused, gate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
-from contact_tracker.recording import PoseSource, open_log, read_metadata
+from contact_tracker.recording import PoseLog, PoseSource, open_log, read_metadata
 from contact_tracker.recording.table_times import doubt_of_unit
-from contact_tracker.viewer.scene import vertices_from_metadata
+from contact_tracker.trajectory.arguments import errors_as, log_counts, name_from, path_from, warn_of
+from contact_tracker.trajectory.arrays import (
+    columns_of,
+    have_own_unit,
+    moment_ns,
+    nanoseconds,
+    positions_and_quaternions,
+    stated,
+    with_columns,
+)
 
 Order = Literal["xyzw", "wxyz"]
 
@@ -50,6 +50,7 @@ class Trajectory:
     notes : one line for each warning about the recording, except for the damage.
     by_log_time : whether the stamps are log times, as the headers have none.
     read_as : how the poses were read.
+    origin_ns : stamp from which displayed times count; by default that of the first pose.
     """
 
     poses: Poses
@@ -63,10 +64,31 @@ class Trajectory:
     notes: tuple[str, ...] = ()
     by_log_time: bool = False
     read_as: ReadAs = AS_GIVEN
+    origin_ns: int | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.poses, Poses) or not isinstance(self.counts, Mapping):
             raise UsageError("poses are columns that have passed the gate: take Trajectory.from_arrays")
+
+    @classmethod
+    def from_log(
+        cls, log: PoseLog, name: str, poses: Poses, is_rereadable: bool, origin_ns: int | None = None
+    ) -> Self:
+        """The ``poses`` that were read from the log that the user has called ``name``."""
+        return cls(
+            poses,
+            dict(log.counts),
+            name="standard input" if name == "-" else Path(name).name or name,
+            path=name if is_rereadable else None,
+            source=log.source,
+            damage=log.damage,
+            log_offset_ns=log.stamping.log_offset_ns,
+            vertices_m=vertices_from_metadata(read_metadata(name)),
+            notes=(*(() if log.note is None else (log.note,)), *log.remarks),
+            by_log_time=log.stamping.by_log_time,
+            read_as=log.source.read_as,
+            origin_ns=origin_ns,
+        )
 
     @classmethod
     def from_arrays(
@@ -196,6 +218,11 @@ class Trajectory:
         return self.poses.quat_xyzw
 
     @property
+    def frames(self) -> tuple[str, str]:
+        """Names of the world's and the body's frame; empty if the poses have none."""
+        return ("", "") if self.source is None else (self.source.frame_id, self.source.child_frame_id)
+
+    @property
     def duration_s(self) -> float:
         """Time from the first pose to the last."""
         return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9 if len(self) else 0.0
@@ -302,20 +329,19 @@ def read(
         noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
         reason = "" if log.loss is None else f": {log.loss}"
         raise NoPoses(f"{text}: no pose that can be used{reason}{f'; noted: {noted}' if noted else ''}")
-    with errors_as(UnreadableRecording, text):
-        vertices_m = vertices_from_metadata(read_metadata(text))
     warn_of(log.warnings)
     log_counts(text, counts)
-    return Trajectory(
-        poses,
-        counts,
-        name=Path(text).name or text,
-        path=text if reading == AS_NAMED else None,
-        source=log.source,
-        damage=log.damage,
-        log_offset_ns=log.stamping.log_offset_ns,
-        vertices_m=vertices_m,
-        notes=(*(() if log.note is None else (log.note,)), *log.remarks),
-        by_log_time=log.stamping.by_log_time,
-        read_as=log.source.read_as,
-    )
+    with errors_as(UnreadableRecording, text):
+        return Trajectory.from_log(log, text, poses, reading == AS_NAMED)
+
+
+def vertices_from_metadata(metadata: Mapping[str, Mapping[str, str]]) -> Array | None:
+    """The object's vertices (V, 3) in the body frame; None if no record has a list of points."""
+    for record in metadata.values():
+        try:
+            vertices = np.asarray(json.loads(record["object_vertices_m"]), float)
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
+            continue
+        if vertices.ndim == 2 and vertices.shape[1] == 3 and np.all(np.isfinite(vertices)):
+            return vertices
+    return None

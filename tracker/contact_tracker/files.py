@@ -1,20 +1,66 @@
-"""Atomic writing of files."""
+"""Files as a whole: reading of regular ones of limited size, and atomic writing.
+
+Libraries that take time to load are imported on first use, so that help texts are fast.
+"""
 
 import errno
-import hashlib
 import os
-import platform
+import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Final
-
-from contact_tracker.regular_file import why_not_regular
+from typing import Any, Final
 
 TEMPORARY: Final = ".contact-tracker-"
 """What the names of temporary files begin with."""
 _NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+MOST_PARTS: Final = 64
+_KEY_PART: Final = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_BLANK: Final = r"[ \t]*+"  # possessive: no backtracking, so that the search takes linear time
+_LONG_KEY: Final = re.compile(
+    rf"(?:^|[{{,]){_BLANK}\[{{0,2}}+{_BLANK}{_KEY_PART}(?:{_BLANK}\.{_BLANK}{_KEY_PART}){{{MOST_PARTS},}}",
+    re.MULTILINE,
+)
+
+
+def read_regular(path: Path, most_bytes: int) -> bytes:
+    """The content of a regular file; devices may be endless, and pipes may block.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, is not a regular file, or has more than ``most_bytes``.
+    """
+    _check(os.stat(path), most_bytes)
+    with open(path, "rb", opener=_open_at_once) as file:
+        _check(os.fstat(file.fileno()), most_bytes)  # it may have been replaced
+        content = file.read(most_bytes + 1)
+    _check_size(len(content), most_bytes)  # some files have content but size 0
+    return content
+
+
+def why_not_regular(mode: int) -> str | None:
+    """Why a path with this ``st_mode`` is not a regular file, or None."""
+    if stat.S_ISREG(mode):
+        return None
+    return "it is a folder" if stat.S_ISDIR(mode) else "it is not a regular file"
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The table of a text in TOML, in bounded time: that of the standard library grows with the square of a
+    key's parts.
+
+    Raises
+    ------
+    ValueError, RecursionError
+        It is not TOML, or nested too deeply.
+    """
+    if text.count(".") > MOST_PARTS and _LONG_KEY.search(text):
+        raise ValueError(f"a key has more than {MOST_PARTS} parts")
+    import tomllib
+
+    return tomllib.loads(text)
 
 
 def why_not_replaceable(path: Path) -> str | None:
@@ -59,8 +105,7 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
         replaced = os.lstat(target)
     except FileNotFoundError:
         replaced = None
-    names = os.fsencode(target.name) + b"\0" + os.fsencode(platform.node())
-    prefix = f"{TEMPORARY}{hashlib.blake2b(names, digest_size=8).hexdigest()}-"
+    prefix = _prefix(target.name)
     _remove_left_over(target.parent, prefix)
     temporary = target.with_name(f"{prefix}{os.urandom(8).hex()}.part")
     made = True
@@ -88,6 +133,15 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     finally:
         if made:
             temporary.unlink(missing_ok=True)
+
+
+def _prefix(name: str) -> str:
+    """What the names of temporary files of a target begin with, on this host."""
+    import hashlib
+    import platform
+
+    names = os.fsencode(name) + b"\0" + os.fsencode(platform.node())
+    return f"{TEMPORARY}{hashlib.blake2b(names, digest_size=8).hexdigest()}-"
 
 
 def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -> None:
@@ -134,3 +188,19 @@ def _lock(descriptor: int) -> None:
     import fcntl
 
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _check(status: os.stat_result, most_bytes: int) -> None:
+    reason = why_not_regular(status.st_mode)
+    if reason is not None:
+        raise OSError(errno.EINVAL, reason)
+    _check_size(status.st_size, most_bytes)
+
+
+def _check_size(size: int, most_bytes: int) -> None:
+    if size > most_bytes:
+        raise OSError(errno.EFBIG, f"it is larger than {most_bytes / 1e6:g} MB")
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

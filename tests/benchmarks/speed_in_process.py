@@ -1,0 +1,151 @@
+"""Rows of ``speed.py`` that are measured within one process: CPU time per pose and per tick."""
+
+import time
+from collections.abc import Callable, Iterator
+from copy import copy
+from pathlib import Path
+from statistics import median
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_grid import TickGrid
+from contact_tracker.recording import open_log
+from contact_tracker.tracker import Tracker
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.contact_filter import ContactFilter
+from long_logs import write_long_log
+from speed import Figure, Setup
+
+Array = NDArray[np.float64]
+
+ONLINE_S: Final = 120.0
+MINUTE_S: Final = 60.0
+
+
+def cpu_s(work: Callable[[], object], runs: int) -> float:
+    """Median CPU time of ``work``, all threads together."""
+    taken = []
+    for _ in range(runs):
+        begin_s = time.process_time()
+        work()
+        taken.append(time.process_time() - begin_s)
+    return median(taken)
+
+
+def reading(setup: Setup) -> list[Figure]:
+    """Validated poses from a log, one by one and in columns as offline."""
+    figures = []
+    for log in (setup.log, setup.fast_log):
+        count = len(Poses.collect(open_log(str(log))))
+        each = cpu_s(lambda log=log: list(open_log(str(log))), setup.runs) / count  # type: ignore[misc]
+        columns = cpu_s(lambda log=log: list(open_log(str(log)).batches()), setup.runs) / count  # type: ignore[misc]
+        figures += [
+            Figure(f"{log.stem}: poses", 1e6 * each, "us per pose", "<= 15"),
+            Figure(f"{log.stem}: in columns, as offline", 1e6 * columns, "us per pose"),
+        ]
+    return figures
+
+
+def averaging(setup: Setup) -> list[Figure]:
+    """From poses to ticks, including noise and free motion."""
+    model, figures = load_model(setup.model), list[Figure]()
+    for log, target in ((setup.log, "<= 0.4"), (setup.fast_log, "<= 0.8")):
+        poses = Poses.collect(open_log(str(log)))
+        count = average(poses, model)
+        taken_s = cpu_s(lambda poses=poses: average(poses, model), setup.runs)  # type: ignore[misc]
+        figures.append(Figure(f"{log.stem}: averaging", 1e3 * taken_s / count, "ms per tick", target))
+    return figures
+
+
+def average(poses: Poses, model: Model) -> int:
+    """Average poses into ticks; returns the number of ticks that they close."""
+    grid = TickGrid(model)
+    return sum(len(grid.add(some)) for some in poses.batches())
+
+
+def online(setup: Setup) -> list[Figure]:
+    """CPU time per tick, from the log's bytes to the belief."""
+    model, figures = load_model(setup.model), list[Figure]()
+    for source, share, p99 in ((setup.log, "<= 10", "<= 5"), (setup.fast_log, "<= 25", "")):
+        log = write_long_log(source, ONLINE_S, setup.scratch / f"{source.stem}_online.mcap")
+        taken_ms = 1e3 * np.median([track(log, model) for _ in range(setup.runs)], axis=0)
+        name, (middle, high) = source.stem, np.percentile(taken_ms, [50.0, 99.0])
+        figures += [
+            Figure(f"{name}: share of a core", float(0.1 * taken_ms.mean() / model.tick_s), "%", share),
+            Figure(f"{name}: p50", float(middle), "ms per tick"),
+            Figure(f"{name}: p99", float(high), "ms per tick", p99),
+            Figure(f"{name}: max of {len(taken_ms)}", float(taken_ms.max()), "ms per tick"),
+        ]
+    return figures
+
+
+def track(log: Path, model: Model) -> Array:
+    """CPU time (T,) of each belief, in seconds, of a log that is tracked as ``live`` does."""
+    tracker, gate, taken_s = Tracker.start(model), PoseGate(), list[float]()
+    begin_s = time.process_time()
+    for pose in open_log(str(log)):
+        for _ in tracker.update(gate.arrive(pose)):
+            now_s = time.process_time()
+            taken_s.append(now_s - begin_s)
+            begin_s = now_s
+    return np.array(taken_s)
+
+
+class Stream(NamedTuple):
+    """A filter and its ticks."""
+
+    grid: TickGrid
+    one: ContactFilter
+
+
+def growing(setup: Setup) -> list[Figure]:
+    """Time per tick late in a log, when elements have touched before, relative to its first minute.
+
+    The log is played forward and backward repeatedly, and its first minute is compared with the same poses
+    later. The two are tracked alternately, tick by tick, as in the forward pass of ``segment``, several
+    times: so the load of the machine affects both.
+    """
+    after_s = float(setup.lengths_s[-1])
+    early, late, between = minutes(setup.log, after_s, min(MINUTE_S, after_s), setup.scratch)
+    model = load_model(setup.model)
+    known = Stream(TickGrid(model), ContactFilter.start(model))
+    for _ in costs(known, between):
+        pass
+    runs = []
+    for _ in range(setup.runs):
+        new = Stream(TickGrid(model), ContactFilter.start(model))
+        again = Stream(copy(known.grid), copy(known.one))
+        runs.append(list(zip(costs(new, early), costs(again, late), strict=False)))
+    first, later = np.median(np.array(runs), axis=0).mean(axis=0)  # of (runs, ticks, 2)
+    name = f"after {1e-9 * float(late.stamp_ns[0] - early.stamp_ns[0]):.0f} s against the first minute"
+    return [Figure(f"{name}: a tick", float(later / first), "x", "<= 1.1")]
+
+
+def costs(stream: Stream, poses: Poses) -> Iterator[float]:
+    """CPU time (s) of each tick that ends within the poses; ticks of a batch share that of its averaging."""
+    for batch in poses.batches():
+        begin_s = time.process_time()
+        closed = stream.grid.add(batch)
+        share_s = (time.process_time() - begin_s) / max(len(closed), 1)
+        for tick in closed:
+            begin_s = time.process_time()
+            stream.one.update(tick, Detail.WEIGHTS)
+            yield share_s + time.process_time() - begin_s
+
+
+def minutes(log: Path, after_s: float, seconds: float, scratch: Path) -> tuple[Poses, Poses, Poses]:
+    """The first ``seconds``, the same poses about ``after_s`` later, and all poses before those."""
+    short = Poses.collect(open_log(str(log)))
+    tour = 2 * (len(short) - 1)
+    rate_hz = 1e9 * (len(short) - 1) / float(short.stamp_ns[-1] - short.stamp_ns[0])
+    count = round(seconds * rate_hz)
+    first = tour * max(round(after_s * rate_hz / tour), 1)
+    path = write_long_log(log, (first + count + 1) / rate_hz, scratch / "long.mcap")
+    poses = Poses.collect(open_log(str(path)))
+    return poses[:count], poses[first : first + count], poses[:first]

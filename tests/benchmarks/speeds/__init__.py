@@ -1,1 +1,0 @@
-"""Measurements of speed.py, a file for each row of its table."""

@@ -1,0 +1,116 @@
+"""A recording with its segmentation: what all outputs are made from, by the command line and from Python."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass
+
+from contact_tracker.adaptation.report import Report
+from contact_tracker.config.parameters import Model
+from contact_tracker.errors import NoTruth
+from contact_tracker.ground_truth import Truth
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.outputs.adaptation import noise_text, warnings
+from contact_tracker.recording import read_truth
+from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.tracking.belief import Detail, Segment
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.trajectory import Trajectory
+from contact_tracker.wrenches.contact_evidence import WrenchEvidence
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The segments of a trajectory and the belief of each tick.
+
+    Parameters
+    ----------
+    trajectory : the poses.
+    segmentation : segments and smoothed beliefs in columns.
+    report : the tracker's adaptation; None without poses.
+    notes : warnings from before the first pose.
+    with_wrenches : whether measured wrenches decided as well as the motion.
+    known_map : what was known of the object and its surroundings.
+    touched : the elements that the contacts have touched; None where a map or wrenches are given.
+    labels : what is shown instead of the truth in the recording.
+    """
+
+    trajectory: Trajectory
+    segmentation: Segmentation
+    report: Report | None = None
+    notes: tuple[str, ...] = ()
+    with_wrenches: bool = False
+    known_map: Map = EMPTY_MAP
+    touched: GrowingMap | None = None
+    labels: Truth | None = None
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """The segments in order of time, with one label each; they cover all ticks."""
+        return self.segmentation.segments
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """One belief per tick, with the label of its segment and smoothed probabilities."""
+        return self.segmentation.beliefs
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Numbers of dropped and repaired poses, by kind (docs/conventions.md)."""
+        outliers = {"outlier": self.segmentation.outliers} if self.segmentation.outliers else {}
+        return {**self.trajectory.counts, **outliers}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One line per warning, including those of the trajectory and damage of the recording."""
+        damage = () if self.trajectory.damage is None else (self.trajectory.damage,)
+        return (*damage, *self.trajectory.notes, *self.own_warnings)
+
+    @property
+    def own_warnings(self) -> tuple[str, ...]:
+        """One line per warning that the trajectory does not have."""
+        return (*self.notes, *(() if self.report is None else warnings(self.report)))
+
+    @property
+    def noise(self) -> str:
+        """The noise that the tracker has adapted to, in words; empty if unknown."""
+        return "" if self.report is None else noise_text(self.report)
+
+    @property
+    def origin_ns(self) -> int:
+        """Stamp from which displayed times count."""
+        given = self.trajectory.origin_ns
+        return int(self.trajectory.stamp_ns[0]) if given is None else given
+
+    @property
+    def log(self) -> str | None:
+        """The recording, if it can be read again."""
+        path = self.trajectory.path
+        return path if path is not None and os.path.exists(path) else None
+
+    @property
+    def truth(self) -> Truth | None:
+        """The ``labels``, or the truth of the recording, if it can be read again."""
+        if self.labels is None and self.log is not None:
+            with suppress(NoTruth):  # nothing that is drawn needs it
+                return read_truth(self.log)
+        return self.labels
+
+
+def segmented(
+    trajectory: Trajectory,
+    model: Model,
+    known_map: Map = EMPTY_MAP,
+    wrenches: WrenchEvidence | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] | None = None,
+    notes: Iterable[str] = (),
+    detail: Detail = Detail.WEIGHTS,
+) -> Outcome:
+    """Segment a trajectory; the parameters are those of ``OfflineTracker`` and ``Outcome``."""
+    tracker = OfflineTracker(model, known_map, executor, wrenches, trajectory.read_as)
+    found = Segmentation.join(list(tracker.pieces(trajectory, progress, detail)))
+    has_wrenches = wrenches is not None
+    return Outcome(trajectory, found, tracker.report, tuple(notes), has_wrenches, known_map, tracker.map)

@@ -1,0 +1,308 @@
+"""Saving the state of a stream to a file, to resume it after a restart.
+
+A value of known classes becomes a tree of JSON that refers to arrays by number. No other class is built, no
+code is run. Shared objects stay shared, as some are compared by identity.
+"""
+
+import enum
+import hashlib
+import json
+import struct
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import __version__
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.errors import ContactTrackerError, StateError
+from contact_tracker.files import read_regular, whole_file
+from contact_tracker.hypotheses.bank import Bank, Onsets, layout
+from contact_tracker.motion.default_poses import DefaultPoseFilter
+from contact_tracker.motion.excursions import ExcursionFilter
+from contact_tracker.motion.pose_steps import Step
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.stamp_order import Ordered, Periods, StampOrder
+from contact_tracker.tracker import Tracker
+
+FORMAT: Final = 2
+LARGEST_BYTES: Final = 512 * 2**20
+DEEPEST: Final = 60
+_KIND: Final = "contact-tracker state"
+_ARRAYS: Final = "biuf"
+"""Kinds of arrays: flags and numbers."""
+_PARSE_ERRORS: Final = (
+    *(ValueError, LookupError, TypeError, AttributeError, RuntimeError, EOFError, MemoryError, OverflowError),
+    *(struct.error, SyntaxError),
+)
+"""Errors of JSON, of numpy and of constructors for what is no saved state."""
+_LAYOUTS: Final = {
+    f"{table.__name__} {model.contact.value}": layout(table, model)
+    for table in (Bank, Onsets)
+    for model in CONTACT_MODELS
+}
+_EMPTY: Final[Mapping[str, Callable[[], Any]]] = {
+    "PoseGate": PoseGate,
+    "StampOrder": lambda: StampOrder(Counter()),
+    "Periods": Periods,
+    "DefaultPoseFilter": lambda: DefaultPoseFilter(Counter()),
+    "ExcursionFilter": lambda: ExcursionFilter(Counter()),
+}
+"""Functions that make empty mutable objects, whose fields are then restored."""
+
+
+def _classes_in(*roots: type) -> dict[str, type]:
+    """The classes of this package in the fields of the given ones, and in theirs, by name."""
+    found, waiting = dict[str, type](), list[Any](roots)
+    while waiting:
+        one = waiting.pop()
+        waiting += get_args(one)
+        if isinstance(one, type) and one.__module__.startswith("contact_tracker."):
+            if found.setdefault(one.__name__, one) is not one:
+                raise TypeError(f"two classes of a state are called {one.__name__}")
+            waiting += (hint for hint in get_type_hints(one).values() if hint not in found.values())
+    return found
+
+
+_CLASSES: Final[Mapping[str, type[Any]]] = _classes_in(
+    Tracker, Ordered, Step, *(type(empty()) for empty in _EMPTY.values())
+)
+
+
+def save(path: Path, value: Any) -> None:
+    """Write a value of the classes of a stream, atomically.
+
+    Raises
+    ------
+    TypeError
+        The value has a part of another class.
+    OSError
+        The file cannot be written.
+    """
+    content = packed(*_encoded(value))
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def load(path: Path) -> Any:
+    """The saved value; no code in the file is run.
+
+    Raises
+    ------
+    StateError
+        The file is not a state, is damaged, or was saved by another version.
+    OSError
+        The file cannot be read.
+    """
+    try:
+        tree, arrays = unpacked(read_regular(path, LARGEST_BYTES))
+        return _Decoder(arrays).decode(tree)
+    except StateError as error:
+        raise StateError(f"{path}: {error}") from error
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise StateError(f"{path}: {error.strerror or error}") from error
+    except _PARSE_ERRORS as error:
+        raise StateError(f"{path}: it is no saved state: name another file") from error
+
+
+@contextmanager
+def continued(path: Path | None) -> Iterator[None]:
+    """Raise StateError for any unexpected error while a stream goes on from the state in ``path``, if any.
+
+    A state has hundreds of arrays and numbers that depend on each other, and a file may hold any: its
+    checksum shows damage, but not what somebody has written on purpose.
+    """
+    try:
+        yield
+    except (ContactTrackerError, OSError):
+        raise
+    except Exception as error:
+        if path is None:
+            raise
+        reason = f"it cannot be continued ({type(error).__name__})"
+        raise StateError(f"{path}: {reason}: name another file") from error
+
+
+def is_same(one: Any, other: Any) -> bool:
+    """Whether two values are bit-identical."""
+    return _body(*_encoded(one)) == _body(*_encoded(other))
+
+
+def fingerprint(value: Any) -> str:
+    """A hash (BLAKE2b, 32 hexadecimal digits) that is equal only for bit-identical values."""
+    return hashlib.blake2b(_body(*_encoded(value)), digest_size=16).hexdigest()
+
+
+def schema() -> dict[str, list[str]]:
+    """The field names of all classes and tables, which identify the version of a state."""
+    classes = {name: list(_field_names(one)) for name, one in sorted(_CLASSES.items())}
+    return classes | {key: list(one.names or ()) for key, one in _LAYOUTS.items()}
+
+
+def packed(tree: Any, arrays: Sequence[NDArray[Any]]) -> bytes:
+    """The content of a file: a line with the version and a checksum, the line of the tree, and the arrays."""
+    body = _body(tree, arrays)
+    return json.dumps(_head(body)).encode() + b"\n" + body
+
+
+def unpacked(content: bytes) -> tuple[Any, list[NDArray[Any]]]:
+    """Tree and arrays; raises StateError, or one of ``_PARSE_ERRORS`` for what is no state."""
+    line, _, body = content.partition(b"\n")
+    head, expected = json.loads(line), _head(body)
+    if head["kind"] != _KIND:
+        raise ValueError("it is of another kind")
+    if any(head[key] != expected[key] for key in ("schema", "format", "version")):
+        raise StateError(f"it was saved by another version ({head['version']}, this is {__version__})")
+    if head["sha256"] != expected["sha256"]:
+        raise StateError("it is damaged: its checksum is wrong")
+    tree, _, rest = body.partition(b"\n")
+    arrays, stream = list[NDArray[Any]](), BytesIO(rest)
+    while stream.tell() < len(rest):
+        arrays.append(np.lib.format.read_array(stream, allow_pickle=False))
+        _require_numbers(arrays[-1])
+    return json.loads(tree), arrays
+
+
+def _head(body: bytes) -> dict[str, Any]:
+    fields_hash = hashlib.sha256(json.dumps(schema()).encode()).hexdigest()
+    checksum = hashlib.sha256(body).hexdigest()
+    return {
+        "kind": _KIND,
+        "format": FORMAT,
+        "version": __version__,
+        "schema": fields_hash,
+        "sha256": checksum,
+    }
+
+
+def _body(tree: Any, arrays: Sequence[NDArray[Any]]) -> bytes:
+    stream = BytesIO()
+    stream.write(json.dumps(tree).encode() + b"\n")
+    for array in arrays:
+        np.lib.format.write_array(stream, array, allow_pickle=False)
+    return stream.getvalue()
+
+
+def _require_numbers(array: NDArray[Any]) -> None:
+    if array.dtype.kind not in _ARRAYS:
+        raise TypeError(f"arrays of {array.dtype} are no part of a state")
+
+
+def _field_names(one: type) -> tuple[str, ...]:
+    """Field names of a value in the order of its constructor, of another object in the order of
+    assignment."""
+    if one.__name__ in _EMPTY:
+        return tuple(vars(_EMPTY[one.__name__]()))
+    if is_dataclass(one):
+        return tuple(field.name for field in fields(one))
+    return tuple(getattr(one, "_fields", ()))
+
+
+def _encoded(value: Any) -> tuple[Any, list[NDArray[Any]]]:
+    encoder = _Encoder()
+    return encoder.encode(value), encoder.arrays
+
+
+class _Encoder:
+    """Encodes values as a tree, with references by number to ``arrays``."""
+
+    def __init__(self) -> None:
+        self.arrays: list[NDArray[Any]] = []
+        self._seen: dict[int, tuple[int, Any]] = {}  # by id: the number of an object, which is kept alive
+
+    def encode(self, value: Any) -> Any:
+        """The tree of a value; raises TypeError for an unknown class."""
+        if value is None or type(value) in (bool, int, float, str):
+            return value
+        if type(value) in (tuple, list):
+            return [type(value).__name__, *map(self.encode, value)]
+        if isinstance(value, np.generic):
+            return ["scalar", self._add(np.asarray(value))]
+        if isinstance(value, enum.Enum):
+            return ["member", type(value).__name__, value.name]
+        if id(value) in self._seen:
+            return ["same", self._seen[id(value)][0]]
+        tree = self._encode_object(value)
+        self._seen[id(value)] = len(self._seen), value
+        return tree
+
+    def _encode_object(self, value: Any) -> list[Any]:
+        name = type(value).__name__
+        if isinstance(value, np.ndarray):
+            return ["array", self._add(value)]
+        if isinstance(value, np.dtype):
+            return ["layout", next(key for key, one in _LAYOUTS.items() if one == value)]
+        if isinstance(value, deque):
+            return ["deque", value.maxlen, *map(self.encode, value)]
+        if type(value) in (dict, Counter):
+            return [name, *map(self.encode, value.items())]
+        if _CLASSES.get(name) is not type(value):
+            raise TypeError(f"{name} is no part of a state")
+        return ["object", name, *(self.encode(getattr(value, field)) for field in _field_names(type(value)))]
+
+    def _add(self, array: NDArray[Any]) -> int:
+        _require_numbers(array)
+        self.arrays.append(array)
+        return len(self.arrays) - 1
+
+
+class _Decoder:
+    """Decodes a tree to its value; raises one of ``_PARSE_ERRORS`` for a tree that ``_Encoder`` does not
+    write."""
+
+    def __init__(self, arrays: Sequence[NDArray[Any]]) -> None:
+        self._arrays = dict(enumerate(arrays))
+        self._objects: dict[int, Any] = {}
+
+    def decode(self, tree: Any, depth: int = 0) -> Any:
+        """The value of a tree."""
+        if tree is None or isinstance(tree, bool | int | float | str):
+            return tree
+        if not isinstance(tree, list) or depth > DEEPEST:
+            raise ValueError("it is no tree, or too deep")
+        match tree:
+            case ["tuple", *items]:
+                return tuple(self.decode(one, depth + 1) for one in items)
+            case ["list", *items]:
+                return [self.decode(one, depth + 1) for one in items]
+            case ["scalar", number] if self._arrays[number].ndim == 0:
+                return self._arrays[number][()]
+            case ["member", name, member] if issubclass(_CLASSES[name], enum.Enum):
+                return _CLASSES[name][member]
+            case ["same", number]:
+                return self._objects[number]
+        value = self._decode_object(tree, depth)
+        self._objects[len(self._objects)] = value
+        return value
+
+    def _decode_object(self, tree: list[Any], depth: int) -> Any:
+        match tree:
+            case ["array", number]:
+                return self._arrays[number]
+            case ["layout", name]:
+                return _LAYOUTS[name]
+            case ["deque", most, *items]:
+                return deque((self.decode(one, depth + 1) for one in items), most)
+            case ["dict", *pairs]:
+                return dict(self.decode(pair, depth + 1) for pair in pairs)
+            case ["Counter", *pairs]:
+                return Counter(dict(self.decode(pair, depth + 1) for pair in pairs))
+            case ["object", name, *items]:
+                one = _CLASSES[name]
+                own = dict(
+                    zip(_field_names(one), (self.decode(item, depth + 1) for item in items), strict=True)
+                )
+                if name not in _EMPTY:
+                    return one(**own)
+                value = _EMPTY[name]()
+                vars(value).update(own)
+                return value
+        raise ValueError("it is no value of a state")
