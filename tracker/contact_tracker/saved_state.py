@@ -239,7 +239,7 @@ class _Encoder:
         if isinstance(value, np.ndarray):
             return ["array", self._add(value)]
         if isinstance(value, np.dtype):
-            return ["layout", next(key for key, one in _LAYOUTS.items() if one == value)]
+            return ["layout", next(key for key, one in _LAYOUTS.items() if one is value)]
         if isinstance(value, deque):
             return ["deque", value.maxlen, *map(self.encode, value)]
         if type(value) in (dict, Counter):

@@ -96,7 +96,8 @@ class Table:
     @cached_property
     def rows(self) -> NDArray[np.void]:
         """The same memory (N,) by the names of the columns, in their stored form."""
-        return self.words.view(self.layout)[:, 0]
+        rows: NDArray[np.void] = self.words.view(self.layout)[:, 0]
+        return rows
 
     @staticmethod
     def of_all(tables: "Sequence[Table]", name: str) -> NDArray[Any]:

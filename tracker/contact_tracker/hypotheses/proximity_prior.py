@@ -135,7 +135,7 @@ def proximity_evidence(
     return ProximityEvidence.of(begins, log_share, np.array([angle, row_gain[:, -1].mean()]))
 
 
-@lru_cache(maxsize=2 * len(CONTACT_MODELS))
+@lru_cache(maxsize=8 * len(CONTACT_MODELS))
 def _prior_alone(begins: BirthProposals) -> ProximityEvidence:
     """The evidence where no pair is known, so that no pose says more than the prior."""
     if not begins.count:
@@ -167,7 +167,7 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
     return np.asarray(variance)
 
 
-@lru_cache(maxsize=2 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
+@lru_cache(maxsize=8 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     """What the evidence needs of the known pairs, apart from the pose."""
     is_known = begins.are_both_known
