@@ -381,3 +381,16 @@ def test_wrenches_have_the_clock_of_the_poses(
     assert trajectory.counts["log_time_as_stamp"] > 0.5 * len(trajectory)
     ((of_poses, of_wrenches),) = seen
     assert of_poses.tolist() == of_wrenches.tolist()
+
+
+def test_task_frames_of_contacts_at_a_time(result: contact_tracker.Result) -> None:
+    """While an edge slides on the table, its frame is on both, and two of six coordinates are constrained."""
+    middle = next(one for one in result.segments if one.contact.value == "e-f")
+    seconds = ((middle.start_ns + middle.end_ns) / 2 - result.origin_ns) * 1e-9
+    (frame,) = result.task_frames(seconds)
+    assert frame.contact is middle.contact
+    np.testing.assert_array_equal(np.flatnonzero(frame.is_constrained), [2, 4])
+    table = middle.geometry.environment
+    np.testing.assert_allclose(table.normal @ frame.T_world_task[:3, 3], table.offset_m, atol=1e-9)
+    np.testing.assert_allclose(np.abs(table.normal @ frame.T_world_task[:3, 2]), 1.0, atol=1e-9)
+    assert 0.0 < frame.normal_sd_rad < 0.1

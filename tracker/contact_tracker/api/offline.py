@@ -6,6 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, extra, printable
@@ -20,6 +23,7 @@ from contact_tracker.exports.columns import (
 from contact_tracker.exports.formats import SUFFIXES, require_library, write_outcome
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
+from contact_tracker.geometry.task_frame import TaskFrame, task_frame
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.outputs.text import table
@@ -79,6 +83,23 @@ class Result(Outcome):
         if found is None:
             raise UsageError(f"no segment at {time}: there are {self.trajectory.duration_s:.2f} s of poses")
         return found
+
+    def task_frames(self, time: Any) -> list[TaskFrame]:
+        """What the contacts at a time (as in ``at``) constrain, for hybrid control of force and motion: a
+        frame for each contact whose elements are known, the labelled one first."""
+        segment, stamps_ns = self.at(time), self.trajectory.stamp_ns
+        stamp_ns = moment_ns(time, self.origin_ns)
+        part = next(one for one in segment.parts if one.start_ns <= stamp_ns <= one.end_ns)
+        contacts = [
+            (segment.contact, segment.geometry),
+            *((one.contact, one.geometry) for one in part.further),
+        ]
+        row = int(np.abs(stamps_ns - stamp_ns).argmin())
+        T_world_body = np.eye(4)
+        T_world_body[:3, :3] = Rotation.from_quat(self.trajectory.quat_xyzw[row]).as_matrix()
+        T_world_body[:3, 3] = self.trajectory.position_m[row]
+        found = (task_frame(contact, where, T_world_body) for contact, where in contacts if where is not None)
+        return [frame for frame in found if frame is not None]
 
     def to_pandas(self, rows: Rows = "ticks") -> "pandas.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.
