@@ -421,7 +421,7 @@ def test_information_agrees(model, correlation):
                 rel, scale = 1e-3 if model.contact is Contact.EE else 1e-7, np.abs(reference).max()
                 np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=0.1 * rel * scale)
             compared += 1
-    assert compared > 10
+    assert compared > 5
 
 
 def assert_same_columns(numpy, kernel, names, rel):
