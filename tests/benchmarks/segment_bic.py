@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact

@@ -13,9 +13,9 @@ from contact_tracker.config.parameters import Model, SystematicErrors
 from contact_tracker.config.parameters import Noise as ModelNoise
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
-from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.hypotheses.bank_update import fit_window
+from contact_tracker.hypotheses.observability import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
-from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
-from contact_tracker.contacts import CONTACT_MODELS, parameter_layout
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts import family as layout
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.motion import lifted_pose
 from contact_tracker.paper import direct, motion
@@ -56,9 +57,9 @@ def first_and_second(model, x):
 def test_the_form_has_the_indices_of_turns(model):
     rng = np.random.default_rng(0)
     tangent = model.family.tangent(random_x(model, rng), rng.normal(size=6))
-    turned = np.abs(tangent[parameter_layout.directions(model.family.FORM)]).max(axis=0) > 0
-    np.testing.assert_array_equal(np.flatnonzero(turned), parameter_layout.turns(model.family.FORM))
-    np.testing.assert_array_equal(np.flatnonzero(~turned), parameter_layout.shifts(model.family.FORM))
+    turned = np.abs(tangent[layout.directions(model.family.FORM)]).max(axis=0) > 0
+    np.testing.assert_array_equal(np.flatnonzero(turned), layout.turns(model.family.FORM))
+    np.testing.assert_array_equal(np.flatnonzero(~turned), layout.shifts(model.family.FORM))
 
 
 def test_models_are_in_the_order_of_the_labels():
@@ -399,7 +400,7 @@ def test_starts_do_not_change_with_the_number_of_poses(contact):
     zeta = model.lifted(lifted_pose.lift(t.rotation, t.position_m))
     moments = (zeta.T @ zeta)[None]
     few, many = model.family.starts(moments)[0], model.family.starts(1e6 * moments)[0]
-    directions = parameter_layout.directions(model.family.FORM)
+    directions = layout.directions(model.family.FORM)
     np.testing.assert_allclose(np.abs(few[:, directions]), np.abs(many[:, directions]), atol=1e-6)
 
 
@@ -411,7 +412,7 @@ def test_starts_of_an_exact_motion_include_the_truth(contact):
         t = touching(contact, np.random.default_rng(seed))
         zeta = model.lifted(lifted_pose.lift(t.rotation, t.position_m))
         starts = model.family.starts((zeta.T @ zeta)[None])[0]
-        directions = parameter_layout.directions(model.family.FORM)
+        directions = layout.directions(model.family.FORM)
         true = x_of(contact, t.object, t.environment)[directions].reshape(-1, 3)
         cosine = np.abs(np.einsum("nds,ds->nd", starts[:, directions].reshape(len(starts), -1, 3), true))
         assert cosine.min(axis=1).max() > np.cos(np.radians(3.0))

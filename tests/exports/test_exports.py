@@ -20,8 +20,7 @@ from contact_tracker import Trajectory
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
 from contact_tracker.exports.formats import write_outcome
 from contact_tracker.exports.summary_html import ribbon_html
-from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
-from contact_tracker.geometry.flat import TYPES, flat
+from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.paper import window_curves

@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.hypotheses.curved_contact import (
     CURVED_CONTACTS,
+    curved_evidence,
     line_at_line,
     point_at_line,
     point_at_point,
     rim_on_plane,
 )
-from contact_tracker.hypotheses.curved_evidence import curved_evidence
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import scales_of

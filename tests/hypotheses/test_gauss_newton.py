@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.hypotheses.gauss_newton import every_cost, minimise
-from contact_tracker.hypotheses.quadratic_prior import Prior
+from contact_tracker.hypotheses.gauss_newton import Prior, every_cost, minimise
 from contact_tracker.motion import lifted_pose
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
 from contact_tracker.states import Contact

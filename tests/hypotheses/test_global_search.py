@@ -8,8 +8,8 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import global_search
-from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
-from contact_tracker.hypotheses.window_fit import fit_window
+from contact_tracker.hypotheses.bank_update import fit_window
+from contact_tracker.hypotheses.births import Frame, propose_births
 from contact_tracker.map.file import map_from
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window

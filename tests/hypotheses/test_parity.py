@@ -11,18 +11,28 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.contacts.parameter_layout import directions
-from contact_tracker.hypotheses import bank_update, gauss_newton, global_search
+from contact_tracker.contacts.family import directions
+from contact_tracker.geometry.elements import Origins
+from contact_tracker.hypotheses import bank_update, gauss_newton, global_search, observability
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
+from contact_tracker.hypotheses.births import (
+    BirthProposals,
+    Births,
+    Frame,
+    TickInput,
+    propose_births,
+    uninformed_proposal,
+)
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
-from contact_tracker.hypotheses.pruning import Births, prune, residual
-from contact_tracker.hypotheses.quadratic_prior import Prior
+from contact_tracker.hypotheses.gauss_newton import Prior
+from contact_tracker.hypotheses.global_search import prune, residual
+from contact_tracker.hypotheses.proximity_prior import weigh_births
 from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
-from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.map.element_prior import known_entries
+from contact_tracker.map.file import map_from
 from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from pose_filter import after, forward
 from pruning import with_margin
@@ -284,7 +294,7 @@ def test_births_agree(model, old, many, correlation):
     entry = np.array([-2.0, -2.0, -2.0, -2.0, -2.0, -2.0, 0.0])
     births = Births(all_begin, int(window.index[-1]), 123, 1000, entry, rng.random((7, 2, 7)), turn)
     shorter = window.cut(3, None)  # it has lost some
-    moment = TickInput(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
+    moment = TickInput(births, shorter, before_.window, np.full(7, -0.1))
     scales = replace(SCALES, correlation=correlation)
     advanced = both(bank_update.update, banks, moment, EXTRA_VARIANCE, scales, margin=1e4)
     numpy, kernel = (banks[column] for banks, _ in advanced)
@@ -363,6 +373,57 @@ def test_pruning_agrees(seed, margin, model):
     assert best_row == numpy.best_row
 
 
+@pytest.mark.parametrize("away_m", [0.0, 1e-3, 0.3])
+@pytest.mark.parametrize("count", [1, 150])
+def test_weighed_births_agree(away_m, count):
+    """With uncertain elements of all kinds, some of which do not begin, and noise that differs by axis."""
+    rng, turn = np.random.default_rng(3), Rotation.from_rotvec([0.3, 0.4, 0.2])
+    heights_m = 0.1 + 1e-4 * np.arange(count)
+    side = {
+        "plane": [{"normal": [0, 0, 1], "offset_m": 0.1, "sigma_position_m": 0.02, "sigma_rotation_deg": 2}],
+        "line": [{"direction": [0, 1, 0], "point_m": [0.2, 0, 0.1], "sigma_position_m": 0.01}],
+        "point": [{"point_m": [0.1, 0.2, height_m]} for height_m in heights_m],
+    }
+    known_map = map_from({"object": side, "environment": {**side, "complete": True}})
+    zeta = lift(turn.as_matrix(), np.array([0.3, -0.2, 0.1 + away_m]))[None]
+    root = rng.normal(size=(3, 3)) * 1e-3
+    window = Window(
+        np.array([7]), zeta, np.array([[1e-8, 1e-6]]), np.zeros((1, 2)), (root @ root.T)[None], None
+    )
+    frame = Frame.around(Origins.zero(), zeta[0, 9:12])
+    begin = [propose_births(model, known_map, None, 0.0, frame) for model in CONTACT_MODELS]
+    numpy, kernel = both(weigh_births, begin, window, EXTRA_VARIANCE, SCALES)
+    np.testing.assert_allclose(kernel.log_odds, numpy.log_odds, rtol=1e-9)
+    np.testing.assert_allclose(kernel.gain, numpy.gain, rtol=1e-9)
+    for reference, compiled_ in zip(numpy.proposals, kernel.proposals, strict=True):
+        np.testing.assert_array_equal(compiled_.rows.known_pair_index, reference.rows.known_pair_index)
+        np.testing.assert_allclose(compiled_.log_share, reference.log_share, atol=1e-9)
+        np.testing.assert_array_equal(compiled_.rows.log_prior, compiled_.log_share)
+        np.testing.assert_array_equal(compiled_.is_given, reference.is_given)
+        np.testing.assert_array_equal(compiled_.are_both_known, reference.are_both_known)
+
+
+@each_model
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_information_agrees(model, correlation):
+    """With and without a prior."""
+    scales, variance, compared = replace(SCALES, correlation=correlation), np.array([1e-8, 1e-6]), 0
+    for state in states():
+        bank = state.banks[model.contact.column]
+        for row in range(0, len(bank), 7):
+            one = bank.single(row)
+            if row % 2:
+                precision = np.diag(np.linspace(1.0, 1e4, model.family.SIZE))
+                one = one.replace_columns(prior_index=1, prior_mean=one.x, prior_information=precision)
+            numpy, kernel = both(observability.information_terms, one, model, scales, variance)
+            for reference, compiled_ in zip(numpy, kernel, strict=True):
+                # the shifts of nearly parallel lines are determined up to rounding only
+                rel, scale = 1e-3 if model.contact is Contact.EE else 1e-7, np.abs(reference).max()
+                np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=0.1 * rel * scale)
+            compared += 1
+    assert compared > 5
+
+
 def assert_same_columns(numpy, kernel, names, rel):
     for name in names:
         reference, compiled_ = getattr(numpy, name), getattr(kernel, name)
@@ -396,5 +457,7 @@ def test_kernels_refuse_unknown_arguments():
             prune(bank, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="not in order"):
         kernels.prune(blank(model, 2).replace_columns(onset=[1, 0]), model, 1, 0.0, 10.0)
+    sizes, tables = (1, 2, 3, 4), ((9, {}), (7, {}))
+    arrays = [], [], np.zeros((6, 2, 2)), 3, 0, 3, np.zeros((1, 2, 1))
     with pytest.raises(ValueError, match="no family of this form"):
-        compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), (9, {}), (7, {}), True, 1.0, 2.0, [], [], 3)
+        compiled_kernels.Model((0, 1, 2, 3, 4), sizes, *tables, True, 1.0, 2.0, *arrays)

@@ -10,7 +10,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
-from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
+from contact_tracker.hypotheses.births import Frame, propose_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.proximity_prior import (
     FREE,
@@ -63,7 +63,12 @@ def log_odds(rotation, height_m):
 def expected(rotation, height_m, activity=1.0):
     """Log rates of change and of staying for the object at this height."""
     evidence = [m for _, m in proximity(tick(rotation, height_m))]
-    return reweight_transitions(*tick_transitions(MODEL, activity), evidence)
+    return reweighted(*tick_transitions(MODEL, activity), evidence)
+
+
+def reweighted(change, stay, evidence):
+    odds, gain = (np.array([getattr(one, name) for one in evidence]) for name in ("log_odds", "gain"))
+    return reweight_transitions(change, stay, odds, gain)
 
 
 def test_contacts_with_larger_errors_are_possible_at_larger_distances():
@@ -113,7 +118,7 @@ def test_without_known_pairs_nothing_changes():
     for known_map in (EMPTY_MAP, map_from({"environment": {"plane": [TABLE]}})):
         evidence = [m for _, m in proximity(tick(np.eye(3), 0.1), known_map)]
         change, stay = tick_transitions(MODEL, 1.0)
-        for ours, theirs in zip(reweight_transitions(change, stay, evidence), (change, stay), strict=True):
+        for ours, theirs in zip(reweighted(change, stay, evidence), (change, stay), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 

@@ -14,9 +14,14 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.birth import uninformed_proposal
-from contact_tracker.hypotheses.global_search import best_donors, is_due, select_for_search
-from contact_tracker.hypotheses.pruning import Birth, add, prune, within_far_margin
+from contact_tracker.hypotheses.births import Birth, add, uninformed_proposal
+from contact_tracker.hypotheses.global_search import (
+    best_donors,
+    is_due,
+    prune,
+    select_for_search,
+    within_far_margin,
+)
 from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
 from contact_tracker.hypotheses.schedule import (
     DEFER_NATS,

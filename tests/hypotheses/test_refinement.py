@@ -13,9 +13,14 @@ from scipy.stats import chi2
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Plane
-from contact_tracker.hypotheses.ar1_noise import Ar1Noise, estimate_ar1, whiten_ar1
-from contact_tracker.hypotheses.refinement import FIRST_CORRELATION, refine
-from contact_tracker.hypotheses.window_fit import fit_window
+from contact_tracker.hypotheses.bank_update import fit_window
+from contact_tracker.hypotheses.refinement import (
+    FIRST_CORRELATION,
+    Ar1Noise,
+    estimate_ar1,
+    refine,
+    whiten_ar1,
+)
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -75,7 +80,7 @@ def test_covariances_include_correlated_errors(contact, monkeypatch):
         return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
 
     known = normalised()
-    monkeypatch.setattr("contact_tracker.hypotheses.ar1_noise.MOST_CORRELATION", 0.0)
+    monkeypatch.setattr("contact_tracker.hypotheses.refinement.MOST_CORRELATION", 0.0)
     assert 0.5 < known < 2.5
     assert known < 0.6 * normalised()
 

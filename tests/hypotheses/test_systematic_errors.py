@@ -7,7 +7,7 @@ import pytest
 from benchmarks.simulated_fits import NOISES, fit_simulated, fitted_geometry
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.hypotheses.systematic_errors import MOST_TICKS, added_covariance, representatives
+from contact_tracker.hypotheses.observability import MOST_TICKS, added_covariance, representatives
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -44,7 +44,7 @@ def test_covariances_are_consistent_with_errors_that_depend_on_the_pose(contact,
     assert 0.3 < normalised() < 3.0
     # without them the same errors are many deviations away
     monkeypatch.setattr(
-        "contact_tracker.hypotheses.contact_geometry.systematic_covariance", lambda *_, **__: np.zeros(())
+        "contact_tracker.hypotheses.observability.systematic_covariance", lambda *_, **__: np.zeros(())
     )
     assert normalised() > 4.0
 

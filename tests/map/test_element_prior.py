@@ -10,8 +10,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS, face_face
 from contact_tracker.geometry.elements import Line, Origins, by_foot, canonical, numbers
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
-from contact_tracker.hypotheses.pruning import Birth, add
+from contact_tracker.hypotheses.births import Birth, Frame, add, propose_births
 from contact_tracker.map.element_prior import PairPrior, by_feet, pair_priors
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, known_to
 from contact_tracker.map.pairs import UNLISTED, named_pairs

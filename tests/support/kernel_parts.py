@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from contact_tracker.hypotheses import compiled, gauss_newton
-from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses.bank import blank, entries
 from contact_tracker.hypotheses.compiled.calls import model_of, ticks_of, weights_of
 from contact_tracker.hypotheses.compiled.kernels import parts
-from contact_tracker.hypotheses.row_layout import entries
 
 
 def both(function, *args, **options):
@@ -74,5 +73,5 @@ def starts(model, moments):
 
 
 def prune(bank, model, now, best, margin):
-    """As ``pruning.prune``: rows, words, words of the onsets, log total weight, residual, best row."""
+    """As ``global_search.prune``: rows, words, words of the onsets, log total weight, residual, best row."""
     return parts.keep_best(*_bank(model, 1.0, bank), now, best, margin)

@@ -19,8 +19,8 @@ from contact_tracker.exports.formats import json_line, write_csv
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point, Unobserved
 from contact_tracker.hypotheses import observability, refit
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.contact_geometry import contact_geometry
-from contact_tracker.hypotheses.window_fit import fit_window
+from contact_tracker.hypotheses.bank_update import fit_window
+from contact_tracker.hypotheses.observability import contact_geometry
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.window import Window, used_directions
 from contact_tracker.outputs.text import describe, table

@@ -9,7 +9,7 @@ import as_values
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import bank_update
-from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.map.file import map_from
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid, empty_tick

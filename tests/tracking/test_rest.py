@@ -7,7 +7,7 @@ import pytest
 
 from contact_tracker import hmm
 from contact_tracker.config.loading import load_model
-from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import rest_ticks
 from contact_tracker.states import STATES

@@ -23,8 +23,7 @@ from contact_tracker import __version__
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import ContactTrackerError, StateError
 from contact_tracker.files import read_regular, whole_file
-from contact_tracker.hypotheses.bank import Bank, Onsets
-from contact_tracker.hypotheses.row_layout import Layout, layout
+from contact_tracker.hypotheses.bank import Bank, Onsets, layout
 from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_validation import PoseGate
@@ -64,7 +63,7 @@ def _classes_in(*roots: type) -> dict[str, type]:
     while waiting:
         one = waiting.pop()
         waiting += get_args(one)
-        if isinstance(one, type) and one.__module__.startswith("contact_tracker.") and one is not Layout:
+        if isinstance(one, type) and one.__module__.startswith("contact_tracker."):
             if found.setdefault(one.__name__, one) is not one:
                 raise TypeError(f"two classes of a state are called {one.__name__}")
             waiting += (hint for hint in get_type_hints(one).values() if hint not in found.values())
@@ -143,8 +142,9 @@ def fingerprint(value: Any) -> str:
 
 
 def schema() -> dict[str, list[str]]:
-    """The field names of all classes, which identify the version of a state."""
-    return {name: list(_field_names(one)) for name, one in sorted(_CLASSES.items())}
+    """The field names of all classes and tables, which identify the version of a state."""
+    classes = {name: list(_field_names(one)) for name, one in sorted(_CLASSES.items())}
+    return classes | {key: list(one.names or ()) for key, one in _LAYOUTS.items()}
 
 
 def packed(tree: Any, arrays: Sequence[NDArray[Any]]) -> bytes:
@@ -238,7 +238,7 @@ class _Encoder:
         name = type(value).__name__
         if isinstance(value, np.ndarray):
             return ["array", self._add(value)]
-        if isinstance(value, Layout):
+        if isinstance(value, np.dtype):
             return ["layout", next(key for key, one in _LAYOUTS.items() if one is value)]
         if isinstance(value, deque):
             return ["deque", value.maxlen, *map(self.encode, value)]

@@ -2,17 +2,19 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts import edge_edge, edge_face, face_face, vertex_face
+from contact_tracker.contacts import face_face
 from contact_tracker.contacts.family import Array, Family, Frames, Measurement
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import lift_of_inverse
-from contact_tracker.states import Contact
+from contact_tracker.states import CONTACTS, Contact
 
 __all__ = ["CONTACT_MODELS", "ContactModel"]
 
@@ -42,6 +44,13 @@ class ContactModel:
         """The C entries (..., C) of zeta (..., 25), or of the inverse pose's, that the family reads."""
         index, sign = self._order
         return np.asarray(zeta[..., index] * sign)
+
+    @cached_property
+    def moves(self) -> Array:
+        """Linear maps (6, C, C): the change of the family's entries by small turns about the body's axes and
+        shifts along the world's, as row vectors times a map."""
+        select = self.lifted(np.eye(lifted_pose.SIZE)).T
+        return np.asarray(select @ lifted_pose.perturbations() @ select.T)
 
     def anchors(self, position_m: Array) -> Array:
         """Where the body is in frames 1 and 2, (..., 6); in the world it is at ``position_m`` (..., 3)."""
@@ -82,11 +91,16 @@ class ContactModel:
         return ContactGeometry(first, second) if self.body_in_1 else ContactGeometry(second, first)
 
 
-CONTACT_MODELS: Final = (
-    ContactModel(Contact.FF, face_face),
-    ContactModel(Contact.EF, edge_face),
-    ContactModel(Contact.FE, edge_face, body_in_1=False),
-    ContactModel(Contact.VF, vertex_face),
-    ContactModel(Contact.FV, vertex_face, body_in_1=False),
-    ContactModel(Contact.EE, edge_edge),
-)
+def _model_of(contact: Contact) -> ContactModel:
+    """The contact of the family whose module is named after its elements, or after those of its mirror."""
+    first, second = contact.value[0], contact.value[2]
+    for one, other in ((first, second), (second, first)):
+        name = f"{__name__}.{_ELEMENTS[one]}_{_ELEMENTS[other]}"
+        if find_spec(name) is not None:
+            return ContactModel(contact, cast(Family, import_module(name)), body_in_1=one == first)
+    raise ImportError(f"no family has the elements of {contact.value}")
+
+
+_ELEMENTS: Final = {"f": "face", "e": "edge", "v": "vertex"}
+CONTACT_MODELS: Final = tuple(map(_model_of, CONTACTS))
+"""All contacts in the order of ``CONTACTS``."""

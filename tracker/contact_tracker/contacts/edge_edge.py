@@ -12,6 +12,7 @@ import numpy as np
 
 from contact_tracker.contacts.family import (
     Array,
+    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -22,7 +23,6 @@ from contact_tracker.contacts.family import (
     outer_derivative_second,
     smallest_directions,
 )
-from contact_tracker.contacts.parameter_layout import Form
 from contact_tracker.geometry.elements import Element, Line
 from contact_tracker.geometry.vectors import cross, dot, sphere_tangent
 from contact_tracker.motion import lifted_pose

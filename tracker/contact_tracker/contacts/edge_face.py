@@ -11,6 +11,7 @@ import numpy as np
 from contact_tracker.contacts import face_face, vertex_face
 from contact_tracker.contacts.family import (
     Array,
+    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -20,7 +21,6 @@ from contact_tracker.contacts.family import (
     outer_derivative_first,
     outer_derivative_second,
 )
-from contact_tracker.contacts.parameter_layout import Form
 from contact_tracker.geometry.elements import Element, Line, Plane
 from contact_tracker.geometry.vectors import EYE, ONE, dot, sphere_tangent, unit
 from contact_tracker.motion import lifted_pose

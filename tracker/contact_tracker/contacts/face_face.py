@@ -11,13 +11,13 @@ import numpy as np
 
 from contact_tracker.contacts.family import (
     Array,
+    Form,
     Frames,
     Measurement,
     block_tangent,
     outer,
     outer_derivative_first,
 )
-from contact_tracker.contacts.parameter_layout import Form
 from contact_tracker.geometry.elements import Element, Plane
 from contact_tracker.geometry.vectors import EYE, ONE, sphere_tangent, unit
 from contact_tracker.motion import lifted_pose

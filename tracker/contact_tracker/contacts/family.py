@@ -7,7 +7,7 @@ there is one file per family, and ``ContactModel`` with ``body_in_1=False`` make
 
 Elements are stacked in one parameter vector x (..., S); unit vectors stay on the sphere, so that only P <= S
 directions are free (``tangent``). ``anchors`` (..., 6) are where the body is, in frame 1 and in frame 2,
-or a point by which a line is known (``pruning.anchors_of``): lines are given by their points nearest to it,
+or a point by which a line is known (``refit.anchors_of``): lines are given by their points nearest to it,
 and a prior keeps touching points within the body's reach.
 """
 
@@ -17,10 +17,48 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts.parameter_layout import Form
 from contact_tracker.geometry.elements import Element
 from contact_tracker.geometry.vectors import EYE, dot, unit
 from contact_tracker.motion.lifted_pose import TXR, R, T, U
+
+Index = NDArray[np.int64]
+
+
+class Form(NamedTuple):
+    """Index of the first entry in x of: direction and point (or foot) of element 1, direction and foot of
+    element 2, and offset of element 2. Negative where a family has none."""
+
+    d1: int = -1
+    q1: int = -1
+    d2: int = -1
+    q2: int = -1
+    h: int = -1
+
+
+@cache
+def directions(form: Form) -> Index:
+    """Entries of x that are unit vectors; the others are coordinates."""
+    return np.array([d + i for d in (form.d1, form.d2) if d >= 0 for i in range(3)], np.int64)
+
+
+@cache
+def turns(form: Form) -> Index:
+    """Free directions (columns of ``Family.tangent``) that rotate an element."""
+    return np.flatnonzero(_turns(form))
+
+
+@cache
+def shifts(form: Form) -> Index:
+    """Free directions that translate a point, a line across itself, or a face; rows are affine in them."""
+    return np.flatnonzero(~_turns(form))
+
+
+def _turns(form: Form) -> NDArray[np.bool_]:
+    free: list[bool] = []
+    for d, q in ((form.d1, form.q1), (form.d2, form.q2)):
+        free += [True] * 2 * (d >= 0) + [False] * (2 if d >= 0 else 3) * (q >= 0)
+    return np.array(free + [False] * (form.h >= 0))
+
 
 Array = NDArray[np.float64]
 
@@ -59,7 +97,7 @@ class Family(Protocol):
 
     FORM: Form
     """Layout of x. Rows are affine in all entries of x that are not directions; the columns of ``tangent``
-    are in the order of ``parameter_layout.turns`` and ``shifts``."""
+    are in the order of ``turns`` and ``shifts``."""
     RANDOM_STARTS: int
     """How many random directions a search screens: more where minima are narrow."""
 

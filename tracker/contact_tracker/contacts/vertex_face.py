@@ -9,6 +9,7 @@ import numpy as np
 
 from contact_tracker.contacts.family import (
     Array,
+    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -17,7 +18,6 @@ from contact_tracker.contacts.family import (
     outer_derivative_second,
     smallest_directions,
 )
-from contact_tracker.contacts.parameter_layout import Form
 from contact_tracker.geometry.elements import Element, Plane, Point
 from contact_tracker.geometry.vectors import EYE, ONE, dot, sphere_tangent, unit
 from contact_tracker.motion import lifted_pose

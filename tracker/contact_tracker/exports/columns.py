@@ -5,8 +5,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from contact_tracker.errors import extra
-from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.geometry.flat import NONE, VERTEX, flat
+from contact_tracker.geometry.elements import NONE, VERTEX, ContactGeometry, flat
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment

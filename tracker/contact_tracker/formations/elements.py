@@ -10,8 +10,8 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.formations.conditional import TINY, ConditionalMotion, coefficients
 from contact_tracker.geometry.elements import ContactGeometry, Origins
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.evidence import EvidenceParameters, complexity, weak_prior
+from contact_tracker.hypotheses.observability import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.refit import accumulate_window
 from contact_tracker.motion.lifted_pose import T

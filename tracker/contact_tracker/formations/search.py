@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.contacts.parameter_layout import turns
+from contact_tracker.contacts.family import turns
 from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.geometry.vectors import unit
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.evidence import weak_prior
+from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import directions
-from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact

@@ -10,13 +10,17 @@ Array = NDArray[np.float64]
 def solve(matrix: Array, right: Array) -> Array:
     """As ``np.linalg.solve`` of a matrix (N, N) and right sides (N, M)."""
     *_, solution, info = lapack.dgesv(matrix, right)
-    return np.asarray(_checked(info, solution))
+    if info:
+        raise _failed(info)
+    return np.asarray(solution)
 
 
 def eigenvalues(symmetric: Array) -> Array:
     """As ``np.linalg.eigvalsh`` of a matrix (N, N)."""
     values, _, info = lapack.dsyev(symmetric, compute_v=0)
-    return np.asarray(_checked(info, values))
+    if info:
+        raise _failed(info)
+    return np.asarray(values)
 
 
 def eigenvectors(symmetric: Array, against: Array | None = None) -> tuple[Array, Array]:
@@ -25,11 +29,10 @@ def eigenvectors(symmetric: Array, against: Array | None = None) -> tuple[Array,
         values, vectors, info = lapack.dsyevd(symmetric, lower=1)
     else:
         values, vectors, info = lapack.dsygvd(symmetric, against)
-    return _checked(info, values), vectors
-
-
-def _checked(info: int, result: Array) -> Array:
-    """The result, if LAPACK's ``info`` is zero."""
     if info:
-        raise np.linalg.LinAlgError(f"LAPACK's info is {info}")
-    return result
+        raise _failed(info)
+    return values, vectors
+
+
+def _failed(info: int) -> np.linalg.LinAlgError:
+    return np.linalg.LinAlgError(f"LAPACK's info is {info}")

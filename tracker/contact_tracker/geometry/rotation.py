@@ -48,21 +48,21 @@ def between(first: Array, second: Array) -> Array:
 
 def matrices(quat: Array) -> Array:
     """Rotation matrices (..., 3, 3); quaternions of any norm but zero."""
-    rows = _pairs(quat, quat) @ _MATRIX_ROWS / _dot(quat, quat)[..., None]
+    rows = _pairs(quat, quat) @ _MATRIX_ROWS / np.einsum("...i,...i", quat, quat)[..., None]
     return np.asarray(rows.reshape(*quat.shape[:-1], 3, 3))
 
 
 def rotation_vectors(quat: Array) -> Array:
     """Rotation vectors (..., 3) of at most half a turn."""
     vector, cosine = quat[..., :3], quat[..., 3]
-    sine = np.sqrt(_dot(vector, vector)) + TINY
+    sine = np.sqrt(np.einsum("...i,...i", vector, vector)) + TINY
     scale = np.copysign(2.0 / sine, cosine) * np.arctan2(sine, np.abs(cosine))
     return np.asarray(vector * scale[..., None])
 
 
 def from_rotation_vectors(vector: Array) -> Array:
     """Unit quaternions (..., 4) of rotation vectors (..., 3)."""
-    half = 0.5 * np.sqrt(_dot(vector, vector)) + TINY
+    half = 0.5 * np.sqrt(np.einsum("...i,...i", vector, vector)) + TINY
     scale = 0.5 * np.sin(half) / half
     return np.concatenate([vector * scale[..., None], np.cos(half)[..., None]], axis=-1)
 
@@ -81,7 +81,3 @@ def _pairs(first: Array, second: Array) -> Array:
     """All products of one component of each (..., 16)."""
     pairs = first[..., :, None] * second[..., None, :]
     return np.asarray(pairs.reshape(*pairs.shape[:-2], 16))
-
-
-def _dot(first: Array, second: Array) -> Array:
-    return np.asarray(np.einsum("...i,...i->...", first, second))

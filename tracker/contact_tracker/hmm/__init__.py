@@ -7,8 +7,14 @@ to the likelihood (docs/theory.md, T20).
 """
 
 from contact_tracker.hmm.batch import Trellis, expect, smooth, viterbi
-from contact_tracker.hmm.forward_filter import FilterFrontier, ForwardFilter, ForwardMessage
-from contact_tracker.hmm.log_space import birth_log_weights, by_state, log_sum_exp
+from contact_tracker.hmm.forward_filter import (
+    FilterFrontier,
+    ForwardFilter,
+    ForwardMessage,
+    birth_log_weights,
+    by_state,
+    log_sum_exp,
+)
 from contact_tracker.hmm.smoother import OpenTicks
 from contact_tracker.hmm.viterbi_survivors import PathSegment, Survivors
 

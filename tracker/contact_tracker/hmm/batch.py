@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.hmm.log_space import birth_log_weights, by_state, log_sum_exp
+from contact_tracker.hmm.forward_filter import birth_log_weights, by_state, log_sum_exp
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

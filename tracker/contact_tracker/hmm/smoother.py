@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.hmm.forward_filter import FilterFrontier, ForwardMessage
-from contact_tracker.hmm.log_space import Array
+from contact_tracker.hmm.forward_filter import Array, FilterFrontier, ForwardMessage
 
 _STEP_BYTES: Final = 1300
 _WAY_BYTES: Final = 13

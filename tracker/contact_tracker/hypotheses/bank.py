@@ -1,15 +1,129 @@
-"""The bank of one contact: its run-length hypotheses, and the sufficient statistics since their onsets."""
+"""The bank of one contact: its run-length hypotheses, and the sufficient statistics since their onsets.
 
+Rows are words of 8 bytes: selecting rows is one copy, and the kernels use the same memory.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from typing import Any, Final
+from functools import cache, cached_property, lru_cache
+from math import isqrt
+from typing import Any, Final, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.hypotheses.row_layout import Array, Column, Index, Symmetric, Table, layout
 from contact_tracker.states import STATES
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
+
+
+@cache
+def _upper(side: int) -> tuple[Index, Index]:
+    """Rows and columns of an upper triangle."""
+    rows, columns = np.triu_indices(side)
+    return rows, columns
+
+
+@cache
+def entries(side: int) -> Index:
+    """Index (side, side) of each entry of a symmetric matrix in its stored form."""
+    where, kept = np.zeros((side, side), np.int64), _upper(side)
+    where[kept] = np.arange(len(kept[0]))
+    return np.maximum(where, where.T)
+
+
+class Column(Generic[Entry]):
+    """A column of a table: a descriptor with the type and shape of its entries. Flags are stored as
+    integers."""
+
+    def __init__(self, kind: type[Entry], *shape: str | int) -> None:
+        self._kind: type[Any] = kind
+        self._shape = shape
+
+    def stored(self, sizes: Mapping[str, int]) -> tuple[type, tuple[int, ...]]:
+        """Type and shape of an entry as stored, given the ``sizes`` of C, S and K."""
+        shape = tuple(size if isinstance(size, int) else sizes[size] for size in self._shape)
+        return np.float64 if self._kind is np.float64 else np.int64, shape
+
+    def kept(self, column: NDArray[Any] | float) -> NDArray[Any] | float:
+        """The stored form of a column."""
+        return column
+
+    def read(self, kept: NDArray[Any]) -> NDArray[Entry]:
+        """A column from its stored form."""
+        return kept != 0 if self._kind is np.bool_ else kept
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, table: "Table", owner: type) -> NDArray[Entry]:
+        column = self.read(table.rows[self._name])
+        column.flags.writeable = False
+        vars(table)[self._name] = column  # cached: found before this descriptor from now on
+        return column
+
+
+class Symmetric(Column[np.float64]):
+    """A column of symmetric matrices, stored as their upper triangle, row by row."""
+
+    def __init__(self, size: str) -> None:
+        super().__init__(np.float64, size, size)
+
+    def stored(self, sizes: Mapping[str, int]) -> tuple[type, tuple[int, ...]]:
+        kind, (side, _) = super().stored(sizes)
+        return kind, (side * (side + 1) // 2,)
+
+    def kept(self, column: NDArray[Any] | float) -> NDArray[Any] | float:
+        return column[..., *_upper(column.shape[-1])] if isinstance(column, np.ndarray) else column
+
+    def read(self, kept: Array) -> Array:
+        side = (isqrt(8 * kept.shape[-1] + 1) - 1) // 2
+        return np.asarray(kept[..., entries(side)])
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """N rows as ``words`` (N, W) of eight bytes, with the ``layout`` of a row."""
+
+    words: Array
+    layout: np.dtype[np.void]
+
+    def __len__(self) -> int:
+        return len(self.words)
+
+    @cached_property
+    def rows(self) -> NDArray[np.void]:
+        """The same memory (N,) by the names of the columns, in their stored form."""
+        rows: NDArray[np.void] = self.words.view(self.layout)[:, 0]
+        return rows
+
+    @staticmethod
+    def of_all(tables: "Sequence[Table]", name: str) -> NDArray[Any]:
+        """A column of single numbers of all tables, one after the other."""
+        return np.concatenate([table.rows[name] for table in tables])
+
+    def replace_columns(self, **columns: NDArray[Any] | float) -> Self:
+        """A copy with some columns replaced."""
+        other = self.copy()
+        for name, column in columns.items():
+            other.rows[name] = vars(type(self))[name].kept(column)
+        return other
+
+    def copy(self) -> Self:
+        """A copy with its own memory. It may be written to as long as no column has been read."""
+        return replace(self, words=self.words.copy())
+
+
+@cache
+def layout(table: type[Table], model: ContactModel) -> np.dtype[np.void]:
+    """Layout of the rows of a table of this contact."""
+    family = model.family
+    sizes = {"C": len(family.COLUMNS), "S": family.SIZE, "K": family.ROWS}
+    columns = [(name, column) for name, column in vars(table).items() if isinstance(column, Column)]
+    return np.dtype([(name, *column.stored(sizes)) for name, column in columns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +196,16 @@ class Bank(Table):
     needs_search = Column(np.bool_)
     log_birth_weight = Column(np.float64)
     protected_until = Column(np.float64)
-    prior_mean = Column(np.float64, "S")
-    prior_information = Symmetric("S")
-    line_anchor = Column(np.float64, 6)
-    x = Column(np.float64, "S")
-    row_weight = Column(np.float64, "K")
     log_prior = Column(np.float64)
     llr_before_window = Column(np.float64)
     gain_before_window = Column(np.float64)
     log_likelihood = Column(np.float64)
     rms = Column(np.float64)
+    prior_mean = Column(np.float64, "S")
+    prior_information = Symmetric("S")
+    line_anchor = Column(np.float64, 6)
+    x = Column(np.float64, "S")
+    row_weight = Column(np.float64, "K")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Bank, (self.words, self.layout, self.onsets, self.lag_history)
@@ -128,7 +242,7 @@ class Bank(Table):
     @property
     def log_weight(self) -> Array:
         """Log weight (H,) of each hypothesis, including the history before its onset."""
-        return self.log_birth_weight + self.log_likelihood
+        return np.asarray(self.rows["log_birth_weight"] + self.rows["log_likelihood"])
 
     @property
     def log_total_weight(self) -> float:
@@ -146,12 +260,16 @@ class Bank(Table):
         """Log weight of the best hypothesis; -inf without any."""
         return float(self.log_weight.max()) if len(self) else -np.inf
 
+    def onset_ns_of(self, row: int) -> int:
+        """Time at which the first tick of one hypothesis begins."""
+        onsets = self.onsets.rows
+        return int(onsets["onset_ns"][onsets["onset"].searchsorted(self.rows["onset"][row])])
+
     def single(self, row: int) -> "Bank":
         """One hypothesis with its onset."""
-        own = self.words[row : row + 1]
-        since = int(self.onsets.raw_column("onset").searchsorted(self.raw_column("onset")[row]))
-        onsets = Onsets(self.onsets.words[since : since + 1], self.onsets.layout)
-        one = Bank(own, self.layout, onsets, self.lag_history[row : row + 1])
+        since = self.onsets.rows["onset"].searchsorted(self.rows["onset"][row])
+        own = Onsets(self.onsets.words[since : since + 1], self.onsets.layout)
+        one = Bank(self.words[row : row + 1], self.layout, own, self.lag_history[row : row + 1])
         vars(one)["onset_index"] = _FIRST
         return one
 
@@ -168,7 +286,7 @@ class Bank(Table):
         """A copy whose ``rows`` take geometry and evidence from the hypotheses ``which`` of ``found``."""
         other = self.copy()
         for name in FITTED_COLUMNS:
-            other.raw_column(name)[rows] = found.raw_column(name)[which]
+            other.rows[name][rows] = found.rows[name][which]
         return other
 
 
@@ -181,8 +299,10 @@ FITTED_COLUMNS: Final = ("x", "row_weight", "log_likelihood", "rms")
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     """``count`` hypotheses without prior or data, each with an onset of its own, in ticks 0, 1, ..."""
     family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
-    onsets = Onsets(np.zeros((count, of_onset.words)), of_onset).replace_columns(onset=np.arange(count))
-    bank = Bank(np.zeros((count, row.words)), row, onsets, np.zeros((count, lag, len(STATES))))
+    onsets = Onsets(np.zeros((count, of_onset.itemsize // 8)), of_onset).replace_columns(
+        onset=np.arange(count)
+    )
+    bank = Bank(np.zeros((count, row.itemsize // 8)), row, onsets, np.zeros((count, lag, len(STATES))))
     # some directions; points at the body, which starts at the origin
     x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
     return bank.replace_columns(

@@ -1,34 +1,88 @@
-"""The update of the hypothesis banks of all contacts by a tick: birth, refit, evidence, search, pruning."""
+"""Updates of the hypothesis banks: by a tick, and by whole windows whose ends are known.
+
+Birth, refit, evidence, search, pruning.
+"""
 
 from collections.abc import Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.hypotheses import compiled
-from contact_tracker.hypotheses.bank import Bank, Onsets
+from contact_tracker.hypotheses.bank import Bank, Onsets, blank
+from contact_tracker.hypotheses.births import (
+    Birth,
+    BirthProposals,
+    TickInput,
+    add,
+    joined,
+    uninformed_proposal,
+)
 from contact_tracker.hypotheses.evidence import EvidenceParameters, sum_evidence
 from contact_tracker.hypotheses.global_search import (
     directions,
     exchange_geometry,
     is_due,
+    prune,
+    residual,
     search,
     select_for_search,
 )
-from contact_tracker.hypotheses.pruning import Birth, add, joined, prune, residual
-from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
-from contact_tracker.hypotheses.schedule import REST_WEIGHT
-from contact_tracker.hypotheses.tick_update import (
-    LiveHypotheses,
-    TickInput,
-    TickWeights,
+from contact_tracker.hypotheses.refit import (
+    accumulate,
+    accumulate_window,
+    is_deferred,
+    recover_fallen,
+    refit,
+    refit_in_windows,
 )
+from contact_tracker.hypotheses.schedule import REST_WEIGHT
 from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+class LiveHypotheses(NamedTuple):
+    """The hypotheses (A,) of all banks after a tick, free motion last."""
+
+    state: Index
+    onset: Index
+    log_likelihood: Array
+
+    @classmethod
+    def of(cls, banks: Sequence[Bank], now: int) -> Self:
+        """The hypotheses of ``banks``, and free motion in the tick ``now``."""
+        return cls(
+            np.arange(len(banks) + 1).repeat([*map(len, banks), 1]),
+            np.append(Bank.of_all(banks, "onset"), now),
+            np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
+        )
+
+    def held(self, now: int) -> Self:
+        """The same hypotheses in the tick ``now``, which carries no information."""
+        onset = self.onset.copy()
+        onset[-1] = now
+        return self._replace(onset=onset)
+
+
+class TickWeights(NamedTuple):
+    """Weights of states and hypotheses after a tick."""
+
+    log_birth_weight: Array
+    """(7,) log birth weight of each state."""
+    log_state_weight: Array
+    """(7,) log weight of each state relative to the best hypothesis; -inf for an empty bank."""
+    residual: Array
+    """(6,) whitened residual of each contact."""
+    best_rows: Index
+    """(6,) row of the best hypothesis of each bank; -1 for an empty one."""
+    live_hypotheses: LiveHypotheses
+
+
 Bools = NDArray[np.bool_]
 
 
@@ -58,14 +112,15 @@ def update(
     from contact_tracker.hypotheses.compiled import calls
 
     births, left = tick_input.births, list[Bank]()
-    drawn = [directions(one, births.onset) if is_due(one, births.onset) else None for one in CONTACT_MODELS]
-    kept = calls.update(banks, tick_input, drawn, extra_variance, scales, margin)
-    for column, (bank, (words, since), rows) in enumerate(zip(banks, kept.words, kept.rows, strict=True)):
+    kept, kept_rows, weighed = calls.update(banks, tick_input, extra_variance, scales, margin)
+    for column, (bank, (words, since), rows) in enumerate(zip(banks, kept, kept_rows, strict=True)):
         past = bank.lag_history
-        if past.shape[1] or len(past) != len(rows):
+        if past.shape[1]:
             past = joined(past, births.lag_history[column], births.proposals[column].count, rows)
+        elif len(past) != len(rows):
+            past = np.empty((len(rows), *past.shape[1:]))
         left.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
-    return left, TickWeights(*kept.weighed[:-1], LiveHypotheses(*kept.weighed[-1]))
+    return left, TickWeights(*weighed[:-1], LiveHypotheses(*weighed[-1]))
 
 
 def update_reference(
@@ -76,7 +131,7 @@ def update_reference(
     margin: float,
 ) -> tuple[list[Bank], TickWeights]:
     """``update`` in numpy: the reference of the compiled kernels."""
-    births, _, window, before, _, log_stay = tick_input
+    births, window, before, log_stay = tick_input
     now = births.onset
     updated, oldest = [], before.expired_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
@@ -136,4 +191,70 @@ def marginalise_expired_ticks(
     return bank.replace_columns(
         llr_before_window=bank.llr_before_window + sums.log_ratio,
         gain_before_window=bank.gain_before_window + sums.gain.sum(axis=1),
+    )
+
+
+def fit_window(
+    model: ContactModel, window: Window, scales: EvidenceParameters, proposals: BirthProposals | None = None
+) -> Bank:
+    """A bank of one hypothesis, fitted to all ticks of the window.
+
+    It is the best of the ``proposals``, if given; the bank is empty if there are none.
+    """
+    given = uninformed_proposal(model) if proposals is None else proposals
+    return fit_windows(model, [window], scales, [given])[0]
+
+
+def fit_windows(
+    model: ContactModel,
+    windows: Sequence[Window],
+    scales: EvidenceParameters,
+    proposals: Sequence[BirthProposals],
+) -> list[Bank]:
+    """``fit_window`` for many windows in one batch.
+
+    Parameters
+    ----------
+    windows : in order of time; no two begin with the same tick.
+    proposals : birth proposals of each window.
+    """
+    births = [_begun(model, *one, scales) for one in zip(windows, proposals, strict=True)]
+    of = np.arange(len(windows)).repeat([len(bank) for bank in births])
+    bank = refit_in_windows(_joined(births), of, model, windows, scales)
+    rows = np.flatnonzero(bank.needs_search)
+    turns = np.array([window.zeta[-1, R].reshape(3, 3) for window in windows]).reshape(-1, 3, 3)
+    drawn = np.array([model.turned(directions(model, windows[i].index[-1]), turns[i]) for i in of[rows]])
+    bank = search(
+        bank,
+        rows,
+        model,
+        scales,
+        drawn,
+        lambda some, row: refit_in_windows(some, of[row], model, windows, scales),
+    )
+    own = [np.flatnonzero(of == i) for i in range(len(windows))]
+    return [
+        bank.pick(rows[[bank.log_likelihood[rows].argmax()]]) if len(rows) else nothing
+        for rows, nothing in zip(own, births, strict=True)
+    ]
+
+
+def _begun(
+    model: ContactModel, window: Window, proposals: BirthProposals, scales: EvidenceParameters
+) -> Bank:
+    """A bank of all proposals, with the ticks of the window accumulated."""
+    nothing, turn = blank(model, 0), window.zeta[0, R].reshape(3, 3)
+    birth = Birth(proposals, int(window.index[0]), 0, 0, 0.0, nothing.lag_history.sum(axis=0), turn)
+    bank = add(nothing, model, birth)
+    return accumulate_window(bank, model, window, scales) if len(bank) else bank
+
+
+def _joined(banks: Sequence[Bank]) -> Bank:
+    """One bank from those of all windows."""
+    onsets = np.concatenate([bank.onsets.words for bank in banks])
+    return Bank(
+        np.concatenate([bank.words for bank in banks]),
+        banks[0].layout,
+        Onsets(onsets, banks[0].onsets.layout),
+        np.concatenate([bank.lag_history for bank in banks]),
     )

@@ -1,17 +1,24 @@
-"""Residuals of contacts with curved surfaces, which are none of the six and impose one constraint.
+"""Contacts of curved surfaces, and their evidence against free motion (docs/theory.md, section 20).
 
-Either two elements at a constant distance: a vertex on a sphere or a cylinder, an edge on either, two
-cylinders. Or a rim (circle) on a face. (A sphere on a face is v-f with the sphere's centre, a cylinder on a
-face e-f with its axis.)
+They are none of the six and impose one constraint. Either two elements are at a constant distance: a vertex
+on a sphere or a cylinder, an edge on either, two cylinders. Or a rim (circle) is on a face. (A sphere on a
+face is v-f with the sphere's centre, a cylinder on a face e-f with its axis.) Each residual takes parameters
+(S, p) and poses of frame 1 in frame 2, as ``CONTACT_MODELS`` do.
 
-Each residual takes parameters (S, p) and poses of frame 1 in frame 2, as ``CONTACT_MODELS`` do.
+Motion that none of the six contacts explains is labelled free, but may satisfy one of these constraints. They
+have many parameters, so they are fitted to the first half of the motion and tested on the second half.
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.motion.lifted_pose import R, T
+from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
 
@@ -146,3 +153,190 @@ def _unit(vectors: Array) -> tuple[Array, Array]:
     """Unit vectors, and the lengths (..., 1)."""
     length = _length(vectors)
     return vectors / length, length
+
+
+STARTS: Final = 16
+FIRST_STEPS: Final = 15
+FIRST_STRIDE: Final = 2
+"""The first steps from each start use every second tick; the best starts then use all."""
+BEST_STARTS: Final = 3
+LAST_STEPS: Final = 15
+MOST_NATS_PER_TICK: Final = 100.0
+"""If the best start has a higher cost after the first steps, the minimisation ends."""
+MOST_TICKS: Final = 60
+SURFACE_M: Final = 1e-4
+"""Standard deviation of surfaces from their ideal shape, and of the mean of a tick from its arc."""
+FIRST_DAMPING: Final = 1.0
+DAMPING: Final = (0.2, 5.0)
+"""Factors after a step that lowers the cost, and after one that does not."""
+MOST_DAMPING: Final = 1e9
+SEED: Final = 7
+
+
+class CurvedFit(NamedTuple):
+    """A ``contact`` with elements ``x`` (p,), relative to ``origin_m`` (3,) in the world, and its log
+    evidence against free motion (nats)."""
+
+    log_evidence: float
+    contact: CurvedContact
+    x: Array
+    origin_m: Array
+
+    def about(self, origin_m: Array) -> Array:
+        """The elements relative to another origin in the world."""
+        world = slice(0, 3) if self.contact.of_inverse else slice(3, 6)
+        x = self.x.copy()
+        x[world] += self.origin_m - origin_m
+        return x
+
+
+def curved_evidence(window: Window, scales: EvidenceParameters) -> float:
+    """Log evidence (nats) of the best curved contact against free motion in the second half of the window."""
+    return fit_curved(window, scales).log_evidence
+
+
+def fit_curved(window: Window, scales: EvidenceParameters, known: CurvedFit | None = None) -> CurvedFit:
+    """The best curved contact; or ``known``, found in other motion, refitted from its elements.
+
+    The evidence is as in T17 and T19, except that the first half of the motion determines the elements and
+    contributes no gain, and that the variance of free motion is that of the whole displacement: known
+    elements cannot follow smooth motion.
+    """
+    rows = np.linspace(0, len(window) - 1, min(len(window), MOST_TICKS)).astype(int)
+    excess = np.maximum(window.innovation_excess, window.travel)[rows]
+    lifts, variance = window.zeta[rows], window.variance[rows]
+    origin_m = lifts[:, T].mean(axis=0)
+    if known is not None:
+        start = known.about(origin_m)[None]
+        return _Fit.of(known.contact, lifts, variance, scales, start).best_fit(excess, origin_m)
+    fits = (_Fit.of(contact, lifts, variance, scales) for contact in CURVED_CONTACTS)
+    return max((fit.best_fit(excess, origin_m) for fit in fits), key=lambda one: one.log_evidence)
+
+
+class _Fit(NamedTuple):
+    """Fit of one ``contact`` from S starts: parameters ``x`` (S, p) with the prior mean ``centre`` and prior
+    ``information`` (p,), for poses ``rotation`` (N, 3, 3), ``position`` (N, 3) of frame 1 in frame 2 with
+    noise ``variance`` (N, 2)."""
+
+    contact: CurvedContact
+    scales: EvidenceParameters
+    rotation: Array
+    position: Array
+    variance: Array
+    information: Array
+    centre: Array
+    x: Array
+
+    @classmethod
+    def of(
+        cls,
+        contact: CurvedContact,
+        lifts: Array,
+        variance: Array,
+        scales: EvidenceParameters,
+        start: Array | None = None,
+    ) -> "_Fit":
+        """The best minima from several starts, or from the given ``start`` (S, p)."""
+        rotation = lifts[:, R].reshape(-1, 3, 3)
+        position = lifts[:, T] - lifts[:, T].mean(axis=0)
+        if contact.of_inverse:
+            rotation = rotation.transpose(0, 2, 1)
+            position = -(rotation @ position[..., None])[..., 0]
+        deviation = np.full(contact.size, scales.reach_m)
+        for number in contact.directions:
+            deviation[number : number + 3] = 1.0
+        if start is not None:
+            near = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
+            return near.minimised(LAST_STEPS)[0]
+        start = deviation * _draws(contact.size)
+        fit = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
+        some = slice(None, None, FIRST_STRIDE)
+        few = fit._replace(rotation=rotation[some], position=position[some], variance=variance[some])
+        first, cost = few.minimised(FIRST_STEPS)
+        best = np.argsort(cost)[:BEST_STARTS]
+        fit = fit._replace(centre=start[best], x=first.x[best])
+        if cost[best[0]] > MOST_NATS_PER_TICK * len(few.variance):
+            return fit
+        return fit.minimised(LAST_STEPS)[0]
+
+    def minimised(self, steps: int) -> tuple["_Fit", Array]:
+        """The fit after Levenberg-Marquardt ``steps``, and its cost (S,)."""
+        fit, damping = self, np.full(len(self.x), FIRST_DAMPING)
+        touch, noise, cost = fit.residuals()
+        for _ in range(steps):
+            hessian, gradient = _quadratic(touch, noise)
+            gradient += self.information * (fit.x - self.centre)
+            damped = hessian * (1.0 + damping[:, None, None] * np.eye(self.contact.size))
+            step = np.linalg.solve(damped + np.diag(self.information), gradient[..., None])[..., 0]
+            ahead = fit._replace(x=fit.x - step)
+            tried = ahead.residuals()
+            better = tried.cost < cost
+            damping = np.minimum(damping * np.where(better, *DAMPING), MOST_DAMPING)
+            fit = fit._replace(x=np.where(better[:, None], ahead.x, fit.x))
+            cost, noise = np.where(better, tried.cost, cost), _where(better, tried.noise, noise)
+            touch = Touch(*(_where(better, *both) for both in zip(tried.touch, touch, strict=True)))
+        return fit, cost
+
+    def residuals(self) -> "_Residuals":
+        """Residuals at x. The cost includes the log of the noise, else long levers would lower it."""
+        touch = self.contact.touch(self.x, self.rotation, self.position)
+        noise = self.along_normal(touch, self.variance) + SURFACE_M**2
+        misfit = (touch.residual**2 / noise + np.log(noise / SURFACE_M**2)).sum(axis=1)
+        away = (self.information * (self.x - self.centre) ** 2).sum(axis=1)
+        return _Residuals(touch, noise, 0.5 * (misfit + away))
+
+    def along_normal(self, touch: Touch, of_pose: Array) -> Array:
+        """Variance (S, N) of the distance, for the variances ``of_pose`` (N, 2) of the pose (T16)."""
+        arm = (self.rotation @ touch.point[..., None])[..., 0]  # from the origin about which the body turns
+        if self.contact.of_inverse:
+            arm = arm + self.position
+        lever_sq = (arm * arm).sum(axis=-1) - (arm * touch.normal).sum(axis=-1) ** 2
+        return np.asarray(of_pose[:, 0] + of_pose[:, 1] * lever_sq)
+
+    def best_fit(self, excess: Array, origin_m: Array) -> CurvedFit:
+        """The start with the best evidence; free motion has variances ``excess`` (N, 2) beyond the noise."""
+        evidence = _evidence(self, excess)
+        best = int(evidence.argmax())
+        return CurvedFit(float(evidence[best]), self.contact, self.x[best], origin_m)
+
+
+class _Residuals(NamedTuple):
+    touch: Touch
+    noise: Array
+    cost: Array
+
+
+def _evidence(fit: _Fit, excess: Array) -> Array:
+    """Log evidence (S,) of each start; free motion has variances ``excess`` (N, 2) beyond the noise."""
+    touch, noise, _ = fit.residuals()
+    lever = fit.scales.body_radius_m**2 * excess[:, 1]
+    free = noise + lever + fit.along_normal(touch, excess)
+    gain, half = 0.5 * np.log(free / noise), len(excess) // 2
+    misfit = 0.5 * touch.residual**2 * (1.0 / noise - 1.0 / free)
+    first = Touch(*(part[:, :half] for part in touch))
+    before, _ = _quadratic(first, noise[:, :half])
+    after, _ = _quadratic(touch, noise)
+    complexity = 0.5 * (
+        _log_volume(after + np.diag(fit.information)) - _log_volume(before + np.diag(fit.information))
+    )
+    ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - complexity
+    return np.asarray(fit.scales.likelihood_exponent * ratio)
+
+
+def _log_volume(information: Array) -> Array:
+    return np.asarray(np.linalg.slogdet(information)[1])
+
+
+def _quadratic(touch: Touch, noise: Array) -> tuple[Array, Array]:
+    """Hessian (S, p, p) and gradient (S, p) of the misfit."""
+    weighted = (touch.jacobian / noise[..., None]).transpose(0, 2, 1)
+    return weighted @ touch.jacobian, (weighted @ touch.residual[..., None])[..., 0]
+
+
+@cache
+def _draws(size: int) -> Array:
+    return np.random.default_rng(SEED).normal(size=(STARTS, size))
+
+
+def _where(which: NDArray[np.bool_], new: Array, old: Array) -> Array:
+    return np.where(which.reshape(-1, *(1 for _ in new.shape[1:])), new, old)

@@ -1,6 +1,10 @@
-"""Global search of minima: exchange of geometry between hypotheses, and multi-start proposals."""
+"""Which hypotheses stay, and where they look for better minima.
+
+Pruning by weight and age; exchange of geometry between hypotheses; search from many starts.
+"""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Final
 
@@ -11,18 +15,20 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.pruning import best_of, is_protected, within_far_margin
 from contact_tracker.hypotheses.refit import prior_at_anchors, refit
 from contact_tracker.hypotheses.schedule import (
+    FAR_NATS,
     FITTING_RMS,
     FOLLOWED_STARTS,
     IS_SEARCH_AGE,
     LEAST_GAIN,
     RELAXATION_RIDGE,
+    RESIDUAL_TICKS,
     ROUNDS,
     SEARCH_AGES,
     SEARCH_INTERVAL,
     SEARCH_REFITS,
+    UNTHINNED_TICKS,
     burn_in_ticks,
 )
 from contact_tracker.map.element_prior import known_entries
@@ -31,6 +37,52 @@ from contact_tracker.motion.window import Window
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+
+def within_far_margin(bank: Bank) -> Bools:
+    """Which hypotheses (H,) are within ``FAR_NATS`` of the best before this tick."""
+    return bank.log_weight >= -FAR_NATS
+
+
+def is_protected(bank: Bank) -> Bools:
+    """Which hypotheses (H,) are protected from pruning by weight, and may receive the geometry of others."""
+    return bank.effective_ticks <= bank.protected_until
+
+
+def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
+    """Drop hypotheses more than ``margin`` nats behind ``best``, and thin onsets, the more the older they
+    are.
+
+    The log weights of the result are relative to ``best``.
+    """
+    joint = bank.log_weight
+    keep = (joint > best - margin) | is_protected(bank)
+    old = bank.onset.searchsorted(now + 1 - UNTHINNED_TICKS)  # they are in order
+    if old > 1:
+        age = now + 1 - bank.onset[:old]
+        span = 2 ** (np.floor(np.log2(age / UNTHINNED_TICKS)) + 1).astype(np.int64)
+        keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
+    bank = bank.pick(keep.nonzero()[0])
+    is_used = np.isin(bank.onsets.onset, bank.onset)
+    onsets = replace(bank.onsets, words=bank.onsets.words[is_used])
+    return replace(bank.replace_columns(log_birth_weight=bank.log_birth_weight - best), onsets=onsets)
+
+
+def residual(bank: Bank) -> float:
+    """Whitened residual of the youngest hypothesis with at least ``RESIDUAL_TICKS`` of motion; nan without
+    one."""
+    ticks = np.where(bank.effective_ticks >= RESIDUAL_TICKS, bank.effective_ticks, np.inf)
+    return float(bank.rms[ticks.argmin()]) if ticks.min(initial=np.inf) < np.inf else np.nan
+
+
+def best_of(group: Index, joint: Array) -> Bools:
+    """Whether each entry is the best of its group."""
+    order = np.lexsort((-joint, group))
+    sorted_group, first, best = group[order], np.ones(len(group), bool), np.zeros(len(group), bool)
+    np.not_equal(sorted_group[1:], sorted_group[:-1], out=first[1:])
+    best[order[first]] = True
+    return best
+
 
 AT_ONCE: Final = 16
 """Number of hypotheses that are searched in one batch, each from up to 80 starts: limits the memory."""
@@ -169,9 +221,10 @@ def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
 
 def directions(model: ContactModel, tick: int) -> Array:
     """Random x (N, S) for a tick, in the body's frame: so results do not depend on the world's axes."""
-    return _drawn(model.family.RANDOM_STARTS, model.family.SIZE, int(tick) % DRAWS)
+    return np.asarray(drawn(model.family.RANDOM_STARTS, model.family.SIZE)[int(tick) % DRAWS])
 
 
 @cache
-def _drawn(count: int, size: int, seed: int) -> Array:
-    return np.random.default_rng(seed).normal(size=(count, size))
+def drawn(count: int, size: int) -> Array:
+    """All sets (D, N, S) of random directions of a family."""
+    return np.array([np.random.default_rng(seed).normal(size=(count, size)) for seed in range(DRAWS)])

@@ -11,16 +11,32 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.parameter_layout import directions
+from contact_tracker.contacts.family import directions
 from contact_tracker.geometry import linalg
-from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, Unobserved
+from contact_tracker.geometry.elements import (
+    ContactGeometry,
+    Element,
+    Line,
+    Origins,
+    Plane,
+    Point,
+    Unobserved,
+    by_foot,
+    shifted,
+)
 from contact_tracker.geometry.vectors import cross
-from contact_tracker.hypotheses import gauss_newton, refit
+from contact_tracker.hypotheses import compiled, gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
-from contact_tracker.hypotheses.pruning import anchors_of
+from contact_tracker.hypotheses.refit import anchors_of
+from contact_tracker.hypotheses.schedule import REST_WEIGHT
+from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
+from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion import lifted_pose
+from contact_tracker.motion.lifted_pose import R, T
+from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
 
@@ -97,17 +113,41 @@ def information_spectrum(
     information: Array | None = None,
 ) -> InformationSpectrum:
     """The spectrum of a single hypothesis; arguments as of ``observed_geometry``."""
-    tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
-    prior = prior_along(one, model, tangent, scales.reach_m)
     noise_margin = NOISE_MARGIN
-    if information is None:
-        information, noise_margin = refit.information(one, model, scales)[0], 1.0
-        # with correlated errors the moments hold innovations, in which most of a constant pose cancels
-        variance = variance / (1.0 - scales.correlation) ** 2
-    noise = noise_information(one, model, tangent, variance)
-    eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
+    if information is None:  # with correlated errors the moments hold innovations, in which most of a
+        noise_margin, variance = 1.0, variance / (1.0 - scales.correlation) ** 2  # constant pose cancels
+    tangent, shown, prior, noise = information_terms(one, model, scales, variance)
+    shown = shown if information is None else information
+    eigenvalues, eigenvectors = linalg.eigenvectors(shown, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
+
+
+def information_terms(
+    one: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Tangent (S, P) of a single hypothesis, and information (P, P) along it: of the ticks by the moments, of
+    the prior, and of noise alone. ``variance`` (2,) as in ``observed_geometry``."""
+    if not compiled.in_use():
+        return information_terms_reference(one, model, scales, variance)
+    from contact_tracker.hypotheses.compiled import calls
+
+    return calls.information_terms(
+        calls.model_of(model, scales.reach_m), one.words, one.onsets.words, variance
+    )
+
+
+def information_terms_reference(
+    one: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
+) -> tuple[Array, Array, Array, Array]:
+    """``information_terms`` in numpy: the reference of the compiled kernel."""
+    tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
+    return (
+        tangent,
+        refit.information(one, model, scales)[0],
+        prior_along(one, model, tangent, scales.reach_m),
+        noise_information(one, model, tangent, variance),
+    )
 
 
 def prior_along(one: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
@@ -151,7 +191,7 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
     precision = gauss_newton.per_metre(family, moments, one.row_weight[0], x)
     slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
     # change of each row when a pose is perturbed by one sigma in each direction
-    off = (slopes.reshape(free * rows, columns) @ _perturbations(model)).reshape(free, rows, 6, columns)
+    off = (slopes.reshape(free * rows, columns) @ model.moves).swapaxes(0, 1).reshape(free, rows, 6, columns)
     off *= np.sqrt(precision[:, None] * variance[lifted_pose.NOISE_OF_PERTURBATION])[..., None]
     jitter = off.reshape(-1, columns) @ moments
     return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
@@ -160,16 +200,7 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
 def perturbed_rows(one: Bank, model: ContactModel) -> Array:
     """Coefficients (K, 6, C) of the change of each residual of a single hypothesis by small turns about the
     body's axes and shifts along the world's."""
-    rows = model.family.rows(one.x[0])
-    return np.asarray(rows @ _perturbations(model)).reshape(len(rows), 6, -1)
-
-
-@cache
-def _perturbations(model: ContactModel) -> Array:
-    """Six linear maps (C, 6 C), side by side: the change of the family's columns by small turns and shifts of
-    the pose."""
-    select = model.lifted(np.eye(lifted_pose.SIZE)).T
-    return np.concatenate(list(select @ lifted_pose.perturbations() @ select.T), axis=1)
+    return np.asarray((model.family.rows(one.x[0]) @ model.moves).swapaxes(0, 1))
 
 
 def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
@@ -216,3 +247,173 @@ def _unobserved(how: Literal["turns_about", "shifts_along"], axes: Array) -> tup
         return ()
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1)[:, None], axis=1)
     return tuple(Unobserved(how, axis) for axis in axes * np.sign(largest))
+
+
+MOST_TICKS: Final = 300
+"""Number of ticks that represent a longer window."""
+SHARE_OF_REST: Final = 0.05
+"""Weight of a tick at rest, relative to one in motion, when these are chosen."""
+LEAST_SHARE: Final = 1e-14
+"""Eigenvalues below this share of the largest are rounding errors."""
+
+
+class Representatives(NamedTuple):
+    """Some ticks of a window, and how many ``ticks`` (N,) each stands for."""
+
+    window: Window
+    ticks: Array
+
+
+def systematic_covariance(
+    one: Bank,
+    model: ContactModel,
+    window: Window,
+    reach_m: float,
+    errors: SystematicErrors,
+    is_refined: bool,
+) -> Array:
+    """Covariance (S, S) that systematic errors of the poses add to the geometry x of a single hypothesis.
+
+    Ticks since the onset count, as far as they are in the window; ticks before are left out.
+
+    Parameters
+    ----------
+    one : bank of one hypothesis.
+    is_refined : whether each tick counts by its noise alone; else also by its motion.
+    """
+    ticks, count = representatives(window.cut(int(np.searchsorted(window.index, one.onset[0])), None))
+    x, family, lifted = one.x[0], model.family, model.lifted(ticks.zeta)
+    tangent = family.tangent(x, anchors_of(one, model)[0])
+    weight = count / ticks.variance[:, 0]
+    if not is_refined:
+        weight *= np.maximum(ticks.motion_ratio, REST_WEIGHT)
+    precision = gauss_newton.per_metre(family, one.second_moment[0], one.row_weight[0], x)
+    slopes = np.einsum("sp,ksc,tc->pkt", tangent, family.rows_derivative(x), lifted)
+    weighted = slopes * precision[:, None] * weight
+    information = np.einsum("pkt,qkt->pq", weighted, slopes)
+    by_error = np.einsum("pkt,kdt->dpt", weighted, perturbed_rows(one, model) @ lifted.T)
+    prior = prior_along(one, model, tangent, reach_m)
+    return np.asarray(
+        tangent @ added_covariance(information, prior, by_error, ticks.zeta, errors) @ tangent.T
+    )
+
+
+def added_covariance(
+    information: Array, prior: Array, by_error: Array, zeta: Array, errors: SystematicErrors
+) -> Array:
+    """Covariance (P, P) that the systematic errors of N poses add to that by noise.
+
+    Parameters
+    ----------
+    information, prior : (P, P) information of the ticks, and of the prior, on the parameters.
+    by_error : (6, P, N) derivatives of the cost's gradient by the errors of each pose: three turns about the
+        body's axes, three shifts along the world's.
+    zeta : (N, 25) the lifted poses.
+    """
+    turn, shift = _error_covariances(zeta, errors)
+    spread = (by_error @ np.repeat([turn, shift], 3, axis=0) @ by_error.swapaxes(1, 2)).sum(axis=0)
+    scale = 1.0 / np.sqrt(np.diag(information + prior))
+    units = np.outer(scale, scale)
+    information, prior, spread = information * units, prior * units, spread * units
+    # the errors lower the information of the ticks, not that of the prior
+    left = information @ _inverse(information + spread) @ information
+    return np.asarray((_inverse(left + prior) - _inverse(information + prior)) * units)
+
+
+def _inverse(symmetric: Array) -> Array:
+    """Inverse of a positive semidefinite matrix (P, P), with its eigenvalues above rounding errors."""
+    values, vectors = linalg.eigenvectors(symmetric)
+    return np.asarray((vectors / np.maximum(values, LEAST_SHARE * values[-1])) @ vectors.T)
+
+
+def representatives(window: Window) -> Representatives:
+    """All ticks of a window, or if it is long some of them, more of those in motion."""
+    if len(window) <= MOST_TICKS:
+        return Representatives(window, np.ones(len(window)))
+    passed = np.cumsum(window.motion_ratio + SHARE_OF_REST)
+    cuts = np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], MOST_TICKS + 1)[1:-1]))
+    first, end = np.append(0, cuts), np.append(cuts, len(window))
+    some = end > first
+    first, end = first[some], end[some]
+    return Representatives(window.pick((first + end) // 2, window.before), (end - first).astype(float))
+
+
+def _error_covariances(zeta: Array, errors: SystematicErrors) -> tuple[Array, Array]:
+    """Covariances (N, N) of the errors of N poses about one axis (rad^2) and along one axis (m^2)."""
+    return (
+        errors.rotation_rad**2 * np.exp(-_squared_distances(zeta[:, R]) / (4.0 * errors.angle_rad**2)),
+        errors.position_m**2 * np.exp(-_squared_distances(zeta[:, T]) / (2.0 * errors.length_m**2)),
+    )
+
+
+def _squared_distances(points: Array) -> Array:
+    """(N, N) squared distances of points (N, D)."""
+    apart = points[:, None] - points
+    return np.asarray((apart * apart).sum(axis=2))
+
+
+def contact_geometry(
+    bank: Bank,
+    row: int,
+    model: ContactModel,
+    scales: EvidenceParameters,
+    window: Window,
+    origins: Origins,
+    errors: SystematicErrors,
+    information: Array | None = None,
+) -> ContactGeometry:
+    """Elements of hypothesis ``row``, with covariance and unobserved directions.
+
+    ``window`` has the ticks and their noise, ``errors`` are those that are not noise; ``origins`` are
+    those of the bank's coordinates; ``information`` as in ``observed_geometry``.
+    """
+    one, systematic = bank.single(row), np.zeros(())
+    if errors.are_given:
+        systematic = systematic_covariance(
+            one, model, window, scales.reach_m, errors, is_refined=information is not None
+        )
+    found = observed_geometry(one, model, scales, window.usual_variance, information, systematic)
+    if not np.isnan(one.line_anchor).all():  # other lines have their point near the body already
+        body_m = one.weighted_position_sum[0] / one.weight[0]
+        found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
+    return _in_users_frames(found, window.zeta[-1, R].reshape(3, 3), origins)
+
+
+def _in_users_frames(found: ContactGeometry, rotation: Array, origins: Origins) -> ContactGeometry:
+    """The elements in the frames of the body, which has this ``rotation`` (3, 3), and of the world.
+
+    Of two faces motion shows the difference of the offsets only: the object's stays at the origin.
+    """
+    ours, theirs = found.object, shifted(found.environment, origins.world_m)
+    if isinstance(ours, Plane) and isinstance(theirs, Plane):
+        swung_m = theirs.normal @ rotation @ origins.body_m
+        return ContactGeometry(ours, replace(theirs, offset_m=float(theirs.offset_m - swung_m)))
+    return ContactGeometry(shifted(ours, origins.body_m), theirs)
+
+
+def element_estimate(
+    bank: Bank,
+    model: ContactModel,
+    scales: EvidenceParameters,
+    window: Window,
+    information: Array | None = None,
+) -> ElementEstimate:
+    """What a fit, a ``bank`` of one, says about both its elements together; arguments as above.
+
+    Real elements are not exactly the same at the next touch, so the information is that of a little looser
+    elements.
+    """
+    spectrum = information_spectrum(bank, model, scales, window.usual_variance, information)
+    back = np.linalg.inv(spectrum.directions)
+    shown = back.T @ (np.maximum(spectrum.values - NOISE_MARGIN, 0.0)[:, None] * back)
+    variance = np.full(model.family.SIZE, LOOSE_M**2)
+    variance[directions(model.family.FORM)] = LOOSE_RAD**2
+    onto = np.linalg.pinv(spectrum.tangent)
+    loose = np.linalg.cholesky((onto * variance) @ onto.T)
+    values, axes = np.linalg.eigh(loose.T @ shown @ loose)
+    values = np.maximum(values, 0.0)
+    along = np.linalg.solve(loose.T, axes)
+    shown = (along * (values / (1.0 + values))) @ along.T
+    rotation = window.zeta[len(window) // 2, R].reshape(3, 3)
+    anchors = anchors_of(bank, model)[0]
+    return ElementEstimate(model.contact, bank.x[0], spectrum.tangent, shown, anchors, rotation)

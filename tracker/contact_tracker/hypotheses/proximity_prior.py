@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from contact_tracker import hmm
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import Array
-from contact_tracker.hypotheses.birth import BirthProposals
+from contact_tracker.hypotheses import compiled
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.births import BirthProposals
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -33,8 +35,56 @@ gigabytes."""
 FREE: Final = Contact.FREE.column
 
 
+class BirthWeights(NamedTuple):
+    """The birth proposals of all contacts, weighed by the newest tick."""
+
+    proposals: tuple[BirthProposals, ...]
+    """Per contact, see ``ProximityEvidence``."""
+    log_odds: Array
+    """(6,) per contact."""
+    gain: Array
+    """(6, 2) per contact."""
+
+
+def weigh_births(
+    proposals: Sequence[BirthProposals],
+    window: Window,
+    extra_variance: Sequence[tuple[float, float]],
+    scales: EvidenceParameters,
+) -> BirthWeights:
+    """Weigh the ``proposals`` of all contacts by the newest tick of the ``window``.
+
+    ``extra_variance`` is the noise variance (m^2, rad^2) of each contact beyond that of the window.
+    """
+    weighed, log_odds, gain = list[BirthProposals](), np.zeros(len(proposals)), np.zeros((len(proposals), 2))
+    for column, (model, begins, beyond) in enumerate(
+        zip(CONTACT_MODELS, proposals, extra_variance, strict=True)
+    ):
+        pairs = _known_pairs(model, begins)
+        if len(pairs.x) and compiled.in_use():
+            from contact_tracker.hypotheses.compiled import calls
+
+            log_odds[column], gain[column], kept, words = calls.weigh_births(
+                calls.model_of(model, scales.reach_m),
+                begins.rows.words,
+                *pairs,
+                calls.ticks_of(window),
+                beyond,
+                calls.birth_limits(ANY_DIRECTION, scales.reach_m, _HOPELESS, MOST_BIRTHS),
+            )
+            past = begins.rows.lag_history[: len(kept)]
+            rows = Bank(words, begins.rows.layout, begins.rows.onsets, past)
+            weighed.append(BirthProposals(rows, begins.is_given[kept], begins.are_both_known[kept]))
+            continue
+        newest = window.cut(-1).with_error(beyond) if len(pairs.x) else window
+        own = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
+        log_odds[column], gain[column] = own.log_odds, own.gain
+        weighed.append(own.proposals)
+    return BirthWeights(tuple(weighed), log_odds, gain)
+
+
 class ProximityEvidence(NamedTuple):
-    """Evidence of the newest tick for the birth of one contact."""
+    """Evidence of the newest tick for the birth of one contact, in numpy."""
 
     log_share: Array
     """(n,) posterior log share of each proposal; they add up to one."""
@@ -74,7 +124,7 @@ class _KnownPairs(NamedTuple):
 def proximity_evidence(
     model: ContactModel, begins: BirthProposals, newest: Window, scales: EvidenceParameters
 ) -> ProximityEvidence:
-    """Weigh the birth proposals of one contact by the newest tick."""
+    """Weigh the birth proposals of one contact by the newest tick: the reference of the compiled kernel."""
     pairs = _known_pairs(model, begins)
     if not len(pairs.x):
         return _prior_alone(begins)
@@ -85,7 +135,7 @@ def proximity_evidence(
     return ProximityEvidence.of(begins, log_share, np.array([angle, row_gain[:, -1].mean()]))
 
 
-@lru_cache(maxsize=2 * len(CONTACT_MODELS))
+@lru_cache(maxsize=8 * len(CONTACT_MODELS))
 def _prior_alone(begins: BirthProposals) -> ProximityEvidence:
     """The evidence where no pair is known, so that no pose says more than the prior."""
     if not begins.count:
@@ -117,7 +167,7 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
     return np.asarray(variance)
 
 
-@lru_cache(maxsize=2 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
+@lru_cache(maxsize=8 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     """What the evidence needs of the known pairs, apart from the pose."""
     is_known = begins.are_both_known
@@ -141,20 +191,19 @@ def _deviations(information: Array) -> Array:
     return np.asarray((axes / np.sqrt(values)[:, None]).swapaxes(1, 2) * scale[:, None])
 
 
-def reweight_transitions(
-    change: Array, stay: Array, evidence: Sequence[ProximityEvidence]
-) -> tuple[Array, Array]:
+def reweight_transitions(change: Array, stay: Array, log_odds: Array, shown: Array) -> tuple[Array, Array]:
     """Log rates of change (7, 7) and of staying (7,), given the pose.
+
+    ``log_odds`` (6,) and the gains ``shown`` (6, 2) are those of ``BirthWeights``.
 
     Constraints that the old and the new state share carry no new evidence. Each row together with its stay
     keeps its sum, so that leaving a state and coming back gains nothing.
     """
-    gain = np.zeros_like(change)
-    odds, shown = np.array([one.log_odds for one in evidence]), np.array([one.gain for one in evidence])
-    gain[:, : len(evidence)] = odds - (_SHARED_ROWS * shown).sum(axis=-1)
-    moved = change + gain
+    moved = change.copy()
+    moved[:, : len(log_odds)] += log_odds - (_SHARED_ROWS * shown).sum(axis=-1)
     kept = np.where(np.arange(len(STATES)) == FREE, -np.inf, stay)  # free stays by the matrix
-    before, after = (np.logaddexp(hmm.log_sum_exp(rows, axis=1), kept) for rows in (change, moved))
+    before = np.logaddexp(np.logaddexp.reduce(change, axis=1), kept)
+    after = np.logaddexp(np.logaddexp.reduce(moved, axis=1), kept)
     return moved - (after - before)[:, None], stay - (after - before)
 
 

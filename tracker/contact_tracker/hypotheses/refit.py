@@ -11,9 +11,14 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.evidence import EvidenceParameters, EvidenceSums, complexity, sum_evidence
-from contact_tracker.hypotheses.pruning import anchors_of, prior_of
-from contact_tracker.hypotheses.quadratic_prior import Prior
+from contact_tracker.hypotheses.evidence import (
+    EvidenceParameters,
+    EvidenceSums,
+    complexity,
+    sum_evidence,
+    weak_prior,
+)
+from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.schedule import (
     DEFER_NATS,
     DROP_NATS,
@@ -33,6 +38,21 @@ Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 NOT_AT_ALL: Final = -1
+
+
+def anchors_of(bank: Bank, model: ContactModel) -> Array:
+    """Anchors (H, 6) of each hypothesis' lines as in ``contacts.family``: known points, or the mean position
+    of the body in its window."""
+    anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
+    return np.where(np.isnan(bank.line_anchor), anchors, bank.line_anchor)
+
+
+def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
+    """Prior of each hypothesis: the weak prior, and that of its known elements."""
+    weak = weak_prior(model.family, anchors, reach_m)
+    if not bank.prior_index.any():
+        return weak
+    return weak + Prior.around(bank.prior_mean, bank.prior_information, weak.flat)
 
 
 class PriorAtAnchors(NamedTuple):

@@ -11,7 +11,7 @@ from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.formations.elements import elements_complexity
 from contact_tracker.formations.further import SURE_NATS, KnownContact
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.systematic_errors import added_covariance, representatives
+from contact_tracker.hypotheses.observability import added_covariance, representatives
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
 from contact_tracker.motion.lifted_pose import NOISE_OF_PERTURBATION
 from contact_tracker.motion.window import Window, used_directions

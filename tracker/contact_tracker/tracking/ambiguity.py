@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.curved_evidence import curved_evidence, fit_curved
+from contact_tracker.hypotheses.curved_contact import curved_evidence, fit_curved
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
-from contact_tracker.hypotheses.pruning import best_of
+from contact_tracker.hypotheses.global_search import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
 from contact_tracker.map.map import Map
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
@@ -290,11 +290,12 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     since = np.full(len(STATES), onset)
     for column, bank in enumerate(banks):
-        first, end = bank.onset.searchsorted(span)  # they are in order
+        rows = bank.rows
+        first, end = rows["onset"].searchsorted(span)  # they are in order
         if first < end:
-            best = first + bank.log_weight[first:end].argmax()
-            evidence[column], rms[column] = bank.log_likelihood[best], bank.rms[best]
-            since[column] = bank.onset[best]
+            some = rows[first:end]
+            best = some[(some["log_birth_weight"] + some["log_likelihood"]).argmax()]
+            evidence[column], rms[column], since[column] = best["log_likelihood"], best["rms"], best["onset"]
     evidence[-1], rms[-1] = 0.0, 1.0
     if label is not Contact.FREE:
         evidence -= _evidence(banks[label.column], since)
@@ -305,9 +306,10 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
 def _evidence(bank: Bank, since: Index) -> Array:
     """A contact's evidence against free motion ``since`` some ticks, interpolated between its hypotheses: the
     best of each onset, without those far behind."""
-    near = np.flatnonzero(bank.log_weight >= bank.best - FAR_NATS)
-    near = near[best_of(bank.onset[near], bank.log_weight[near])]
-    return np.interp(since, bank.onset[near], bank.log_likelihood[near])
+    weight = bank.log_weight
+    near = (weight >= weight.max() - FAR_NATS).nonzero()[0]
+    near = near[best_of(bank.rows["onset"][near], weight[near])]
+    return np.asarray(np.interp(since, bank.rows["onset"][near], bank.rows["log_likelihood"][near]))
 
 
 SPAN_TICKS: Final = 60

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.geometry.flat import flat
+from contact_tracker.geometry.elements import ContactGeometry, flat
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
 

@@ -16,15 +16,16 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hmm import fixed_lag
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.birth import BirthProposals
-from contact_tracker.hypotheses.birth_proposals import (
+from contact_tracker.hypotheses.bank_update import TickWeights
+from contact_tracker.hypotheses.births import (
+    BirthProposals,
+    Births,
     CachedProposals,
     Frame,
+    TickInput,
     propose_births,
 )
-from contact_tracker.hypotheses.proximity_prior import proximity_evidence, reweight_transitions
-from contact_tracker.hypotheses.pruning import Births
-from contact_tracker.hypotheses.tick_update import TickInput, TickWeights
+from contact_tracker.hypotheses.proximity_prior import reweight_transitions, weigh_births
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R, T
@@ -78,20 +79,15 @@ def predict_transitions(
     """
     model = state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
-    proposals, log_odds = [one.proposals for one in cached], np.zeros(len(STATES))
+    proposals, log_odds = tuple([one.proposals for one in cached]), np.zeros(len(STATES))
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
     if state.known_map:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
     transition, survival = tick_transitions(model, exposed)
     if state.knows_elements:
-        scales, newest, beyond = state.scales, window.cut(-1), model.noise.extra_contact_variance
-        proximity = [
-            proximity_evidence(contact, begins, newest.with_error(more) if any(more) else newest, scales)
-            for contact, begins, more in zip(CONTACT_MODELS, proposals, beyond, strict=True)
-        ]
-        proposals = [near.proposals for near in proximity]
-        log_odds[:-1] = [near.log_odds for near in proximity]
-        transition, survival = reweight_transitions(transition, survival, proximity)
+        beyond = model.noise.extra_contact_variance
+        proposals, log_odds[:-1], gain = weigh_births(proposals, window, beyond, state.scales)
+        transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
     if completes_rest:
         transition, survival = transition + REST_LOG_LIKELIHOOD[:, None], survival + REST_LOG_LIKELIHOOD
     if state.ticks:
@@ -99,7 +95,7 @@ def predict_transitions(
     else:
         birth_weight = state.log_state_weight + log_odds
         birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
-    return TransitionPrediction(tuple(proposals), cached, exposed, transition, survival, birth_weight)
+    return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
 
 
 def _proposals(state: FilterState, frame: Frame) -> tuple[CachedProposals, ...]:
@@ -266,8 +262,7 @@ def tick_input(
         fixed_lag.inherited(state.lag_history, state.log_state_weight, transitions.log_transition),
         tick.zeta[R].reshape(3, 3),
     )
-    rates = transitions.log_transition, transitions.log_survival
-    return TickInput(births, tick.stamp_ns, window, state.window, *rates)
+    return TickInput(births, window, state.window, transitions.log_survival)
 
 
 def updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], TickWeights]:

@@ -11,8 +11,8 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations import online
 from contact_tracker.formations.further import FormationTicks, KnownContact
 from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.hypotheses.birth_proposals import named
-from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
+from contact_tracker.hypotheses.births import named
+from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.motion.tick_averaging import Tick
@@ -119,8 +119,7 @@ def state_posterior(state: FilterState, stamp_ns: int) -> Belief:
     label = STATES[int(np.argmax(probability))]
     onset_ns = state.free_since_ns
     if label is not Contact.FREE:
-        best = state.banks[label.column].single(int(state.best_rows[label.column]))
-        onset_ns = int(best.onsets.onset_ns[0])
+        onset_ns = state.banks[label.column].onset_ns_of(int(state.best_rows[label.column]))
     return Belief(stamp_ns, label, probability, onset_ns, None, state.residual)
 
 
@@ -160,7 +159,7 @@ def _compared_since_onset(
     there were others."""
     onset = state.free_since
     if label is not Contact.FREE:
-        onset = int(state.banks[label.column].onset[state.best_rows[label.column]])
+        onset = int(state.banks[label.column].rows["onset"][state.best_rows[label.column]])
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     return rivals, since, onset < state.window.index[0]
@@ -199,7 +198,7 @@ def label_geometry(state: FilterState, label: Contact) -> ContactGeometry | None
         return None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row = int(state.best_rows[label.column])
-    pair = named_pairs(state.known_map, contact)[bank.known_pair_index[row]]
+    pair = named_pairs(state.known_map, contact)[bank.rows["known_pair_index"][row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
     where = contact_geometry(bank, row, contact, state.scales, window, state.origins, state.model.systematic)
     return named(where, pair)
@@ -224,7 +223,7 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     if label is Contact.FREE or belief.probability[label.column] < least:
         return state._replace(formation=online.suspend(state.formation)), belief
     bank, row = state.banks[label.column], int(state.best_rows[label.column])
-    onset, window = int(bank.onset[row]), state.window
+    onset, window = int(bank.rows["onset"][row]), state.window
     first_row = int(window.index.searchsorted(onset))
     if len(window) - first_row < ESTABLISHED_TICKS:
         return state._replace(formation=online.suspend(state.formation)), belief

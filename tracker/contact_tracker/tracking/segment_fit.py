@@ -12,13 +12,12 @@ from scipy.special import expit
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.formations.further import FormationTicks, KnownContact, Ranks, find_formation
-from contact_tracker.geometry.elements import ContactGeometry, Origins
-from contact_tracker.geometry.packing import pack
+from contact_tracker.geometry.elements import ContactGeometry, Origins, pack
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births, propose_measured
-from contact_tracker.hypotheses.contact_geometry import contact_geometry, element_estimate
+from contact_tracker.hypotheses.bank_update import fit_windows
+from contact_tracker.hypotheses.births import Frame, named, propose_births, propose_measured
+from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
 from contact_tracker.hypotheses.refinement import refine
-from contact_tracker.hypotheses.window_fit import fit_windows
 from contact_tracker.joints.evidence import find_joint
 from contact_tracker.joints.geometry import Joint, joint_of
 from contact_tracker.map.map import Map

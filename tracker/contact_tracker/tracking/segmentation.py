@@ -7,8 +7,7 @@ from typing import Any, Final, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.geometry.packing import pack, unpack
+from contact_tracker.geometry.elements import ContactGeometry, pack, unpack
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment

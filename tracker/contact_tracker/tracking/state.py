@@ -11,10 +11,9 @@ from contact_tracker.formations.online import EMPTY_FORMATION, FormationState
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.birth import uninformed_proposal
-from contact_tracker.hypotheses.birth_proposals import CachedProposals
+from contact_tracker.hypotheses.bank_update import LiveHypotheses
+from contact_tracker.hypotheses.births import CachedProposals, uninformed_proposal
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.view import Key
 from contact_tracker.map.world_map import GrowingMap
@@ -109,7 +108,7 @@ class FilterState(NamedTuple):
         if self.label is None or self.label is Contact.FREE:
             return None
         row = int(self.best_rows[self.label.column])
-        return self.map.pairs.get(int(self.banks[self.label.column].onset[row]))
+        return self.map.pairs.get(int(self.banks[self.label.column].rows["onset"][row]))
 
 
 def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> FilterState:

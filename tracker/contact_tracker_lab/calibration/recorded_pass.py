@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.window import Window

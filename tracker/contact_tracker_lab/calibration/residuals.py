@@ -16,8 +16,8 @@ from scipy.stats import chi2
 
 from contact_tracker.config.parameters import ZERO, Model
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.evidence import residual_noise
-from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import tick_variances
 from contact_tracker.motion.window import Window

@@ -26,12 +26,14 @@ struct OnsetLayout {
 
 // Reference: `contacts.ContactModel`. `needed` is the number of poses that determine the geometry,
 // `lifted` (C,) the entries of a pose that the family uses, `pull` (S,) the precision of the weak prior,
-// `relaxed` the number of starts from relaxed problems.
+// `relaxed` the number of starts from relaxed problems, `moves` (6, C, C) the changes of these entries by
+// small turns and shifts.
 struct Kind {
+    static constexpr int perturbations = 6;
     bool body_in_1;
     double needed, burn_in_ticks;
     std::vector<std::int64_t> lifted;
-    std::vector<double> pull;
+    std::vector<double> pull, moves;
     int relaxed;
     BankLayout where;
     OnsetLayout since;
@@ -60,7 +62,7 @@ inline double log_weight_of(const BankLayout& where, const double* row) {
     return row[where.log_birth_weight] + row[where.log_likelihood];
 }
 
-// Reference: `pruning.within_far_margin`.
+// Reference: `global_search.within_far_margin`.
 inline bool within_far_margin(const BankLayout& where, const double* row) {
     return log_weight_of(where, row) >= -settings.far_nats;
 }
@@ -116,7 +118,7 @@ private:
     std::vector<int> since_;
 };
 
-// Reference: `pruning.is_protected`.
+// Reference: `global_search.is_protected`.
 inline bool is_protected(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.effective_ticks] <= one.own[kind.where.protected_until];
 }

@@ -1,4 +1,4 @@
-// Pruning of hypotheses. Reference: `pruning.prune`.
+// Pruning of hypotheses. Reference: `global_search.prune`.
 #pragma once
 
 #include <limits>
@@ -63,7 +63,7 @@ inline std::vector<std::int64_t> rows_to_keep(const Kind& kind, const Bank& bank
     return rows;
 }
 
-// Reference: `pruning.residual`.
+// Reference: `global_search.residual`.
 inline double residual_of(const Kind& kind, const Bank& bank) {
     double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
     for (int b = 0; b < bank.count(); ++b) {

@@ -12,7 +12,7 @@
 
 namespace kernels {
 
-// Reference: `parameter_layout.Form`; `each` is the number of rows per pose.
+// Reference: `family.Form`; `each` is the number of rows per pose.
 struct FaceFace {
     static constexpr int d1 = 0, q1 = -1, d2 = 3, q2 = -1, h = 6, each = 3;
 };
@@ -25,6 +25,9 @@ struct VertexFace {
 struct EdgeEdge {
     static constexpr int d1 = 0, q1 = 3, d2 = 6, q2 = 9, h = -1, each = 1;
 };
+
+// All families: the kernels are compiled for each of them.
+#define FAMILIES(EACH) EACH(FaceFace) EACH(EdgeFace) EACH(VertexFace) EACH(EdgeEdge)
 
 // Columns [first, end).
 struct Columns {

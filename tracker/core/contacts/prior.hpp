@@ -15,7 +15,7 @@ inline bool is_nothing_known(const Kind& kind, const PerLane<double>& rows) {
                        [&](const double* row) { return is_nothing_known(kind, row); });
 }
 
-// Reference: `quadratic_prior.Prior` of hypotheses, and their `anchors`.
+// Reference: `gauss_newton.Prior` of hypotheses, and their `anchors`.
 //
 // If no element is known `precision` is diagonal, and only the diagonal is set.
 template <class F, class N>
@@ -39,7 +39,7 @@ inline Lanes without_nan(Lanes a, const Lanes& otherwise) {
     return a;
 }
 
-// Reference: `pruning.anchors_of`.
+// Reference: `refit.anchors_of`.
 template <class H, class N>
 void anchor(const Kind& kind, const H& some, N* out) {
     const int first = kind.body_in_1 ? 3 : 0;

@@ -1,5 +1,5 @@
-// Instantiations of the templates that take long to compile; a file for each family, so that they compile
-// in parallel.
+// Instantiations of the templates that take long to compile. CMake makes a file for each family, so that they
+// compile in parallel; it defines HERE as the family's name.
 #pragma once
 
 #include "update/contact_update.hpp"
@@ -23,10 +23,9 @@ namespace kernels {
                                        const Squares<F>&, double* const*);
 
 #ifndef HERE
-HEAVY(extern, Family<FaceFace>)
-HEAVY(extern, Family<EdgeFace>)
-HEAVY(extern, Family<VertexFace>)
-HEAVY(extern, Family<EdgeEdge>)
+#define DECLARE(F) HEAVY(extern, Family<F>)
+FAMILIES(DECLARE)
+#undef DECLARE
 #else
 HEAVY(, Family<HERE>)
 #endif

@@ -1,4 +1,6 @@
 // The Python module `contact_tracker.hypotheses.compiled.kernels`, documented in kernels.pyi.
+#include "evidence/information.hpp"
+#include "evidence/proximity.hpp"
 #include "python/numpy_views.hpp"
 #include "python/read_settings.hpp"
 #include "python/test_bindings.hpp"
@@ -42,11 +44,52 @@ bool is_family(const Form& form, const Sizes& sizes) {
 }
 
 Which which_of(const Form& form, const Sizes& sizes) {
-    if (is_family<Family<FaceFace>>(form, sizes)) return Which::face_face;
-    if (is_family<Family<EdgeFace>>(form, sizes)) return Which::edge_face;
-    if (is_family<Family<VertexFace>>(form, sizes)) return Which::vertex_face;
-    require(is_family<Family<EdgeEdge>>(form, sizes), "kernels know no family of this form and these sizes");
-    return Which::edge_edge;
+#define CHECK(F) \
+    if (is_family<Family<F>>(form, sizes)) return Which::F;
+    FAMILIES(CHECK)
+#undef CHECK
+    throw std::invalid_argument("kernels know no family of this form and these sizes");
+}
+
+// Reference: `observability.information_terms_reference`, of a bank with one hypothesis.
+py::tuple information_of(const Model& model, const Floats& words, const Floats& onsets, const Two& variance) {
+    const Bank bank = bank_of(model, words, onsets);
+    require(bank.count() == 1, "not a single hypothesis");
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        const auto terms = kernels::information_terms<F>(model.kind, bank[0], variance);
+        const auto square = [](const double (&of)[F::P][F::P]) { return Floats({F::P, F::P}, of[0]); };
+        return py::make_tuple(Floats({F::P, F::S}, terms.tangent[0]).attr("T"), square(terms.data),
+                              square(terms.prior), square(terms.noise));
+    });
+}
+
+// Reference: `proximity_prior.proximity_evidence` of a contact with some pairs of `known` elements. Returns
+// the log odds, the gain (2,), and the index and the table rows of the proposals that are kept.
+py::tuple weigh_births(const Model& model, const Floats& words, const Bools& known, const Floats& x,
+                       const Floats& deviation, const TickArrays& window, const Two& beyond,
+                       const BirthLimits& limits) {
+    const Table table = table_of(words, model.words);
+    const auto pairs = static_cast<int>(x.shape(0));
+    require_shape(known, {table.count}, "each proposal is of known elements or not");
+    require(pairs > 0 && std::count(known.data(), known.data() + known.size(), true) == pairs,
+            "the known pairs are not those of the proposals");
+    std::vector<double> log_share;
+    for (int b = 0; b < table.count; ++b) log_share.push_back(table.row(b)[model.kind.where.log_likelihood]);
+    const BirthEvidence found = visit(model, [&](auto family) {
+        using F = decltype(family);
+        require_shape(x, {pairs, F::S}, "known elements are not geometry of this contact");
+        require_shape(deviation, {pairs, F::K, F::P, F::C}, "not the deviations of these elements");
+        return birth_evidence<F>(model.kind, log_share, known.data(), {x.data(), deviation.data(), pairs},
+                                 window.ticks(model, beyond), limits);
+    });
+    Floats kept({static_cast<py::ssize_t>(found.rows.size()), py::ssize_t(model.words)});
+    for (std::size_t i = 0; i < found.rows.size(); ++i) {
+        double* row = kept.mutable_data() + i * model.words;
+        std::copy_n(table.row(static_cast<int>(found.rows[i])), model.words, row);
+        row[model.kind.where.log_prior] = row[model.kind.where.log_likelihood] = found.log_share[i];
+    }
+    return py::make_tuple(found.log_odds, found.gain, Ints(found.rows.size(), found.rows.data()), kept);
 }
 
 }  // namespace
@@ -59,13 +102,24 @@ PYBIND11_MODULE(kernels, module) {
     py::class_<Model>(module, "Model")
         .def(py::init([](const Form& form, const Sizes& sizes, const Words& bank, const Words& onsets,
                          bool body_in_1, double needed, double burn_in_ticks,
-                         std::vector<std::int64_t> lifted, std::vector<double> pull, int relaxed) {
+                         std::vector<std::int64_t> lifted, std::vector<double> pull, const Floats& moves,
+                         int relaxed, int column, int search_interval, const Floats& drawn) {
             const Which which = which_of(form, sizes);
             require(pull.size() == static_cast<std::size_t>(sizes[0]), "not a pull of each of x");
             require(lifted.size() == static_cast<std::size_t>(sizes[1]), "not a column of each of the lift");
-            const Kind kind{body_in_1, needed,  burn_in_ticks,     lifted,
-                            pull,      relaxed, bank_layout(bank), onset_layout(onsets)};
-            return Model{kind, which, bank.first, onsets.first};
+            require_finite(moves, {Kind::perturbations, sizes[1], sizes[1]}, "not the changes of the lift");
+            const Kind kind{body_in_1,
+                            needed,
+                            burn_in_ticks,
+                            lifted,
+                            pull,
+                            {moves.data(), moves.data() + moves.size()},
+                            relaxed,
+                            bank_layout(bank),
+                            onset_layout(onsets)};
+            require(drawn.ndim() == 3 && drawn.shape(0) > 0 && drawn.shape(2) == sizes[0],
+                    "directions are not geometry of this contact");
+            return Model{kind, which, bank.first, onsets.first, column, search_interval, drawn};
         }));
     py::class_<TickArrays, std::shared_ptr<TickArrays>>(module, "Ticks")
         .def(py::init([](Ints number, Floats pose, Floats inverse, Floats variance, Floats excess,
@@ -82,18 +136,9 @@ PYBIND11_MODULE(kernels, module) {
             return EvidenceParameters{
                 {radius_sq, pull, correlation}, prior_predictive_share, likelihood_exponent};
         }));
-    py::class_<TickInput>(module, "TickInput")
-        .def(py::init([](std::vector<std::pair<Floats, Bools>> assumed,
-                         std::vector<std::optional<Floats>> directions, Floats turn, std::int64_t onset,
-                         std::int64_t onset_ns, std::int64_t stamp_ns, std::shared_ptr<TickArrays> window,
-                         std::shared_ptr<TickArrays> before, Floats change, Floats log_stay) {
-            require(window != nullptr, "a tick input has no window");
-            return TickInput{std::move(assumed), std::move(directions),
-                             std::move(turn),    onset,
-                             onset_ns,           stamp_ns,
-                             std::move(window),  std::move(before),
-                             std::move(change),  std::move(log_stay)};
-        }));
     module.def("update", &update_tables);
+    py::class_<BirthLimits>(module, "BirthLimits").def(py::init<double, double, double, int>());
+    module.def("weigh_births", &weigh_births);
+    module.def("information_terms", &information_of);
     parts::add(module.def_submodule("parts"));
 }

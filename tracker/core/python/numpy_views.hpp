@@ -14,24 +14,37 @@
 
 namespace kernels {
 
-enum class Which { face_face, edge_face, vertex_face, edge_edge };
+#define NAME(F) F,
+enum class Which { FAMILIES(NAME) };
+#undef NAME
 
-// A contact model: its parameters, its family, and the words per row of its tables.
+// A contact model: its parameters, its family, the words per row of its tables, its column among the
+// contacts, the ticks from one search to the next, and the sets of random directions `drawn` (D, N, S), used
+// in turn.
 struct Model {
     Kind kind;
     Which which;
-    int words, onset_words;
+    int words, onset_words, column, search_interval;
+    Floats drawn;
+
+    // Reference: `global_search.is_due`.
+    bool is_due(std::int64_t tick) const { return (tick + column) % search_interval == 0; }
+
+    // Reference: `global_search.directions`, in the frame of a body with the orientation `turn` (3, 3).
+    Directions directions(std::int64_t tick, const Floats& turn) const {
+        const double* some = drawn.data(tick % drawn.shape(0), 0, 0);
+        return {some, turn.data(), static_cast<int>(drawn.shape(1))};
+    }
 };
 
 // Call with the family as a compile-time type.
 template <class Function>
 decltype(auto) visit(const Model& model, Function&& function) {
-    switch (model.which) {
-        case Which::face_face: return function(Family<FaceFace>{});
-        case Which::edge_face: return function(Family<EdgeFace>{});
-        case Which::vertex_face: return function(Family<VertexFace>{});
-        default: return function(Family<EdgeEdge>{});
-    }
+#define CASE(F) \
+    case Which::F: return function(Family<F>{});
+    switch (model.which) { FAMILIES(CASE) }
+#undef CASE
+    throw std::logic_error("no family");
 }
 
 // A read-only view of rows of `words` words.
@@ -88,12 +101,5 @@ struct TickArrays {
                 beyond};
     }
 };
-
-inline Directions directions_of(const Model& model, const Floats& x, const Floats& turn) {
-    const int size = visit(model, [](auto family) { return decltype(family)::S; });
-    require(x.ndim() == 2 && x.shape(1) == size, "directions are not geometry of this contact");
-    require_finite(turn, {3, 3}, "a turn is a matrix of finite numbers");
-    return {x.data(), turn.data(), static_cast<int>(x.shape(0))};
-}
 
 }  // namespace kernels

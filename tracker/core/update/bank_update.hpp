@@ -92,15 +92,13 @@ inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t
     return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, kept), leader};
 }
 
-// Reference: `tick_update.TickInput`. `assumed` are the births of each contact, `directions` the random
-// starts of each contact that searches.
+// Reference: the arguments of `bank_update.update`. `assumed` are the births of each contact.
 struct TickInput {
     std::vector<std::pair<Floats, Bools>> assumed;
-    std::vector<std::optional<Floats>> directions;
     Floats turn;
-    std::int64_t onset, onset_ns, stamp_ns;
+    std::int64_t onset, onset_ns;
     std::shared_ptr<TickArrays> window, before;
-    Floats change, log_stay;
+    Floats log_stay;
 };
 
 // Input of the update of one contact's hypotheses by a tick.
@@ -113,7 +111,7 @@ struct ContactTask {
     std::optional<Directions> directions;
 };
 
-// Reference: `tick_update.LiveHypotheses`; free motion, with the onset `now`, is last.
+// Reference: `bank_update.LiveHypotheses`; free motion, with the onset `now`, is last.
 inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::vector<GrowingBank>& growing,
                                  std::int64_t now) {
     py::ssize_t count = 1, b = 0;
@@ -137,7 +135,7 @@ inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::v
     return py::make_tuple(state, onset, log_likelihood);
 }
 
-// Reference: `tick_update.TickWeights`, and the hypotheses kept of each contact.
+// Reference: `bank_update.TickWeights`, and the hypotheses kept of each contact.
 struct BankUpdate {
     std::vector<KeptHypotheses> left;
     Floats entry, log_left, residual;
@@ -160,7 +158,7 @@ inline ContactTask task_for(const Model& model, std::size_t i, const TickInput& 
         add_births<decltype(family)>(model.kind, old, growing.since(), birth, rows, onsets);
     });
     std::optional<Directions> directions;
-    if (input.directions[i]) directions = directions_of(model, *input.directions[i], input.turn);
+    if (model.is_due(input.onset)) directions = model.directions(input.onset, input.turn);
     return {model, old, Bank(model.kind, rows, onsets), ticks, expired, input.log_stay.at(i), directions};
 }
 
@@ -209,13 +207,18 @@ using Tables = std::vector<std::pair<Floats, Floats>>;
 // Update the tables by a tick. `entry` are the log birth weights of the states. Reference:
 // `bank_update.update_reference`.
 inline py::tuple update_tables(const std::vector<const Model*>& models, const Tables& words,
-                               const TickInput& input, std::int64_t number, const Floats& entry,
-                               const std::vector<Two>& beyond, const EvidenceParameters& weights,
-                               double margin) {
-    for (std::size_t size : {words.size(), beyond.size(), input.assumed.size(), input.directions.size()})
+                               std::vector<std::pair<Floats, Bools>> assumed, Floats turn, std::int64_t onset,
+                               std::int64_t onset_ns, std::int64_t number, const Floats& entry,
+                               std::shared_ptr<TickArrays> window, std::shared_ptr<TickArrays> before,
+                               Floats log_stay, const std::vector<Two>& beyond,
+                               const EvidenceParameters& weights, double margin) {
+    for (std::size_t size : {words.size(), beyond.size(), assumed.size()})
         require(size == models.size(), "an entry per contact is missing");
     require(std::count(models.begin(), models.end(), nullptr) == 0, "a contact is None");
+    require(window != nullptr, "there is no window");
     require_shape(entry, {static_cast<py::ssize_t>(models.size()) + 1}, "states do not have one entry each");
+    const TickInput input{std::move(assumed), std::move(turn),    onset, onset_ns, std::move(window),
+                          std::move(before),  std::move(log_stay)};
     std::vector<GrowingBank> growing;  // copies of the tables, with room for all births
     for (std::size_t i = 0; i < models.size(); ++i) {
         const py::ssize_t many = input.assumed[i].first.shape(0);

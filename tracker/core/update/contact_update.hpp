@@ -6,7 +6,7 @@
 
 namespace kernels {
 
-// Reference: `pruning.Birth`. `words` are rows of hypotheses without data; `given` (n, S) marks the given
+// Reference: `births.Birth`. `words` are rows of hypotheses without data; `given` (n, S) marks the given
 // entries of their geometry.
 struct Birth {
     Table words;
@@ -27,7 +27,7 @@ void face(const bool* given, const double* turn, double* x) {
     }
 }
 
-// Reference: `pruning.add`. Adds to a `table` (H + n, words) with `old` rows, and to `onsets`, of which the
+// Reference: `births.add`. Adds to a `table` (H + n, words) with `old` rows, and to `onsets`, of which the
 // first `earlier` exist.
 template <class F>
 void add_births(const Kind& kind, int old, int earlier, const Birth& birth, const Table& table,

@@ -1,7 +1,7 @@
-"""The compiled update of the hypothesis bank: C++ (``tracker/core``), built as the package is installed.
+"""The compiled work of a tick on the hypotheses: C++ (``tracker/core``), built as the package is installed.
 
-Without a compiler its numpy reference, ``bank_update.update_reference``, does the work: some 20 times slower,
-with a warning. The kernels are imported when a tracker starts.
+Without a compiler its numpy references, such as ``bank_update.update_reference``, do the work: some 20 times
+slower, with a warning. The kernels are imported when a tracker starts.
 """
 
 import os

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,65 +9,53 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, vertex_face
 from contact_tracker.contacts.family import Array
 from contact_tracker.hypotheses import gauss_newton, schedule
-from contact_tracker.hypotheses.bank import Bank, Onsets
+from contact_tracker.hypotheses.bank import Bank, Onsets, layout
+from contact_tracker.hypotheses.births import TickInput
 from contact_tracker.hypotheses.compiled import kernels
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.row_layout import layout
+from contact_tracker.hypotheses.global_search import drawn
 from contact_tracker.hypotheses.schedule import burn_in_ticks
-from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.motion.window import Window
 
 Index = NDArray[np.int64]
+information_terms = kernels.information_terms
+weigh_births = kernels.weigh_births
 
 
-class UpdatedRows(NamedTuple):
-    """Result of the kernels' update."""
-
-    words: list[tuple[Array, Array]]
-    """Per contact: the rows kept, and the rows of their onsets."""
-    rows: list[Index]
-    """Per contact: index of the rows kept, among the old ones followed by those that began in the tick."""
-    weighed: tuple[Array, Array, Array, Index, tuple[Index, Index, Array]]
-    """The fields of ``TickWeights``."""
+Update = tuple[
+    list[tuple[Array, Array]],
+    list[Index],
+    tuple[Array, Array, Array, Index, tuple[Index, Index, Array]],
+]
+"""Per contact the rows kept and those of their onsets; per contact the index of the rows kept, among the old
+ones followed by those that began in the tick; and the fields of ``TickWeights``."""
 
 
 def update(
     banks: Sequence[Bank],
     one: TickInput,
-    directions: Sequence[Array | None],
     extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
-) -> UpdatedRows:
-    """Update the rows of all banks and of their onsets by a tick.
-
-    A contact with random ``directions`` (body frame) searches in this tick. The other arguments are those of
-    ``bank_update.update``.
-    """
-    births, before = one.births, ticks_of(one.before) if len(one.before.index) else None
-    given = kernels.TickInput(
+) -> Update:
+    """Update the rows of all banks and of their onsets by a tick; arguments as of ``bank_update.update``."""
+    births = one.births
+    return kernels.update(
+        models(scales.reach_m),
+        [(bank.words, bank.onsets.words) for bank in banks],
         [(begins.rows.words, begins.is_given) for begins in births.proposals],
-        directions,
         births.turn,
         births.onset,
         births.onset_ns,
-        one.stamp_ns,
-        ticks_of(one.window),
-        before,
-        one.log_transition,
-        one.log_survival,
-    )
-    kept = kernels.update(
-        _models(scales.reach_m),
-        [(bank.words, bank.onsets.words) for bank in banks],
-        given,
         births.number,
         births.log_birth_weight,
+        ticks_of(one.window),
+        ticks_of(one.before) if len(one.before.index) else None,
+        one.log_survival,
         extra_variance,
         weights_of(scales),
         margin,
     )
-    return UpdatedRows(*kept)
 
 
 @lru_cache(maxsize=64)
@@ -79,23 +66,32 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
     return kernels.Model(
         tuple(family.FORM),
         (family.SIZE, len(columns), family.ROWS, family.PARAMETERS),
-        (bank.words, bank.first),
-        (onsets.words, onsets.first),
+        _words_of(bank),
+        _words_of(onsets),
         model.body_in_1,
         model.needed,
         burn_in_ticks(model.needed),
         columns,
         (family.SPREAD / reach_m**2).tolist(),
+        model.moves,
         family.starts(np.eye(len(columns))[None]).shape[1],
+        model.contact.column,
+        schedule.SEARCH_INTERVAL,
+        drawn(family.RANDOM_STARTS, family.SIZE),
     )
 
 
+def _words_of(layout: np.dtype[np.void]) -> tuple[int, dict[str, int]]:
+    """Number of words per row, and the first word of each column."""
+    return layout.itemsize // 8, {name: field[1] // 8 for name, field in (layout.fields or {}).items()}
+
+
 @lru_cache(maxsize=8)
-def _models(reach_m: float) -> list[kernels.Model]:
+def models(reach_m: float) -> list[kernels.Model]:
     return [model_of(model, reach_m) for model in CONTACT_MODELS]
 
 
-@lru_cache(maxsize=2)  # of a tick and of the one before
+@lru_cache(maxsize=4)  # of a tick and of the one before; filters may differ in their windows
 def ticks_of(window: Window) -> kernels.Ticks:
     """The kernels' form of a window."""
     return kernels.Ticks(
@@ -121,6 +117,12 @@ def weights_of(scales: EvidenceParameters) -> kernels.EvidenceParameters:
         scales.prior_predictive_share,
         scales.likelihood_exponent,
     )
+
+
+@lru_cache(maxsize=8)
+def birth_limits(any_direction: float, reach_m: float, hopeless: float, most: int) -> kernels.BirthLimits:
+    """The kernels' form of the constants of ``proximity_prior``."""
+    return kernels.BirthLimits(any_direction, reach_m**2, hopeless, most)
 
 
 def _settings() -> dict[str, object]:

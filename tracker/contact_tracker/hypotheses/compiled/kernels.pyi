@@ -38,7 +38,11 @@ class Model:
         burn_in: float,
         lifted: Sequence[int],
         pull: Sequence[float],
+        moves: Numbers,
         relaxed: int,
+        column: int,
+        search_interval: int,
+        drawn: Numbers,
     ) -> None: ...
 
 class Ticks:
@@ -69,29 +73,24 @@ class EvidenceParameters:
         likelihood_exponent: float,
     ) -> None: ...
 
-class TickInput:
-    """A ``tick_update.TickInput``, see ``calls.update``."""
+class BirthLimits:
+    """Constants of ``proximity_prior``: the variance of any direction and of any distance (m^2), the log
+    share below which a birth is left out, and the most known pairs that begin."""
 
-    def __init__(
-        self,
-        assumed: Sequence[tuple[Numbers, Bools]],
-        directions: Sequence[Numbers | None],
-        turn: Numbers,
-        onset: int,
-        onset_ns: int,
-        stamp_ns: int,
-        window: Ticks,
-        before: Ticks | None,
-        change: Numbers,
-        log_stay: Numbers,
-    ) -> None: ...
+    def __init__(self, any_direction: float, any_distance: float, hopeless: float, most: int) -> None: ...
 
 def update(
     models: Sequence[Model],
     words: Sequence[tuple[Numbers, Numbers]],
-    tick: TickInput,
+    births: Sequence[tuple[Numbers, Bools]],
+    turn: Numbers,
+    onset: int,
+    onset_ns: int,
     number: int,
-    entry: Numbers,
+    log_birth_weight: Numbers,
+    window: Ticks,
+    before: Ticks | None,
+    log_stay: Numbers,
     beyond: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
@@ -100,3 +99,16 @@ def update(
     list[Index],
     tuple[Numbers, Numbers, Numbers, Index, tuple[Index, Index, Numbers]],
 ]: ...
+def weigh_births(
+    model: Model,
+    words: Numbers,
+    known: Bools,
+    x: Numbers,
+    deviation: Numbers,
+    window: Ticks,
+    beyond: tuple[float, float],
+    limits: BirthLimits,
+) -> tuple[float, list[float], Index, Numbers]: ...
+def information_terms(
+    model: Model, words: Numbers, onsets: Numbers, variance: Numbers
+) -> tuple[Numbers, Numbers, Numbers, Numbers]: ...

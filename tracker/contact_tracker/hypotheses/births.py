@@ -1,0 +1,363 @@
+"""Births of hypotheses: which elements a new contact may assume, and their rows before any data.
+
+Elements are those that are known, those of the map, or new ones.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.family import directions
+from contact_tracker.geometry.elements import (
+    ContactGeometry,
+    Element,
+    Origins,
+    Pair,
+    Plane,
+    canonical,
+)
+from contact_tracker.hypotheses.bank import Bank, blank
+from contact_tracker.hypotheses.schedule import burn_in_ticks
+from contact_tracker.map.element_prior import PairPrior, by_feet, known_entries, pair_priors
+from contact_tracker.map.map import Map, NamedElement, Up
+from contact_tracker.map.pairs import LearnedPairs, NamedPair, learned_pairs, named_pairs
+from contact_tracker.map.view import Key, MapView
+from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.motion.window import Window
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class BirthProposals:
+    """n hypotheses of one contact that may begin, still without an onset."""
+
+    rows: Bank
+    """(n) hypotheses without data."""
+    is_given: Bools
+    """(n, S) which entries of x their prior fixes, see ``known_entries``."""
+    are_both_known: Bools
+    """(n,) whether their prior has both elements, so that a pose shows whether these touch."""
+
+    @property
+    def count(self) -> int:
+        return len(self.rows)
+
+    @property
+    def log_share(self) -> Array:
+        """Log share (n,) of the contact's birth weight."""
+        return self.rows.log_likelihood
+
+    def sharing(self, log_share: Array) -> "BirthProposals":
+        """A copy with other log shares (n,)."""
+        return replace(self, rows=self.rows.replace_columns(log_prior=log_share, log_likelihood=log_share))
+
+    def pick(self, rows: NDArray[np.generic]) -> "BirthProposals":
+        return BirthProposals(
+            self.rows.pick(np.arange(self.count)[rows]), self.is_given[rows], self.are_both_known[rows]
+        )
+
+
+def make_proposals(
+    model: ContactModel,
+    pairs: Sequence[Pair],
+    near_m: Array | None,
+    log_share: Sequence[float],
+    known_pair_index: Sequence[int],
+    elements_known: Sequence[bool],
+) -> BirthProposals:
+    """One proposal for each of the ``pairs`` of elements.
+
+    Lines of the surroundings are parametrised by their points nearest to ``near_m`` (3,), so that the points
+    are not correlated with the directions. Proposals whose directions the prior leaves open may search, and
+    are protected from pruning during burn-in. The other parameters are columns of ``Bank``.
+    """
+    prior = pair_priors(model, pairs)
+    if near_m is not None:
+        prior = by_feet(model, prior, near_m)
+    both = np.array(elements_known, bool)
+    return with_prior(model, prior, np.array(log_share), np.array(known_pair_index), both, both)
+
+
+def with_prior(
+    model: ContactModel,
+    prior: PairPrior,
+    log_share: Array,
+    known_pair_index: NDArray[np.int64],
+    are_both_known: Bools,
+    elements_known: Bools,
+) -> BirthProposals:
+    """One proposal for each of n priors on x.
+
+    Elements that are known by others than this motion (``elements_known``) cannot follow it.
+    """
+    none, given = blank(model, 0), known_entries(model, prior.mean, prior.information)
+    needs_search = np.asarray(
+        ~given[:, directions(model.family.FORM)].all(axis=1)
+    )  # the rest is a linear problem
+    is_informed = prior.information.any(axis=(1, 2))
+    rows = blank(model, len(given)).replace_columns(
+        prior_index=np.where(is_informed, 1 + np.arange(len(given)), 0),
+        known_pair_index=known_pair_index,
+        elements_known=np.array(elements_known, np.int64),
+        needs_search=needs_search,
+        protected_until=np.where(needs_search, burn_in_ticks(model.needed), 0.0),
+        prior_mean=prior.mean,
+        prior_information=prior.information,
+        line_anchor=prior.line_points_m,
+        log_prior=log_share,
+        log_likelihood=log_share,
+        onset=0,
+    )
+    return BirthProposals(replace(rows, onsets=none.onsets), given, are_both_known)
+
+
+@lru_cache(maxsize=16)
+def uninformed_proposal(model: ContactModel) -> BirthProposals:
+    """A proposal of elements that nothing is known of."""
+    return make_proposals(model, [(None, None)], None, [0.0], [0], [False])
+
+
+class Birth(NamedTuple):
+    """Hypotheses of one contact that begin in a tick.
+
+    Entries of x without prior start from the best hypothesis so far (a face opposite to a known one is
+    parallel to it); in an empty bank they start from fixed directions in the body's frame.
+    """
+
+    proposals: BirthProposals
+    """With the prior of each."""
+    onset: int
+    """Index of the tick."""
+    onset_ns: int
+    """Time at which the tick began."""
+    number: int
+    """Number of the first hypothesis; the others follow."""
+    log_birth_weight: float
+    """Log weight of the contact's birth."""
+    lag_history: Array
+    """(L, 7) probabilities of the states before."""
+    turn: Array
+    """(3, 3) orientation of the body."""
+
+
+class Births(NamedTuple):
+    """A ``Birth`` of each contact, numbered one contact after the other."""
+
+    proposals: tuple[BirthProposals, ...]
+    """Per contact."""
+    onset: int
+    onset_ns: int
+    number: int
+    """Number of the first hypothesis of the first contact."""
+    log_birth_weight: Array
+    """(7,) per state."""
+    lag_history: Array
+    """(7, L, 7) per state."""
+    turn: Array
+    """(3, 3) orientation of the body."""
+
+    @property
+    def total(self) -> int:
+        """Number of births of all contacts."""
+        return sum([len(begins.rows.words) for begins in self.proposals])
+
+    def of(self, column: int) -> Birth:
+        """The births of one contact."""
+        number = self.number + sum(begins.count for begins in self.proposals[:column])
+        when, own = (
+            (self.onset, self.onset_ns, number),
+            (float(self.log_birth_weight[column]), self.lag_history[column]),
+        )
+        return Birth(self.proposals[column], *when, *own, self.turn)
+
+
+def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
+    """The bank with the birth's hypotheses added."""
+    begins, old = birth.proposals, len(bank)
+    if not begins.count:
+        return bank
+    given = begins.is_given
+    words = np.concatenate([bank.words, begins.rows.words])
+    onsets = replace(bank.onsets, words=np.pad(bank.onsets.words, ((0, 1), (0, 0))))
+    onsets.rows["onset"][-1], onsets.rows["onset_ns"][-1] = birth.onset, birth.onset_ns
+    past = joined(bank.lag_history, birth.lag_history, begins.count, np.arange(len(words)))
+    both = Bank(words, bank.layout, onsets, past)
+    new = Bank(words[old:], bank.layout, onsets, past[old:])
+    if old:
+        best = bank.best_row
+        x, new.rows["row_weight"][:] = bank.x[best], bank.row_weight[best]
+    else:
+        x = model.turned(new.rows["x"], birth.turn)
+    new.rows["x"][:] = model.faced(np.where(given, begins.rows.prior_mean, x), given, birth.turn)
+    new.rows["onset"][:] = birth.onset
+    new.rows["number"][:] = birth.number + np.arange(begins.count)
+    new.rows["log_birth_weight"][:] = birth.log_birth_weight
+    return both
+
+
+def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
+    """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``many`` new ones
+    with the common history ``of_new`` (L, 7)."""
+    if not past.shape[1]:
+        return np.empty((len(rows), *past.shape[1:]))
+    return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
+
+
+class TickInput(NamedTuple):
+    """Input of the update by one tick."""
+
+    births: Births
+    """Hypotheses that begin with the tick."""
+    window: Window
+    """The latest ticks, this one included."""
+    before: Window
+    """The window before this tick."""
+    log_survival: Array
+    """(7,) log probabilities of staying in each state through it."""
+
+
+CELL_M: Final = 0.25
+"""Known lines are parametrised again when the body has moved to another cell of this size."""
+
+
+class Frame(NamedTuple):
+    """Origins of the hypotheses' coordinates in the world and in the body frame, and the cell in which the
+    body is from the first (m)."""
+
+    world_m: tuple[float, ...]
+    body_m: tuple[float, ...]
+    near_m: tuple[float, ...]
+
+    @classmethod
+    def around(cls, origins: Origins, place_m: Array) -> "Frame":
+        """The frame with the body at ``place_m`` from the origin."""
+        cell_m = (CELL_M * np.round(place_m / CELL_M)).tolist()
+        return cls(tuple(origins.world_m.tolist()), tuple(origins.body_m.tolist()), tuple(cell_m))
+
+
+class CachedProposals(NamedTuple):
+    """Proposals with what they were computed from: the map without the sightings ``left_out``, the pair that
+    touches already, and the frame."""
+
+    map: GrowingMap
+    left_out: tuple[int, ...]
+    current: tuple[Key, Key] | None
+    frame: Frame | None
+    proposals: BirthProposals
+
+
+def propose_births(
+    model: ContactModel, known_map: Map, view: MapView | None, incident_share: float, frame: Frame
+) -> BirthProposals:
+    """Proposals of a contact for the next tick. Their shares add up to one, unless there are none.
+
+    Where the ``known_map`` leaves both elements open, they may be of the map. The elements of the map were
+    estimated from the motion at other times, so all that is known of them is in the prior, and free motion is
+    as predictable as for a new contact. ``incident_share`` is the prior probability that they are those of
+    the last contact, or incident with these, where the contact needs elements of other kinds.
+    """
+    known, near = named_pairs(known_map, model), _near_lines(model, frame)
+    if not known:
+        return uninformed_proposal(model).pick(np.zeros(0, np.int64))
+    near_m = np.array(frame.near_m)
+    pairs, log_share = (
+        [one.pair(frame.world_m, frame.body_m) for one in known],
+        [one.log_share for one in known],
+    )
+    number, is_known = list(range(len(known))), [one.is_certain for one in known]
+    found: LearnedPairs | None = None
+    is_open = [one.object is None and one.environment is None for one in known]
+    if view is not None and any(is_open):
+        whole, first = log_share[is_open.index(True)], is_open.index(True)
+        beside = view.incident_pair(model, near_m)
+        if beside is not None and incident_share:
+            pairs.append(beside)
+            number.append(first)
+            is_known.append(False)
+            log_share.append(whole + np.log(incident_share))
+            whole += np.log1p(-incident_share)
+        log_p_new, found = learned_pairs(view, model, near_m)
+        log_share[first] = whole + log_p_new
+        log_share += (whole + found.log_share).tolist()
+        number += [first] * len(found.log_share)
+    prior, elements_known = pair_priors(model, pairs), is_known
+    if near is not None:
+        prior = by_feet(model, prior, near_m)
+    if found is not None:
+        prior, is_known = prior.and_(found.prior), [*is_known, *found.are_both_known.tolist()]
+        elements_known = [*elements_known, *([False] * len(found.log_share))]
+    return with_prior(
+        model, prior, np.array(log_share), np.array(number), np.array(is_known), np.array(elements_known)
+    )
+
+
+def _near_lines(model: ContactModel, frame: Frame) -> tuple[float, ...] | None:
+    """Where lines of the surroundings are parametrised; None for contacts without one."""
+    return frame.near_m if model.contact.value[2] == "e" else None
+
+
+def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame: Frame) -> BirthProposals:
+    """Proposals of a contact with elements that were ``measured`` otherwise than by motion (object in the
+    body frame, surroundings in the world frame), where the map does not give them.
+
+    Of a measured normal of the surroundings and the direction up, the more certain one counts.
+    """
+    ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
+    if known_map.up is not None and theirs is not None and not _is_surer_than_up(theirs, known_map.up):
+        theirs = None
+    known, near_m = named_pairs(known_map, model), _near_lines(model, frame)
+    return make_proposals(
+        model,
+        [_with(one, ours, theirs).pair(frame.world_m, frame.body_m) for one in known],
+        None if near_m is None else np.array(near_m),
+        [one.log_share for one in known],
+        range(len(known)),
+        [one.is_certain for one in known],
+    )
+
+
+def _is_surer_than_up(measured: NamedElement, up: Up) -> bool:
+    """Whether a measured face has a smaller deviation than faces that point up; other elements have none."""
+    element = measured.element
+    if not isinstance(element, Plane) or element.covariance is None:
+        return True
+    return bool(np.trace(element.covariance[:3, :3]) < 2.0 * up.spread_rad**2)
+
+
+def _with(known: NamedPair, object: NamedElement | None, environment: NamedElement | None) -> NamedPair:
+    """``known`` with these elements where it leaves them open."""
+    theirs = known.environment or environment
+    return NamedPair(known.object or object, theirs, known.log_share, None if theirs else known.up)
+
+
+def named(geometry: ContactGeometry, known: NamedPair) -> ContactGeometry:
+    """The geometry of a hypothesis that assumes ``known``, with the names in the map."""
+    faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
+    return ContactGeometry(
+        _named(geometry.object, known.object, faces), _named(geometry.environment, known.environment, faces)
+    )
+
+
+def _named(element: Element, known: NamedElement | None, faces: bool) -> Element:
+    """The element with its name. If both are ``faces``, motion does not show the offset: take the known
+    one."""
+    if known is None:
+        return canonical(element)
+    if faces and isinstance(element, Plane) and isinstance(known.element, Plane):
+        assert element.covariance is not None
+        assert known.element.covariance is not None
+        covariance = np.zeros((4, 4))
+        covariance[:3, :3] = element.covariance[:3, :3]
+        covariance[3, 3] = known.element.covariance[3, 3]
+        side = 1.0 if element.normal @ known.element.normal > 0 else -1.0
+        normal, offset_m = side * element.normal, known.element.offset_m
+        return Plane(normal, offset_m, covariance, element.unobserved, known.name)
+    return replace(element, name=known.name)

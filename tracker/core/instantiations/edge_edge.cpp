@@ -1,3 +1,0 @@
-// Instantiations for edge-edge contacts.
-#define HERE EdgeEdge
-#include "instantiations/instantiations.hpp"

@@ -1,3 +1,0 @@
-// Instantiations for edge-face contacts.
-#define HERE EdgeFace
-#include "instantiations/instantiations.hpp"

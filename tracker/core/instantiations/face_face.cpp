@@ -1,3 +1,0 @@
-// Instantiations for face-face contacts.
-#define HERE FaceFace
-#include "instantiations/instantiations.hpp"

@@ -1,3 +1,0 @@
-// Instantiations for vertex-face contacts.
-#define HERE VertexFace
-#include "instantiations/instantiations.hpp"
