@@ -223,24 +223,6 @@ def test_poses_that_are_relative_to_another_body(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
 
 
-@pytest.fixture(scope="module")
-def world_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("world") / "log.mcap", wrench_topic(IN_WORLD, "world"))
-
-
-def test_segments_are_those_of_wrenches_in_the_world(
-    tmp_path: Path, world_log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    frames = CHAINS["on an arm"]
-    path = write(tmp_path / "log.mcap", wrench_topic(in_frame(*frames), "ft"), *frames)
-    printed = []
-    for name in (world_log, path):
-        assert run(["segment", str(name), "--topic", "/object/pose", "--wrench", "/wrench", "-q"]) == 0
-        printed.append(capsys.readouterr().out)
-    assert printed[0] == printed[1]
-    assert "v-f" in printed[0]
-
-
 def test_a_frame_that_is_not_connected_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), static("tool0", "ft"))
     with pytest.raises(UsageError, match=r"frame ft, and no transforms .* object \(object\) or of its poses"):

@@ -49,7 +49,7 @@ from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
 from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_truth, read_wrenches
-from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
+from contact_tracker.recording.wrenches import RecordedEvidence, evidence_of
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
