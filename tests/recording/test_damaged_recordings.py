@@ -148,21 +148,6 @@ def test_after_lost_framing_reading_continues_by_the_index(tmp_path: Path, byte:
     assert found.stamp_ns[-1] == poses.stamp_ns[-1]
 
 
-def test_messages_of_a_channel_that_nothing_describes_are_counted(tmp_path: Path) -> None:
-    poses, late = smooth_poses(30), smooth_poses(40, start_ns=START_NS + 10**10)
-    topics = [poses_topic(poses), poses_topic(late, name="/other")]
-    path = write_log(
-        tmp_path / "a.mcap", topics, compression=CompressionType.NONE, enable_crcs=False, **INDEX_LESS
-    )
-    data = bytearray(path.read_bytes())
-    struct.pack_into("<H", data, data.index(b"/other") - 8, 77)  # the number of another channel
-    path.write_bytes(data)
-    found, damage = read(path)
-    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
-    assert damage is not None
-    assert "40 messages of channels whose description is missing" in damage
-
-
 def _claiming(path: Path, opcode: int, size: int, records: bytes) -> Path:
     """A valid recording with a chunk of ``size`` bytes of repeated ``records``."""
     poses, raw = smooth_poses(100), records * (size // len(records))

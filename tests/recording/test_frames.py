@@ -188,27 +188,6 @@ def test_bad_poses_of_the_parent_are_left_out(tmp_path: Path) -> None:
     assert log.counts == {"bad_parent": 1}
 
 
-def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
-    topics = [
-        tf(FLANGE, "world", "flange"),
-        tf([MOUNT], "flange", "camera", "/tf_static"),
-        poses_topic(OBJECT, frame="camera"),
-    ]
-    path = str(write_log(tmp_path / "a.mcap", topics))
-    for which, meant in (
-        ({"topic": "/objct/pose"}, "/object/pose"),
-        ({"topic": "object/pose"}, "/object/pose"),
-        ({"frame": "Flange"}, "flange"),
-        ({"frame": "world->flagne"}, "world->flange"),
-        ({"frame": "fla"}, "flange"),
-        ({"topic": "/object/pose", "relative_to": "wrold"}, "world"),
-    ):
-        with pytest.raises(ChoiceError, match=rf"; did you mean {meant}\?$"):
-            open_log(path, **which)
-    with pytest.raises(ChoiceError, match=r"no topic /x; there is /tf, /tf_static, /object/pose$"):
-        open_log(path, topic="/x")
-
-
 @pytest.mark.parametrize("which", [{"frame": "object"}, {"topic": "/p"}])
 def test_a_frame_that_may_move_is_named(tmp_path: Path, which: dict[str, str]) -> None:
     path = write_log(

@@ -13,8 +13,6 @@ import pytest
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 
-from contact_tracker import Trajectory
-from contact_tracker.cli.main import run
 from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
@@ -594,25 +592,6 @@ def test_dates_in_parquet(tmp_path: Path, zone: str | None) -> None:
     numbers = dict(zip(names, columns(POSES)[:, 1:].T, strict=True))
     write_parquet(tmp_path / "a.parquet", {"t": time, **numbers})
     assert_read(tmp_path / "a.parquet")
-
-
-def test_rows_out_of_order_are_reported_with_the_remedy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "a.csv"
-    rows = np.random.default_rng(0).permutation(columns(POSES))
-    np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
-    log = open_log(str(path))
-    kept = len(Poses.collect(log))
-    assert log.remarks == ()
-    assert log.loss is not None
-    assert log.loss.endswith(
-        "sort them by time; if they are of several bodies, record each on a topic of its own"
-    )
-    assert run(["info", str(path)]) == 3
-    assert log.loss in capsys.readouterr().err
-    found = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
-    assert (len(found), found.damage) == (kept, log.loss)
 
 
 @pytest.mark.parametrize("separator", [";", "\t", " "])

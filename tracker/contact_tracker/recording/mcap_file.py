@@ -14,7 +14,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from io import BytesIO
 from itertools import chain, pairwise, repeat
-from typing import IO, Final, NamedTuple, cast
+from typing import IO, Any, Final, NamedTuple, cast
 
 import numpy as np
 import zstandard
@@ -22,7 +22,6 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
 from contact_tracker.errors import UnreadableRecording
@@ -173,6 +172,14 @@ def payload_stream(payload: bytes) -> ReadDataStream:
 
 _FOOTER: Final = struct.Struct("<BQQQI")
 """Footer record: opcode, length, start of the index, start of the offsets in it, checksum."""
+_OF_INDEX: Final[Mapping[int, Any]] = {
+    Opcode.STATISTICS: records.Statistics,
+    Opcode.SCHEMA: records.Schema,
+    Opcode.CHANNEL: records.Channel,
+    Opcode.CHUNK_INDEX: records.ChunkIndex,
+    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex,
+    Opcode.METADATA_INDEX: records.MetadataIndex,
+}
 
 
 class Place(NamedTuple):
@@ -229,12 +236,20 @@ def _read(file: IO[bytes]) -> Summary | None:
         return None
     end = file.seek(-_FOOTER.size - len(MAGIC), os.SEEK_END)
     opcode, _, start, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
-    if opcode != Opcode.FOOTER or not 0 < start <= end or end - start > RECORD_LIMIT:
+    if opcode != Opcode.FOOTER or file.read() != MAGIC or not 0 < start <= end <= start + RECORD_LIMIT:
         return None
     file.seek(start)
-    summary = Summary()
-    for record in StreamReader(BytesIO(file.read()), skip_magic=True, emit_chunks=True).records:
-        match record:
+    data, at, summary = file.read(end - start), 0, Summary()
+    while at < len(data):
+        opcode, length = RECORD_HEAD.unpack_from(data, at)
+        at += RECORD_HEAD.size + length
+        if at > len(data):
+            raise ValueError("a record is longer than its file")
+        if opcode == Opcode.SUMMARY_OFFSET or opcode >= FIRST_UNKNOWN:
+            continue
+        if opcode not in _OF_INDEX:
+            return None
+        match record := _OF_INDEX[opcode].read(payload_stream(data[at - length : at])):
             case records.Statistics():
                 summary.statistics = record
             case records.Schema():
@@ -247,10 +262,6 @@ def _read(file: IO[bytes]) -> Summary | None:
                 summary.attachment_indexes.append(record)
             case records.MetadataIndex():
                 summary.metadata_indexes.append(record)
-            case records.SummaryOffset() | records.Footer():
-                pass
-            case _:
-                return None
     return summary
 
 

@@ -88,9 +88,11 @@ def _chain(known: Mapping[PoseSource, list[Logged]], frame_id: str, source: Pose
     return FrameChain(along, in_object, True, known)
 
 
-def _frame_poses(path: str, found: FrameChain, logged: "_LoggedWrenches") -> tuple[Poses, Counter[str]]:
-    """Poses of the frame that a chain leads to, at the stamps of wrenches at which they are known; and what
-    was counted."""
+def _frame_poses(
+    path: str, found: FrameChain, stamp_ns: NDArray[np.int64], logged_ns: NDArray[np.int64]
+) -> tuple[Poses, Counter[str]]:
+    """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches at which they are known; and
+    what was counted. ``logged_ns`` (N,) is when each was logged."""
     steps = found.steps
     assert steps is not None
     wrench = PoseSource("", _WRENCH, "", _WRENCH)
@@ -99,8 +101,8 @@ def _frame_poses(path: str, found: FrameChain, logged: "_LoggedWrenches") -> tup
     composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, decoder.assumed, BATCH)
     composer.learn(found.known)
     origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-    order = logged.logged_ns.argsort(kind="stable")  # stamps may be in another order
-    stamps_ns, times_ns = logged.wrenches.stamp_ns[order].tolist(), logged.logged_ns[order].tolist()
+    order = logged_ns.argsort(kind="stable")  # stamps may be in another order
+    stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
     wrenches = ((wrench, Pose(at_ns, *origin), ns) for at_ns, ns in zip(stamps_ns, times_ns, strict=True))
     transforms = (one for one in decoder.poses(reading) if one is not None)
     merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda one: one[2])
@@ -199,8 +201,9 @@ def read_wrenches(
     dropped += len(stamps) - len(found)
     if not len(found):
         raise InputError(f"{path}: no wrench on {topic} is finite")
-    logged = _LoggedWrenches(found, np.array(stamps, np.int64), np.array(log_times, np.int64))
-    placed = _about_body(path, topic, frame_id, source, poses, logged)
+    every_ns, first = np.unique(np.array(stamps, np.int64), return_index=True)
+    logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
+    placed = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
     return WrenchLog(
         placed.wrenches,
         dropped,
@@ -220,25 +223,17 @@ class _Placed(NamedTuple):
     bad_transforms: int = 0
 
 
-class _LoggedWrenches(NamedTuple):
-    """Wrenches in their own frame, and the log times of all stamps on their topic."""
-
-    wrenches: Wrenches
-    stamp_ns: NDArray[np.int64]
-    log_time_ns: NDArray[np.int64]
-
-    @property
-    def logged_ns(self) -> NDArray[np.int64]:
-        """When each wrench was logged."""
-        stamps, first = np.unique(self.stamp_ns, return_index=True)
-        return self.log_time_ns[first[stamps.searchsorted(self.wrenches.stamp_ns)]]
-
-
 def _about_body(
-    path: str, topic: str, frame_id: str, source: PoseSource, poses: Poses, logged: _LoggedWrenches
+    path: str,
+    topic: str,
+    frame_id: str,
+    source: PoseSource,
+    poses: Poses,
+    found: Wrenches,
+    logged_ns: NDArray[np.int64],
 ) -> _Placed:
     """The wrenches about the body's origin and in its axes; raises as ``read_wrenches``."""
-    found, body, parent = logged.wrenches, source.child_frame_id, source.frame_id
+    body, parent = source.child_frame_id, source.frame_id
     if not frame_id:
         return _Placed(found, "in no frame that is named: taken as the object's")
     if body and frame_name(frame_id) == frame_name(body):
@@ -250,7 +245,7 @@ def _about_body(
         if body or chain.is_in_tree:
             raise ChoiceError(_unconnected(path, topic, frame_id, source))
         return _Placed(found, f"in the frame {frame_id}, which no transform names: taken as the object's")
-    poses_of_frame, counts = _frame_poses(path, chain, logged)
+    poses_of_frame, counts = _frame_poses(path, chain, found.stamp_ns, logged_ns)
     start, topics = body if chain.in_object else parent, ", ".join(sorted(chain.steps.topics))
     if not len(poses_of_frame):
         raise InputError(
