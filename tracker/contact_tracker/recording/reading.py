@@ -281,7 +281,6 @@ class Reading:
             chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
             pieces = ((chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks)
         elif self._is_unsorted_without_chunks(part, summary):
-            stream.seek(0)
             pieces = ((0, [item]) for item in loop)
         else:
             stream.seek(0)
@@ -290,6 +289,7 @@ class Reading:
         others: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
         for entry in others:
             yield from loop.items_at(place_of(entry))
+        stream.seek(0)
         yield from in_log_order(pieces)
         assert summary.statistics is not None
         if loop.damage.text is None and (lost := summary.statistics.message_count - loop.messages) > 0:
