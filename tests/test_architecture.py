@@ -60,7 +60,7 @@ SINGLE_IMPORTER = {
     "matplotlib": "exports/figure.py",
     "pandas": ("exports/columns.py", "api/offline.py"),
     "plotly": "exports/report_html.py",
-    "pyarrow": ("exports/parquet.py", "recording/parquet_rows.py"),  # output and input
+    "pyarrow": ("exports/parquet.py", "recording/binary_tables.py"),  # output and input
     "shtab": "cli/main.py",
     "tqdm": "cli",
     "argparse": "cli",

@@ -17,7 +17,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
-from contact_tracker.recording.pose_fields import POSE_TYPES
+from contact_tracker.recording.decoding import POSE_TYPES
 from contact_tracker.states import Contact
 from page_steps import FENCED, Step, carried_out, steps
 

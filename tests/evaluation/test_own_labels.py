@@ -12,7 +12,7 @@ from contact_tracker.cli.main import run
 from contact_tracker.errors import ChoiceError, NoTruth
 from contact_tracker.ground_truth import Truth
 from contact_tracker.recording import read_labels
-from contact_tracker.recording.labels import meanings_of
+from contact_tracker.recording.annotations import meanings_of
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker_lab.evaluation.metrics import tally
 from contact_tracker_lab.evaluation.scoring import scoring

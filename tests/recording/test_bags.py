@@ -18,10 +18,9 @@ from test_message_formats import NAME, POSES, assert_read, cdr_pose, humble
 from contact_tracker.errors import ChoiceError, NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
-from contact_tracker.recording.bags import read_rosbag1
+from contact_tracker.recording.bags import read_bag
 from contact_tracker.recording.bytestream import WorkBudget
-from contact_tracker.recording.reading import read_bag
-from mcap_logs import START_NS, poses_topic, smooth_poses, write_log
+from mcap_logs import START_NS, poses_topic, write_log
 
 rosbags = pytest.importorskip("rosbags")
 
@@ -183,52 +182,6 @@ def test_the_decompressed_size_of_bags_is_limited(tmp_path: Path, compression: s
         assert (reason in str(raised.value)) != is_small
 
 
-def test_an_index_that_names_one_chunk_again_and_again_reads_it_once(tmp_path: Path) -> None:
-    path = write_rosbag1(tmp_path / "a.bag", "BZ2")
-    whole = path.read_bytes()
-    info_at = next(at for at in range(len(whole) - 8, 0, -1) if _is_last_record(whole, at))
-    count_at = whole.index(b"chunk_count=") + len(b"chunk_count=")
-    counted = whole[:count_at] + struct.pack("<I", 2000) + whole[count_at + 4 :]
-    path.write_bytes(counted + whole[info_at:] * 1999)
-    assert_read(path)
-
-
-def test_chunks_within_chunks_are_not_read(tmp_path: Path) -> None:
-    """An index may name a chunk and a part of it: each byte is read once."""
-
-    def chunk(data: bytes) -> bytes:
-        return bag_record(data, op=b"\x05", compression=b"none", size=struct.pack("<I", len(data)))
-
-    def about(place: int, second: int) -> bytes:
-        begin = struct.pack("<II", second, 0)
-        return bag_record(
-            b"", op=b"\x06", ver=struct.pack("<I", 1), chunk_pos=struct.pack("<Q", place), start_time=begin
-        )
-
-    def head(index_pos: int) -> bytes:
-        numbers = {"index_pos": struct.pack("<Q", index_pos), "conn_count": bytes(4)}
-        return b"#ROSBAG V2.0\n" + bag_record(b"", op=b"\x03", **numbers, chunk_count=struct.pack("<I", 2))
-
-    inner = chunk(connection_record())
-    outer = chunk(inner)
-    place = len(head(0))
-    infos = about(place + len(outer) - len(inner), 1) + about(place, 2)
-    path = tmp_path / "a.bag"
-    path.write_bytes(head(place + len(outer)) + outer + infos)
-    reported = list[str]()
-    assert list(read_rosbag1(str(path), lambda _: True, reported.append, WorkBudget())) == []
-    assert reported == [f"the chunk at byte {place} is part of another one: no more are read"]
-
-
-def _is_last_record(data: bytes, at: int) -> bool:
-    """Whether the record at this offset is an index record that ends the file."""
-    (head,) = struct.unpack_from("<I", data, at)
-    if at + head + 8 > len(data):
-        return False
-    (size,) = struct.unpack_from("<I", data, at + 4 + head)
-    return at + 8 + head + size == len(data) and b"op=\x06" in data[at : at + 4 + head]
-
-
 def test_bags_that_are_encrypted_or_of_other_versions_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.bag"
     head = bag_record(b" ", op=b"\x03", index_pos=bytes(8), encryptor=b"rosbag/AesCbcEncryptor")
@@ -329,16 +282,6 @@ def test_schemas_that_are_no_text_are_named(tmp_path: Path) -> None:
             read(str(path))
 
 
-def test_topics_without_a_name_are_counted(tmp_path: Path) -> None:
-    path = write_sqlite(tmp_path / "bag")
-    with closing(sqlite3.connect(path)) as file:
-        file.execute("update topics set name = null where id = 2")
-        file.commit()
-    summary = summarise(str(path))
-    assert "it is damaged: 1 of its topics cannot be read" in summary.damage
-    assert [source.poses for source in summary.sources] == [len(POSES)]
-
-
 @pytest.mark.parametrize(
     ("compression", "damaged", "message"),
     [
@@ -353,21 +296,6 @@ def test_damaged_chunks_are_named(
     whole = path.read_bytes()
     path.write_bytes(damaged(whole))
     assert path.read_bytes() != whole
-    with pytest.raises(UnreadableRecording, match=message):
-        open_log(str(path))
-
-
-@pytest.mark.parametrize(
-    ("begin", "message"),
-    [
-        (b"\x1f\x8b\x08\0", "it is compressed: gunzip a.mcap first"),
-        (b"\x04\x22\x4d\x18", "it is compressed: lz4 -d a.mcap first"),
-        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
-    ],
-)
-def test_a_file_that_shadows_a_recording_is_named(tmp_path: Path, begin: bytes, message: str) -> None:
-    path = tmp_path / "a.mcap"
-    path.write_bytes(begin)
     with pytest.raises(UnreadableRecording, match=message):
         open_log(str(path))
 
@@ -394,12 +322,6 @@ def test_bags_need_no_library(tmp_path: Path, name: str, monkeypatch: pytest.Mon
     for module in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
         monkeypatch.setitem(sys.modules, module, None)
     assert len(Poses.collect(open_log(str(path)))) == len(POSES)
-
-
-def test_many_poses_are_read_in_columns(tmp_path: Path) -> None:
-    many = smooth_poses(20_000)
-    found = Poses.join(list(open_log(str(write_sqlite(tmp_path, many))).batches()))
-    np.testing.assert_array_equal(found.stamp_ns, many.stamp_ns)
 
 
 def varint(number: int) -> bytes:

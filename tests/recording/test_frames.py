@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import AmbiguousSource, ChoiceError
@@ -109,14 +107,6 @@ def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
     )
 
 
-def test_a_static_transform_at_the_end(tmp_path: Path) -> None:
-    """Stamps are those of the last moving transform."""
-    topics = [tf(OBJECT, "world", "marker"), tf([MOUNT], "marker", "object", "/tf_static")]
-    found = Poses.collect(open_log(str(write_log(tmp_path / "a.mcap", topics)), frame="world->object"))
-    mount, seen = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw)), by(OBJECT)
-    assert_is(found, OBJECT.stamp_ns, lambda i, t: seen[i] @ mount)
-
-
 def test_relative_to_a_frame(tmp_path: Path) -> None:
     """A PoseStamped in the camera's frame is transformed to the world."""
     topics = [
@@ -198,33 +188,6 @@ def test_bad_poses_of_the_parent_are_left_out(tmp_path: Path) -> None:
     assert log.counts == {"bad_parent": 1}
 
 
-def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
-    topics = [
-        tf(FLANGE, "world", "flange"),
-        tf([MOUNT], "flange", "camera", "/tf_static"),
-        poses_topic(OBJECT, frame="camera"),
-    ]
-    path = str(write_log(tmp_path / "a.mcap", topics))
-    for which, meant in (
-        ({"topic": "/objct/pose"}, "/object/pose"),
-        ({"topic": "object/pose"}, "/object/pose"),
-        ({"frame": "Flange"}, "flange"),
-        ({"frame": "world->flagne"}, "world->flange"),
-        ({"frame": "fla"}, "flange"),
-        ({"topic": "/object/pose", "relative_to": "wrold"}, "world"),
-    ):
-        with pytest.raises(ChoiceError, match=rf"; did you mean {meant}\?$"):
-            open_log(path, **which)
-    with pytest.raises(ChoiceError, match=r"no topic /x; there is /tf, /tf_static, /object/pose$"):
-        open_log(path, topic="/x")
-
-
-def test_published_transforms_are_not_composed(tmp_path: Path) -> None:
-    path = str(write_arm(tmp_path / "a.mcap"))
-    found = Poses.collect(open_log(path, frame="camera->object"))
-    np.testing.assert_array_equal(found.position_m, OBJECT.position_m)
-
-
 @pytest.mark.parametrize("which", [{"frame": "object"}, {"topic": "/p"}])
 def test_a_frame_that_may_move_is_named(tmp_path: Path, which: dict[str, str]) -> None:
     path = write_log(
@@ -263,16 +226,6 @@ def test_missing_chains_are_refused(tmp_path: Path) -> None:
         open_log(path, relative_to="world")
 
 
-def test_stdin_and_growing_files_do_not_wait_longer_than_needed(tmp_path: Path) -> None:
-    """Each pose is yielded as soon as the next transform has arrived."""
-    path = write_arm(tmp_path / "a.mcap")
-    from contact_tracker.recording import Follow
-
-    follow = Follow()
-    found = Poses.collect(open_log(str(path), frame="world->object", follow=follow))
-    np.testing.assert_array_equal(found.stamp_ns, OBJECT.stamp_ns)
-
-
 @pytest.mark.parametrize("follow", [False, True])
 def test_a_pose_with_a_leading_stamp_does_not_delay_others(tmp_path: Path, follow: bool) -> None:
     from contact_tracker.recording import Follow
@@ -289,25 +242,6 @@ def test_a_pose_with_a_leading_stamp_does_not_delay_others(tmp_path: Path, follo
     log = open_log(str(path), frame="world->o", follow=Follow() if follow else None)
     assert len(Poses.collect(log)) == len(body)
     assert log.counts == {"no_parent": 1}
-
-
-def test_known_definitions_along_a_chain_are_counted(tmp_path: Path) -> None:
-    """Both those of the body and of its parent."""
-    chain = write_log(
-        tmp_path / "a.mcap", [joined(tf(smooth_poses(40), "world", "arm")), tf([MOUNT], "arm", "cup")]
-    )
-    path = tmp_path / "b.mcap"
-    with chain.open("rb") as file, path.open("wb") as undefined:
-        writer = Writer(undefined)
-        writer.start()
-        channel = writer.register_channel("/tf", "cdr", writer.register_schema(TF, "", b""))
-        for _, _, message in make_reader(file).iter_messages():
-            writer.add_message(channel, message.log_time, message.data, message.log_time)
-        writer.finish()
-    log = open_log(str(path), frame="world->cup")
-    Poses.collect(log)
-    assert log.counts["known_definition"] == 41
-    assert log.remarks == (f"41 poses are read by the known definition of {TF}: the file does not define it",)
 
 
 def test_ambiguous_sources_come_with_a_hint_on_composition(tmp_path: Path) -> None:

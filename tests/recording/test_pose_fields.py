@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace as Message
 
-from contact_tracker.recording.pose_fields import poses_at
+from contact_tracker.recording.decoding import poses_at
 
 
 def detection(name: str, x: float) -> Message:

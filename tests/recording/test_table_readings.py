@@ -21,7 +21,6 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from mcap_logs import smooth_poses
-from motive_export import write_motive
 
 POSES = smooth_poses(120)
 SINCE_NS = POSES.stamp_ns - POSES.stamp_ns[0]
@@ -122,13 +121,6 @@ SHARES: dict[str, Writer] = {
 @pytest.mark.parametrize("share", SHARES)
 def test_text_exports_whose_names_say_what_they_are(tmp_path: Path, share: str) -> None:
     assert_read(SHARES[share](tmp_path / "a.csv"))
-
-
-def test_names_of_motive_may_be_in_lower_case(tmp_path: Path) -> None:
-    path = write_motive(tmp_path / "take.csv", POSES, POSES)
-    path.write_text(path.read_text(encoding="utf-8-sig").lower())
-    for options in ([], ["--unit", "mm"]):
-        assert_read(path, *options, frame="cup")
 
 
 def test_json_lines(tmp_path: Path) -> None:

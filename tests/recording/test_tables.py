@@ -13,8 +13,6 @@ import pytest
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 
-from contact_tracker import Trajectory
-from contact_tracker.cli.main import run
 from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
@@ -102,13 +100,6 @@ def test_units_are_those_of_the_names(tmp_path: Path) -> None:
     assert_read(tmp_path / "a.csv")
 
 
-def test_a_table_named_mcap_is_refused_with_the_remedy(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n")
-    with pytest.raises(UnreadableRecording, match=r"not an MCAP file; if it is a table, name it \.csv$"):
-        open_log(str(path))
-
-
 @pytest.mark.parametrize(
     ("names", "message"),
     [
@@ -134,26 +125,6 @@ def test_units_that_are_unknown_or_mixed_are_refused(tmp_path: Path, names: str,
 
 
 @pytest.mark.parametrize(
-    ("time", "unit", "metres"),
-    [
-        ("t", "m", 1.0),
-        ("elapsed_s", "cm", 1e-2),
-        ("elapsed", "um", 1e-6),
-        ("sec", "\u00b5m", 1e-6),
-        ("time [second]", "mm", 1e-3),
-        ("time (UTC)", "mm", 1e-3),
-    ],
-)
-def test_units_and_times_of_many_names(tmp_path: Path, time: str, unit: str, metres: float) -> None:
-    path = tmp_path / "a.csv"
-    names = (time, *(f"{axis} [{unit}]" for axis in "xyz"), *NAMES[3:])
-    path.write_text(f"{','.join(names)}\n0,1,2,3,0,0,0,1\n0.1,1,2,3,0,0,0,1\n")
-    found = Poses.collect(open_log(str(path)))
-    np.testing.assert_allclose(found.position_m, np.array([[1, 2, 3]] * 2) * metres)
-    np.testing.assert_array_equal(found.stamp_ns, [0, 10**8])
-
-
-@pytest.mark.parametrize(
     ("name", "step", "text"),
     [
         (
@@ -170,13 +141,6 @@ def test_times_of_impossible_rates_are_reported(tmp_path: Path, name: str, step:
     log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(300), name)))
     Poses.collect(log)
     assert text in log.remarks[0]
-
-
-def test_info_doubts_the_unit_beside_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["info", str(write_times(tmp_path / "a.csv", 0.01 * np.arange(300), "time [ms]"))]) == 0
-    shown = capsys.readouterr()
-    assert "if the unit of their times is right, record more poses a second" in shown.out
-    assert "they look like seconds: give --time-unit s" in shown.err
 
 
 @pytest.mark.parametrize("unit", [1, 1000, 1_000_000])
@@ -247,44 +211,6 @@ def test_bodies_of_an_export_are_relative_to_each_other(tmp_path: Path, frame: s
         open_log(path, frame="cup", relative_to="lid")
 
 
-@pytest.mark.parametrize("first_s", [0.0, -1.5])
-@pytest.mark.parametrize("digits", [6, 0])
-def test_a_row_of_zero_seconds_has_a_stamp(tmp_path: Path, first_s: float, digits: int) -> None:
-    """Also where times are rounded to seconds: a table has no other times."""
-    path = tmp_path / "a.csv"
-    names = ",".join(f"{body}_{role}" for body in ("cup", "table") for role in NAMES[-7:])
-    rows = np.hstack([columns(POSES)[:40, 1:], columns(OTHER)[:40, 1:]]).tolist()
-    times = [f"{round(first_s + i * 0.5, digits):.{digits}f}" for i in range(len(rows))]
-    lines = [",".join([time, *map(repr, row)]) for time, row in zip(times, rows, strict=True)]
-    path.write_text("\n".join([f"time [s],{names}", *lines]) + "\n")
-    for which in ({"frame": "cup"}, {"frame": "cup", "relative_to": "table"}):
-        log = open_log(str(path), **which)
-        found = Poses.collect(log)
-        assert found.stamp_ns[0] == round(float(times[0]) * 1e9)
-        assert "log_time_as_stamp" not in log.counts
-    assert not any("log_time_as_stamp" in source.counts for source in summarise(str(path)).sources)
-
-
-def test_poses_that_have_to_be_composed_are_offered_with_the_option(tmp_path: Path) -> None:
-    path = str(write_motive(tmp_path / "take.csv", POSES, OTHER))
-    with pytest.raises(ChoiceError, match=r"compose it by --frame cup --relative-to table$"):
-        open_log(path, frame="table->cup")
-    with pytest.raises(ChoiceError, match=r"the frame cupp; .*; did you mean cup\?$"):
-        open_log(path, frame="cupp")
-    with pytest.raises(ChoiceError, match=r"that leads to tabel; .*; did you mean table\?$"):
-        open_log(path, frame="cup", relative_to="tabel")
-    with pytest.raises(ChoiceError, match=r"the frame cupp; .*; did you mean cup\?$"):
-        open_log(path, frame="cupp", relative_to="table")
-
-
-@pytest.mark.parametrize("frame", ["cup", "world->cup"])
-def test_of_a_table_of_one_body_without_a_name_no_frame_is_to_be_chosen(tmp_path: Path, frame: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(ROWS_OF_SEVEN)
-    with pytest.raises(ChoiceError, match=r"; it has no frame: leave out --frame$"):
-        open_log(str(path), frame=frame)
-
-
 def test_motive_bodies_of_one_name_are_distinguished(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
     path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, VALUES * 2, "XYZWXYZ" * 2))
@@ -308,18 +234,6 @@ def test_motive_bones_are_read_in_global_coordinates_only(tmp_path: Path) -> Non
     path.write_text(motive(["Bone"] * 7, ["hand"] * 7, VALUES, "XYZWXYZ", space="Local"))
     with pytest.raises(UnreadableRecording, match=r"no rigid body has both .* in global coordinates"):
         open_log(str(path))
-
-
-def test_rows_of_exports_may_be_shorter_than_others(tmp_path: Path) -> None:
-    path = tmp_path / "take.csv"
-    lines = (
-        write_motive(tmp_path / "whole.csv", POSES, OTHER, hidden=HIDDEN)
-        .read_text(encoding="utf-8-sig")
-        .splitlines()
-    )
-    path.write_text("\n".join([*lines[:7], "0,0.0,,,,", *lines[8:]]))
-    found = Poses.collect(open_log(str(path), frame="table"))
-    np.testing.assert_allclose(found.position_m, OTHER.position_m[1:], rtol=0, atol=1e-12)
 
 
 def write_vicon(path: Path, quaternions: bool = True, kind: str = "Segments", about: str = "") -> Path:
@@ -391,62 +305,6 @@ def test_missing_columns_are_reported(tmp_path: Path, text: str, message: str) -
             read(str(path))
 
 
-@pytest.mark.parametrize(
-    ("first", "other", "said"),
-    [
-        ("0 1 2 3 0 0 0 1", "0.1,1,2,3,0,0,0,1", "separate their values by blanks, as in the first row"),
-        ("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1", "0.1 1 2 3 0 0 0 1", "separate their values by commas"),
-        ("t;x;y;z;qx;qy;qz;qw\n0;1;2;3;0;0;0;1", "0.1,1,2,3,0,0,0,1", "separate their values by semicolons"),
-    ],
-)
-def test_rows_that_are_separated_otherwise_are_damage_with_a_remedy(
-    tmp_path: Path, first: str, other: str, said: str
-) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(f"{first}\n{other}\n{other}\n")
-    log = open_log(str(path))
-    assert len(Poses.collect(log)) == 1
-    assert log.damage is not None
-    assert "2 rows have no time that is a number or a date: separate" in log.damage
-    assert said in log.damage
-
-
-def test_rows_of_parquet_have_no_separators(tmp_path: Path) -> None:
-    rows = {"t": [0.0, 0.1, float("nan")], **{name: [0.0, 0.0, 0.0] for name in NAMES[:-1]}, "qw": [1.0] * 3}
-    write_parquet(tmp_path / "a.parquet", rows)
-    log = open_log(str(tmp_path / "a.parquet"))
-    assert len(Poses.collect(log)) == 2
-    assert log.damage is not None
-    assert log.damage.startswith(
-        "1 row has no time that is a number or a date ('nan'): give each a number, or"
-    )
-
-
-def test_rows_with_a_pose_and_no_time_are_counted(tmp_path: Path) -> None:
-    """But not empty lines."""
-    path = tmp_path / "a.csv"
-    path.write_text("t,x,y,z,qx,qy,qz,qw\n,1,2,3,0,0,0,1\n0,1,2,3,0,0,0,1\n\n,,,,,,,\n0.1,1,2,3,0,0,0,1\n")
-    log = open_log(str(path))
-    assert len(Poses.collect(log)) == 2
-    assert log.damage is not None
-    assert log.damage.startswith("1 row has no time that is a number or a date: give each a number")
-
-
-def test_durations_in_parquet(tmp_path: Path) -> None:
-    since = (POSES.stamp_ns - POSES.stamp_ns[0]).astype("timedelta64[ns]")
-    numbers = dict(zip(NAMES, columns(POSES)[:, 1:].T, strict=True))
-    write_parquet(tmp_path / "a.parquet", {"t": since, **numbers})
-    found = Poses.collect(open_log(str(tmp_path / "a.parquet")))
-    np.testing.assert_array_equal(found.stamp_ns, POSES.stamp_ns - POSES.stamp_ns[0])
-
-
-def test_times_that_are_rounded_to_seconds_are_reported(tmp_path: Path) -> None:
-    rounded = np.floor(columns(POSES)[:, 0])
-    log = open_log(str(write_times(tmp_path / "a.csv", rounded)))
-    Poses.collect(log)
-    assert "they have the time of the one before" in str(log.loss)
-
-
 def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
         UnreadableRecording, match=r"rotations are XYZ: export .* segment .* --euler XYZ:deg$"
@@ -503,16 +361,6 @@ def test_a_whole_last_row_needs_no_line_break(tmp_path: Path, last: str) -> None
     log = open_log(str(path))
     assert len(Poses.collect(log)) == (8 if last.endswith(("1", "1\n")) else 7)
     assert log.damage is None
-
-
-def test_a_row_is_left_out_if_only_values_beside_the_pose_are_cut_off(tmp_path: Path) -> None:
-    """The last number of the pose may be cut off then, too."""
-    path = tmp_path / "a.csv"
-    rows = [f"{i / 10},1,2,3,0,0,0,1.0,{i}" for i in range(7)]
-    path.write_text("\n".join(["t,x,y,z,qx,qy,qz,qw,frame", *rows, "0.7,1,2,3,0,0,0,1."]))
-    log = open_log(str(path))
-    assert len(Poses.collect(log)) == 7
-    assert log.damage is not None
 
 
 def test_exports_of_motion_capture_that_are_cut_off_are_damaged(tmp_path: Path) -> None:
@@ -601,18 +449,6 @@ def test_parquet_of_many_values_that_share_a_long_text_is_refused(tmp_path: Path
         open_log(str(path))
 
 
-def test_times_in_parquet_may_be_texts(tmp_path: Path) -> None:
-    rows = 1000
-    table = {
-        "t": [f"{i / 100:.2f}" for i in range(rows)],
-        **{name: np.arange(rows) * 1e-4 for name in ("x", "y", "z")},
-        **{name: np.zeros(rows) for name in ("qx", "qy", "qz")},
-        "qw": np.ones(rows),
-    }
-    parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
-    assert sum(1 for _ in open_log(str(tmp_path / "a.parquet"))) == rows
-
-
 def test_parquet_with_invalid_pages_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     table = {"t": np.arange(9.0), **{name: np.ones(9) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}}
@@ -635,11 +471,6 @@ def write_groups(path: Path, rows_of_group: int, poses: Poses = POSES) -> Path:
 def test_all_groups_of_parquet_are_read(tmp_path: Path, rows_of_group: int) -> None:
     poses = POSES[:60]
     assert_read(write_groups(tmp_path / "a.parquet", rows_of_group, poses), poses, time_ns=1000)
-
-
-def test_one_group_of_parquet_may_be_long(tmp_path: Path) -> None:
-    poses = smooth_poses(25_000)
-    assert_read(write_groups(tmp_path / "a.parquet", 25_000, poses), poses, time_ns=1000)
 
 
 @pytest.mark.parametrize("value", [b"1", True])
@@ -705,14 +536,6 @@ def test_times_in_seconds_need_no_note(tmp_path: Path, first: float, step: float
     assert log.remarks == ()
 
 
-@pytest.mark.parametrize("step", [0.5, 300, 3e5, 1e9])
-def test_times_that_fit_no_unit_are_reported_as_seconds(tmp_path: Path, step: float) -> None:
-    log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(30))))
-    Poses.collect(log)
-    (remark,) = log.remarks
-    assert "its times have no unit and are taken as seconds" in remark
-
-
 @pytest.mark.parametrize(("unit", "unit_ns"), [("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1)])
 @pytest.mark.parametrize("name", ["t", "time_ms"])
 def test_the_given_unit_is_used(tmp_path: Path, unit: str, unit_ns: int, name: str) -> None:
@@ -771,35 +594,6 @@ def test_dates_in_parquet(tmp_path: Path, zone: str | None) -> None:
     assert_read(tmp_path / "a.parquet")
 
 
-def test_rows_out_of_order_are_reported_with_the_remedy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "a.csv"
-    rows = np.random.default_rng(0).permutation(columns(POSES))
-    np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
-    log = open_log(str(path))
-    kept = len(Poses.collect(log))
-    assert log.remarks == ()
-    assert log.loss is not None
-    assert log.loss.endswith(
-        "sort them by time; if they are of several bodies, record each on a topic of its own"
-    )
-    assert run(["info", str(path)]) == 3
-    assert log.loss in capsys.readouterr().err
-    found = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
-    assert (len(found), found.damage) == (kept, log.loss)
-
-
-def test_a_few_rows_out_of_order_are_only_counted(tmp_path: Path) -> None:
-    path, rows = tmp_path / "a.csv", columns(POSES)
-    rows[[50, 51, 120, 121, 200, 201]] = rows[[51, 50, 121, 120, 201, 200]]
-    np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
-    log = open_log(str(path))
-    Poses.collect(log)
-    assert log.counts["backward_stamp"] == 3
-    assert log.remarks == ()
-
-
 @pytest.mark.parametrize("separator", [";", "\t", " "])
 def test_decimal_commas(tmp_path: Path, separator: str) -> None:
     path = tmp_path / "a.csv"
@@ -818,12 +612,6 @@ def test_decimal_commas_in_quotes(tmp_path: Path) -> None:
         writer.writerow(("t", *NAMES))
         writer.writerows([str(value).replace(".", ",") for value in (t, *row)] for t, row in rows)
     assert_read(path)
-
-
-def test_a_quote_that_is_not_closed_leaves_the_time_readable(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(",".join(("t", *NAMES)) + '\n0.5",1,2,3,0,0,0,1\n0.6,1,2,3,0,0,0,1\n')
-    assert Poses.collect(open_log(str(path))).stamp_ns.tolist() == [5 * 10**8, 6 * 10**8]
 
 
 def test_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
@@ -888,15 +676,6 @@ def test_motive_times_are_those_of_the_file_where_frames_are_of_another_rate(tmp
     np.testing.assert_array_equal(found.stamp_ns, np.arange(300) * 5_000_000)
 
 
-def test_motive_without_rigid_bodies_is_reported_with_the_remedy(tmp_path: Path) -> None:
-    """Motive 3 exports none by default."""
-    path = tmp_path / "take.csv"
-    about = ABOUT.format(version="1.23", rotation="Quaternion", units="Millimeters")
-    path.write_text(f"{about}\n\n,Type\n,Name\n,ID\n,\nFrame,Time (Seconds)\n0,0.000000\n1,0.003000\n")
-    with pytest.raises(UnreadableRecording, match="export it from Motive with rigid bodies"):
-        open_log(str(path))
-
-
 @pytest.mark.parametrize("separator", [", ", "\t"])
 def test_names_in_a_comment_hold_for_values_with_blanks_and_tabs(tmp_path: Path, separator: str) -> None:
     """Integers followed by a comma and a blank are no TUM trajectory."""
@@ -918,20 +697,3 @@ def test_dates_after_a_row_that_is_none_with_the_zones_of_databases(tmp_path: Pa
     path.write_text(f"time,x,y,z,qx,qy,qz,qw\n[iso],,,,,,,\n{rows}")
     found = Poses.collect(open_log(str(path)))
     assert ((found.stamp_ns - found.stamp_ns[0]) / 1e9).tolist() == [0.0, 1.0, 2.0, 3.0]
-
-
-def test_a_time_with_too_many_digits_is_damage(tmp_path: Path) -> None:
-    path = write_times(tmp_path / "a.csv", 0.01 * np.arange(20))
-    lines = path.read_text().splitlines()
-    lines[5] = "9" * 29 + lines[5][lines[5].index(",") :]
-    path.write_text("\n".join([*lines, ""]))
-    assert len(Poses.collect(open_log(str(path)))) == 19
-
-
-def test_a_reset_of_the_clock_is_not_disorder(tmp_path: Path) -> None:
-    rows = np.concatenate([columns(POSES)[:35]] * 2)
-    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
-    log = open_log(str(tmp_path / "a.csv"))
-    Poses.collect(log)
-    assert log.counts["clock_reset"] == 1
-    assert log.remarks == ()

@@ -223,24 +223,6 @@ def test_poses_that_are_relative_to_another_body(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
 
 
-@pytest.fixture(scope="module")
-def world_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("world") / "log.mcap", wrench_topic(IN_WORLD, "world"))
-
-
-def test_segments_are_those_of_wrenches_in_the_world(
-    tmp_path: Path, world_log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    frames = CHAINS["on an arm"]
-    path = write(tmp_path / "log.mcap", wrench_topic(in_frame(*frames), "ft"), *frames)
-    printed = []
-    for name in (world_log, path):
-        assert run(["segment", str(name), "--topic", "/object/pose", "--wrench", "/wrench", "-q"]) == 0
-        printed.append(capsys.readouterr().out)
-    assert printed[0] == printed[1]
-    assert "v-f" in printed[0]
-
-
 def test_a_frame_that_is_not_connected_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), static("tool0", "ft"))
     with pytest.raises(UsageError, match=r"frame ft, and no transforms .* object \(object\) or of its poses"):
@@ -274,13 +256,6 @@ def test_an_empty_frame_id_is_the_objects(tmp_path: Path, poses: Topic) -> None:
     assert found.taken == "in no frame that is named: taken as the object's"
 
 
-def test_leading_slashes_of_ros_1_are_ignored(tmp_path: Path) -> None:
-    found = read(write(tmp_path / "a.mcap", wrench_topic(PRESSED.wrenches, "/object")))
-    np.testing.assert_array_equal(found.wrenches.force_n, PRESSED.wrenches.force_n)
-    found = read(write(tmp_path / "b.mcap", wrench_topic(IN_WORLD, "/world")))
-    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
-
-
 def test_wrenches_before_the_first_transform_are_left_out_and_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -294,27 +269,6 @@ def test_wrenches_before_the_first_transform_are_left_out_and_counted(
     assert run(["segment", str(path), "--topic", "/object/pose", "--wrench", "/wrench"]) == 0
     text = f"left out {early.sum()} at times at which the pose of ft is not known"
     assert text in " ".join(capsys.readouterr().err.split())
-
-
-def test_a_gap_in_a_moving_transform_is_not_bridged(tmp_path: Path) -> None:
-    whole = moving("world", "ft")
-    kept = (whole.stamps_ns < START_NS + 2 * 10**9) | (whole.stamps_ns > START_NS + 7 * 10**9 // 2)
-    flange = Frame("world", "ft", whole.stamps_ns[kept], whole.position_m[kept], whole.rotation[kept])
-    found = read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), flange), topic="/object/pose")
-    last, following = flange.stamps_ns[[np.flatnonzero(~kept)[0] - 1, np.flatnonzero(~kept)[0]]]
-    inside = (PRESSED.wrenches.stamp_ns > last) & (PRESSED.wrenches.stamp_ns < following)
-    assert found.unplaced == inside.sum() > 200
-
-
-def test_invalid_transforms_are_left_out_and_counted(tmp_path: Path) -> None:
-    flange = moving("world", "ft")
-    topic = flange.topic
-    at = START_NS + 2 * 10**9 + 1
-    bad = (at, {"transforms": [transform(at, [0, 0, 0], [0, 0, 0, 0], "world", "ft")]})
-    topics = [named_poses(), wrench_topic(in_frame(flange), "ft"), Topic("/tf", TF, [*topic.messages, bad])]
-    found = read(write_log(tmp_path / "log.mcap", topics), topic="/object/pose")
-    assert (found.bad_transforms, found.unplaced) == (1, 0)
-    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
 
 
 def test_transforms_of_another_time_are_an_error_in_one_line(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.outputs.text import table
 from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_wrenches
-from contact_tracker.recording.wrench_evidence import RecordedEvidence, evidence_of
+from contact_tracker.recording.wrenches import RecordedEvidence, evidence_of
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.trajectory import Trajectory, read
 from contact_tracker.trajectory.arguments import (

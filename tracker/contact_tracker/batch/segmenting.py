@@ -25,7 +25,7 @@ from contact_tracker.files import whole_file
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import warnings
 from contact_tracker.recording import PoseLog, open_log
-from contact_tracker.recording.wrench_evidence import RecordedEvidence, recorded_evidence
+from contact_tracker.recording.wrenches import RecordedEvidence, recorded_evidence
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 

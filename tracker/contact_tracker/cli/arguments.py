@@ -117,7 +117,7 @@ def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
 def load_labels(args: argparse.Namespace, log: str) -> "Truth":
     """The labels of ``--labels``, which are of the whole recording ``log``; raises NoTruth or ChoiceError."""
     from contact_tracker.recording import read_labels
-    from contact_tracker.recording.labels import meanings_of
+    from contact_tracker.recording.annotations import meanings_of
 
     poses = open_poses(args, log)
     first_ns = last_ns = poses.first_stamp_ns
@@ -319,7 +319,7 @@ def load_wrenches(
         return None
     if name == "-":
         raise UsageError("--wrench reads the recording twice, which standard input does not allow")
-    from contact_tracker.recording.wrench_evidence import recorded_evidence
+    from contact_tracker.recording.wrenches import recorded_evidence
 
     log = open_poses(args, name)
     with progress(f"{name}: load", "poses", log.source.messages) as set_done:

@@ -1,6 +1,6 @@
 """Recordings: MCAP logs in and out. The only part of the package that knows mcap."""
 
-from contact_tracker.recording.annotations import need_truth, read_metadata, read_truth
+from contact_tracker.recording.annotations import need_truth, read_labels, read_metadata, read_truth
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.items import (
     BELIEF_TOPIC,
@@ -11,7 +11,6 @@ from contact_tracker.recording.items import (
     PoseSource,
     RawMessage,
 )
-from contact_tracker.recording.labels import read_labels
 from contact_tracker.recording.log import PoseLog, list_sources, open_log
 from contact_tracker.recording.reading import may_be_recording, parts_of
 from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise, summarise_log

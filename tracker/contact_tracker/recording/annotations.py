@@ -1,17 +1,25 @@
-"""Ground truth and metadata of a recording."""
+"""Ground truth and metadata of a recording, and a user's own labels (spreadsheet, ELAN, Label Studio)."""
 
-from collections.abc import Iterable
-from typing import Final
+import csv
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
 
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
-from contact_tracker.errors import NoTruth
-from contact_tracker.ground_truth import Truth
+from contact_tracker.errors import ChoiceError, NoTruth, printable
+from contact_tracker.ground_truth import UNSCORED, CoarseLabel, Truth, TruthInterval
 from contact_tracker.recording.bytestream import is_regular, open_stream
 from contact_tracker.recording.decoding import MessageDecoder, Undecodable
 from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.mcap_file import RecordLoop, place_of, summary_of
 from contact_tracker.recording.reading import Reading, is_table_file, parts_of
+from contact_tracker.recording.table_layouts import NAMED_NS
+from contact_tracker.recording.tables import exact_ns, stamp_of_date
+from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.suggestions import suggestion
 
 TRUTH_ATTACHMENT: Final = "truth.json"
 TRUTH_TOPIC: Final = "/contact/truth"
@@ -139,3 +147,173 @@ def _label(decoder: MessageDecoder, message: RawMessage) -> str:
         return str(decoder.decode(message).data)
     except (Undecodable, AttributeError) as error:
         raise NoTruth(f"a truth message cannot be decoded: {error}") from error
+
+
+_START: Final = ("start", "begin", "begin_time", "start_time", "onset", "from", "tmin")
+_END: Final = ("end", "stop", "end_time", "offset", "to", "tmax")
+_LABEL: Final = ("contact", "label", "state", "annotation", "value", "timeserieslabels", "text")
+_UNIT: Final = re.compile(r"(.+?)[\s_-]*(?:[\[(](\w+)[\])]|[_-](?:\s*)(s|sec|ss\.msec|ms|us|ns))")
+_CLOCK: Final = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
+ANY: Final = "any"
+"""The name of all contacts: the object touches."""
+_BYTES: Final = 2**26
+_SLACK_NS: Final = 60 * 10**9
+"""Labels may begin and end so long before and after the poses."""
+
+
+class _Row(NamedTuple):
+    start_ns: int
+    end_ns: int
+    name: str
+
+
+def read_labels(
+    path: str, first_ns: int, last_ns: int, meanings: Mapping[str, str] | None = None
+) -> tuple[Truth, str]:
+    """The truth by the labels in a file, and one line on how their times are taken.
+
+    Parameters
+    ----------
+    path : a table with the columns ``start``, ``end`` and ``contact`` (or ``label``), separated by commas,
+        semicolons or tabs; or JSON of Label Studio. Times are in seconds, unless the names of their columns
+        have another unit, or as ``0:01:02.5``; since the first pose, or as the stamps of the recording.
+    first_ns, last_ns : stamps of the first and last pose.
+    meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` for what is not
+        scored. Names of states need none.
+
+    Raises
+    ------
+    NoTruth
+        It is no such table.
+    ChoiceError
+        It is not said what a label means.
+    """
+    try:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
+            text = file.read(_BYTES)
+    except OSError as error:
+        raise NoTruth(f"{path}: {error.strerror}") from error
+    rows = sorted(
+        _rows_of_json(path, text) if text.lstrip()[:1] in ("[", "{") else _rows_of_table(path, text)
+    )
+    if not rows:
+        raise NoTruth(f"{path}: it has no label")
+    is_stamp = rows[0].start_ns >= first_ns - _SLACK_NS and rows[-1].start_ns <= last_ns + _SLACK_NS
+    is_since = rows[-1].start_ns <= last_ns - first_ns + _SLACK_NS
+    if not is_stamp and not is_since:
+        times = f"{rows[0].start_ns * 1e-9:.9g} to {rows[-1].end_ns * 1e-9:.9g} s"
+        raise NoTruth(
+            f"{path}: its times, {times}, are neither since the first pose (0 to "
+            f"{(last_ns - first_ns) * 1e-9:.2f} s) nor its stamps: name their unit, as in start_ms"
+        )
+    offset_ns = first_ns if is_since else 0
+    for before, after in pairwise(rows):
+        if after.start_ns < before.end_ns:
+            raise NoTruth(f"{path}: {before.name} and {after.name} overlap at {after.start_ns * 1e-9:.9g} s")
+    found = {name: _meaning(path, name, meanings or {}) for name in dict.fromkeys(row.name for row in rows)}
+    unused = [name for name in meanings or {} if name not in found]
+    if unused:
+        raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], found)}")
+    intervals = (_interval(row, found[row.name], offset_ns) for row in rows)
+    how = "since the first pose" if is_since else "as stamps of the recording"
+    return Truth(tuple(intervals)), f"{path}: the times of its {len(rows)} labels are taken {how}"
+
+
+def meanings_of(given: Sequence[str]) -> dict[str, str]:
+    """The states by label of texts such as ``touch=any``; raises ChoiceError."""
+    found = dict[str, str]()
+    for text in given:
+        label, equals, states = text.rpartition("=")
+        if not equals or not label.strip():
+            raise ChoiceError(f"a label means states as in touch=any, not {text!r}")
+        found[label.strip()] = states.strip()
+    return found
+
+
+def _interval(row: _Row, states: tuple[Contact, ...], offset_ns: int) -> TruthInterval:
+    contact = states[0] if len(states) == 1 else None
+    coarse = CoarseLabel(row.name, states) if len(states) > 1 else None
+    return TruthInterval(row.start_ns + offset_ns, row.end_ns + offset_ns - 1, contact, coarse=coarse)
+
+
+def _meaning(path: str, name: str, meanings: Mapping[str, str]) -> tuple[Contact, ...]:
+    """The states of which a label is one; none of it is not scored."""
+    meant = meanings.get(name, name)
+    if meant == UNSCORED:
+        return ()
+    if meant == ANY:
+        return CONTACTS
+    try:
+        return tuple(dict.fromkeys(Contact(part.strip()) for part in meant.split("|")))
+    except ValueError:
+        shown = printable(name)
+        raise ChoiceError(
+            f"{path}: the label {shown!r} is no state: say which it is, as in --map '{shown}=any': "
+            f"{', '.join(Contact)}, several as f-f|e-f, {ANY} of the six, or {UNSCORED} if it is not scored"
+        ) from None
+
+
+def _rows_of_table(path: str, text: str) -> Iterator[_Row]:
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if not lines:
+        raise NoTruth(f"{path}: it is empty")
+    mark = next((mark for mark in ("\t", ";") if mark in lines[0]), ",")
+    names, *rows = csv.reader(lines, delimiter=mark)
+    columns = [_column(names, some) for some in (_START, _END, _LABEL)]
+    if any(column is None for column in columns):
+        raise NoTruth(f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact")
+    (start, start_ns), (end, end_ns), (label, _) = (column for column in columns if column is not None)
+    for number, row in enumerate(rows, 2):
+        if len(row) <= max(start, end, label):
+            raise NoTruth(f"{path}: row {number} has {len(row)} values")
+        yield _row(path, row[start], start_ns, row[end], end_ns, row[label])
+
+
+def _column(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, int] | None:
+    """The index of the column of one of the wanted names, and its unit in nanoseconds."""
+    for place, name in enumerate(names):
+        plain = name.strip().lower()
+        unit = _UNIT.fullmatch(plain)
+        stem = (plain if unit is None else unit[1]).replace(" ", "_")
+        if stem in wanted:
+            return place, NAMED_NS.get((unit[2] or unit[3]) if unit is not None else "s", NAMED_NS["s"])
+    return None
+
+
+def _rows_of_json(path: str, text: str) -> Iterator[_Row]:
+    """The intervals in JSON of Label Studio, wherever they are in it, or in a list of such objects."""
+    try:
+        waiting = [json.loads(text)]
+    except (ValueError, RecursionError) as error:
+        raise NoTruth(f"{path}: it is no JSON: {error}") from error
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, list):
+            waiting += value
+        elif isinstance(value, dict):
+            label = next((value[name] for name in _LABEL if isinstance(value.get(name), str | list)), None)
+            if "start" in value and "end" in value and label:
+                name = label if isinstance(label, str) else label[0]
+                yield _row(path, value["start"], NAMED_NS["s"], value["end"], NAMED_NS["s"], str(name))
+            else:
+                waiting += value.values()
+
+
+def _row(path: str, start: Any, start_unit_ns: int, end: Any, end_unit_ns: int, name: str) -> _Row:
+    row = _Row(_time_ns(path, start, start_unit_ns), _time_ns(path, end, end_unit_ns), name.strip())
+    if row.end_ns <= row.start_ns:
+        raise NoTruth(f"{path}: {printable(name)} ends at {end}, before it starts at {start}")
+    return row
+
+
+def _time_ns(path: str, value: Any, unit_ns: int) -> int:
+    text = str(value).strip()
+    clock = _CLOCK.fullmatch(text)
+    try:
+        if clock is not None:
+            seconds = float(clock[3].replace(",", "."))
+            return round((3600 * int(clock[1] or 0) + 60 * int(clock[2]) + seconds) * 1e9)
+        stamp_ns = stamp_of_date(text)
+        return exact_ns(text, unit_ns) if stamp_ns is None else stamp_ns
+    except (ValueError, OverflowError) as error:
+        raise NoTruth(f"{path}: {printable(text[:40])!r} is no time") from error

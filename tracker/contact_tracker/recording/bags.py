@@ -1,17 +1,17 @@
 """Bags: ``.bag`` files of ROS 1 (version 2.0), with or without index, and ``.db3`` files of rosbag2.
 
-A record of a ``.bag`` file is a header of named fields, and data. See http://wiki.ros.org/Bags/Format/2.0. A
-database can define tables by expressions that run when they are read: an authorizer allows only plain tables
-here, and the work is bounded.
+A record of a ``.bag`` file is a header of named fields, and data. See http://wiki.ros.org/Bags/Format/2.0.
+Its chunks are found by going from record to record, so that each is read once, whatever an index says; the
+index orders them by time. A database can define tables by expressions that run when they are read: an
+authorizer allows only plain tables here, and the work is bounded.
 """
 
 import bz2
 import os
 import sqlite3
 import struct
-from bisect import bisect
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, suppress
+from contextlib import closing
 from typing import Any, Final, NamedTuple
 from urllib.parse import quote
 
@@ -33,49 +33,76 @@ _BZ2_WORK: Final = 4
 """Time to decompress a byte of bz2, relative to zstd or lz4."""
 _LENGTH: Final = struct.Struct("<I")
 _TIME: Final = struct.Struct("<II")
-_SECOND_NS: Final = 1_000_000_000
 
 
-class _Record(NamedTuple):
-    """A record with the ``fields`` of its header by name."""
+class _Header(dict[bytes, bytes]):
+    """The fields of a record by name; raises ValueError where one is missing or cannot be read."""
 
-    fields: dict[bytes, bytes]
-    data: bytes
+    def __init__(self, data: bytes) -> None:
+        at = 0
+        while at < len(data):
+            size = int.from_bytes(data[at : at + _LENGTH.size], "little")
+            at += _LENGTH.size + size
+            name, equals, value = data[at - size : at].partition(b"=")
+            if not equals or at > len(data):
+                raise ValueError("a field of a header cannot be read")
+            self[name] = value
+
+    def __missing__(self, name: bytes) -> bytes:
+        raise ValueError(f"a header has no field {name.decode()}")
 
     @property
     def kind(self) -> int:
-        return self.fields[b"op"][0]
+        return int.from_bytes(self[b"op"][:1], "little")
 
     def number(self, name: bytes) -> int:
-        return int.from_bytes(self.fields[name], "little")
+        return int.from_bytes(self[name], "little")
 
     def time_ns(self, name: bytes) -> int:
-        seconds, nanoseconds = _TIME.unpack(self.fields[name])
-        return int(seconds * _SECOND_NS + nanoseconds)
+        seconds, nanoseconds = _TIME.unpack(self[name])
+        return int(seconds * 1_000_000_000 + nanoseconds)
 
 
-def read_rosbag1(
+class _Chunk(NamedTuple):
+    """Where the data of a chunk is: offset and size (bytes)."""
+
+    header: _Header
+    at: int
+    size: int
+
+
+def read_bag(
     path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
-    """The messages of a ``.bag`` file by log time; without an index in the order of its chunks.
+    """The messages of a ``.bag`` or a ``.db3`` file by log time; of a ``.bag`` file without an index in the
+    order of its chunks.
 
     Parameters
     ----------
     wanted : messages of other channels are skipped unread.
     report : called with one line for each part that cannot be read.
+    budget : bounds the decompressed size and the work.
 
     Raises
     ------
     UnreadableRecording
-        It does not begin like a bag, or is encrypted.
+        It does not begin like a bag, is encrypted, or is not a database of rosbag2.
     """
     with open_stream(path, budget=budget) as stream:
+        if (begin := stream.read(len(BAG_MAGIC))).startswith(b"SQLite"):
+            yield from _read_sqlite(path, wanted, report, budget)
+            return
+        if begin != BAG_MAGIC:
+            raise UnreadableRecording("it is not a bag of version 2.0: convert it with rosbag fix")
         bag = _Bag(stream, wanted, report)
-        chunks = bag.indexed_chunks()
-        if chunks is None:
-            yield from bag.messages_as_written()
-        else:
-            yield from in_log_order((begin_ns, bag.messages_at(place)) for begin_ns, place in chunks)
+        chunks, begins_ns = bag.find_chunks()
+        if all(chunk in begins_ns for chunk in chunks):
+            ordered = sorted((begins_ns[place], place) for place in chunks)
+            yield from in_log_order((begin_ns, bag.messages_in(chunks[place])) for begin_ns, place in ordered)
+            return
+        report("it has no index, as when recording was cut off: it is read as it was written")
+        for chunk in chunks.values():
+            yield from bag.messages_in(chunk)
 
 
 class _Bag:
@@ -86,190 +113,115 @@ class _Bag:
         self._wanted = wanted
         self._report = report
         self._channels: dict[int, Channel | None] = {}
-        if stream.read(len(BAG_MAGIC)) != BAG_MAGIC:
-            raise UnreadableRecording("it is not a bag of version 2.0: convert it with rosbag fix")
         try:
-            self._head = self._record()
-            is_head = self._head.kind == _BAG
+            head, size = self._next_head()
+            is_head = head.kind == _BAG and stream.skip(size)
         except (*PARSE_ERRORS, EOFError):
             is_head = False
         if not is_head:
             raise UnreadableRecording("it is damaged: its first record cannot be read")
-        if self._head.fields.get(b"encryptor"):
+        if head.get(b"encryptor"):
             raise UnreadableRecording("its messages are encrypted: decrypt it with rosbag decrypt")
-        self._begin = stream.position
-        self._chunks: list[tuple[int, int]] = []
-        self._overlaps = False
 
-    def indexed_chunks(self) -> list[tuple[int, int]] | None:
-        """First log time and offset of each chunk, by log time; None without an index."""
-        chunks = dict[int, int]()
-        with suppress(*PARSE_ERRORS, EOFError):
-            place = self._head.number(b"index_pos")
-            if place and self._stream.seek(place):
-                for _ in range(self._head.number(b"conn_count")):
-                    self._note_connection(self._record())
-                for _ in range(self._head.number(b"chunk_count")):
-                    info = self._record()
-                    if info.kind == _CHUNK_INFO:
-                        chunks[info.number(b"chunk_pos")] = info.time_ns(b"start_time")
-                return sorted((begin_ns, place) for place, begin_ns in chunks.items())
-        self._report("it has no index, as when recording was cut off: it is read as it was written")
-        self._stream.seek(self._begin)
-        return None
-
-    def messages_at(self, place: int) -> list[RawMessage]:
-        """The messages of the chunk at an offset, by log time."""
-        try:
-            if self._overlaps:
-                return []
-            if self._stream.seek(place):
-                record = self._record()
-                if self._is_read_before(place, self._stream.position):
-                    self._overlaps = True
-                    self._report(f"the chunk at byte {place} is part of another one: no more are read")
-                    return []
-                return self._messages(record, place)
-            self._report(f"no chunk is at byte {place}")
-        except (*PARSE_ERRORS, EOFError) as error:
-            self._report(f"unreadable chunk at byte {place} ({_line(error)})")
-        return []
-
-    def _is_read_before(self, begin: int, end: int) -> bool:
-        """Whether a chunk overlaps one that was read; if not, it is marked as read."""
-        at = bisect(self._chunks, (begin, end))
-        before, after = self._chunks[at - 1 : at], self._chunks[at : at + 1]
-        if any(begin < other_end and other < end for other, other_end in (*before, *after)):
-            return True
-        self._chunks.insert(at, (begin, end))
-        return False
-
-    def messages_as_written(self) -> Iterator[RawMessage]:
-        """The messages of one chunk after the other, each by log time."""
+    def find_chunks(self) -> tuple[dict[int, _Chunk], dict[int, int]]:
+        """The chunks by their offsets, and the first log times of those in the index (ns); connections are
+        noted."""
+        stream, chunks, begins_ns = self._stream, dict[int, _Chunk](), dict[int, int]()
         while True:
-            place = self._stream.position
+            place = stream.position
             try:
-                record = self._record()
+                header, size = self._next_head()
+                end = stream.position + size
+                if size >= RECORD_LIMIT or not stream.may_have(size):
+                    raise EOFError("it is cut off")
+                if header.kind == _CHUNK:
+                    chunks[place] = _Chunk(header, stream.position, size)
+                elif header.kind == _CHUNK_INFO:
+                    begins_ns[header.number(b"chunk_pos")] = header.time_ns(b"start_time")
+                elif header.kind == _CONNECTION:
+                    self._note_connection(header, stream.read(size))
+                stream.seek(end)
             except EOFError as error:
                 if str(error):
                     self._report(f"{error} at byte {place}")
-                return
+                return chunks, begins_ns
             except PARSE_ERRORS as error:
-                self._report(f"it is damaged at byte {place} ({_line(error)})")
-                return
-            yield from self._messages(record, place)
+                self._report(f"it is damaged at byte {place} ({_line(error)}): rosbag reindex may find more")
+                return chunks, begins_ns
 
-    def _messages(self, record: _Record, place: int) -> list[RawMessage]:
-        """The messages of a chunk, up to any damage."""
+    def messages_in(self, chunk: _Chunk) -> list[RawMessage]:
+        """The messages of a chunk by log time, up to any damage."""
         found = list[RawMessage]()
         try:
-            found.extend(self._messages_of(record))
+            data, at = self._inflated(chunk), 0
+            while at < len(data):
+                begin, end = _part(data, at)
+                header = _Header(data[begin:end])
+                begin, at = _part(data, end)
+                self._stream.budget.spend("records", 1)
+                if header.kind == _CONNECTION:
+                    self._note_connection(header, data[begin:at])
+                elif header.kind == _MESSAGE:
+                    channel = self._channels.get(header.number(b"conn"))
+                    if channel is not None:
+                        found.append(RawMessage(channel, header.time_ns(b"time"), data[begin:at]))
         except PARSE_ERRORS as error:
-            self._report(f"unreadable record at byte {place} ({_line(error)})")
+            self._report(f"unreadable chunk at byte {chunk.at} ({_line(error)})")
         return sorted(found, key=lambda message: message.log_time_ns)
 
-    def _messages_of(self, record: _Record) -> Iterator[RawMessage]:
-        """The messages of a chunk one by one; raises one of PARSE_ERRORS at damage."""
-        if record.kind == _CONNECTION:
-            self._note_connection(record)
-        elif record.kind == _MESSAGE:
-            yield from self._message(record)
-        elif record.kind == _CHUNK:
-            budget, data, at = self._stream.budget, self._inflated(record), 0
-            while at < len(data):
-                part, at = _record_at(data, at)
-                budget.count_records(1)
-                if part.kind == _CONNECTION:
-                    self._note_connection(part)
-                elif part.kind == _MESSAGE:
-                    yield from self._message(part)
+    def _note_connection(self, header: _Header, data: bytes) -> None:
+        number, about = header.number(b"conn"), _Header(data)
+        if number not in self._channels:
+            topic, kind = (text.decode(errors="replace") for text in (header[b"topic"], about[b"type"]))
+            channel = Channel(topic, "ros1", kind, "ros1msg", about.get(b"message_definition", b""))
+            self._channels[number] = channel if self._wanted(channel) else None
 
-    def _message(self, record: _Record) -> Iterator[RawMessage]:
-        channel = self._channels.get(record.number(b"conn"))
-        if channel is not None:
-            yield RawMessage(channel, record.time_ns(b"time"), record.data)
-
-    def _note_connection(self, record: _Record) -> None:
-        number = record.number(b"conn")
-        if number in self._channels:
-            return
-        about = _fields(record.data)
-        text = about.get(b"message_definition", b"")
-        topic = record.fields[b"topic"].decode(errors="replace")
-        channel = Channel(topic, "ros1", about[b"type"].decode(errors="replace"), "ros1msg", text)
-        self._channels[number] = channel if self._wanted(channel) else None
-
-    def _inflated(self, chunk: _Record) -> bytes:
-        budget, data, size = self._stream.budget, chunk.data, chunk.number(b"size")
-        match chunk.fields[b"compression"]:
+    def _inflated(self, chunk: _Chunk) -> bytes:
+        stream, size = self._stream, chunk.header.number(b"size")
+        data = stream.read(chunk.size) if stream.seek(chunk.at) else b""
+        match chunk.header[b"compression"]:
             case b"none":
                 return data
             case b"lz4":
-                budget.inflate(len(data), size)
+                stream.budget.inflate(len(data), size)
                 found = inflate_lz4(data, size)
             case b"bz2":
-                budget.check_record(len(data), size)
-                budget.inflate(_BZ2_WORK * len(data), _BZ2_WORK * size)
-                found = _inflate_bz2(data, size)
+                stream.budget.check_record(len(data), size)
+                stream.budget.inflate(_BZ2_WORK * len(data), _BZ2_WORK * size)
+                try:
+                    found = bz2.BZ2Decompressor().decompress(data, size)
+                except OSError as error:  # else it would look as if the file could not be read
+                    raise ValueError(f"its bz2 data is damaged: {error}") from error
             case unknown:
                 raise ValueError(f"unknown compression {unknown!r}")
         if len(found) != size:
             raise ValueError(f"{len(found)} bytes where {size} were promised")
         return found
 
-    def _record(self) -> _Record:
-        """The next record of the file; raises EOFError at its end, with a message if it is truncated."""
-        parts = list[bytes]()
-        for _ in range(2):
-            head = self._stream.read(_LENGTH.size)
-            if not head and not parts:
-                raise EOFError
-            size = _LENGTH.unpack(head)[0] if len(head) == _LENGTH.size else RECORD_LIMIT
-            part = self._stream.read(size) if size < RECORD_LIMIT else b""
-            if len(part) != size:
-                raise EOFError("it is cut off")
-            parts.append(part)
-        self._stream.budget.count_records(1 + len(parts[0]) // BYTES_PER_RECORD)
-        return _Record(_fields(parts[0]), parts[1])
+    def _next_head(self) -> tuple[_Header, int]:
+        """The header of the next record and the size of its data; raises EOFError at the end of the file,
+        with a message if it is truncated."""
+        first = self._stream.read(_LENGTH.size)
+        if not first:
+            raise EOFError
+        size = _LENGTH.unpack(first)[0] if len(first) == _LENGTH.size else RECORD_LIMIT
+        header = self._stream.read(size) if size < RECORD_LIMIT else b""
+        last = self._stream.read(_LENGTH.size)
+        if len(header) != size or len(last) != _LENGTH.size:
+            raise EOFError("it is cut off")
+        self._stream.budget.spend("records", 1 + size // BYTES_PER_RECORD)
+        return _Header(header), _LENGTH.unpack(last)[0]
 
 
-def _inflate_bz2(data: bytes, limit: int) -> bytes:
-    """At most ``limit`` bytes; raises ValueError where the data is damaged."""
-    try:
-        return bz2.BZ2Decompressor().decompress(data, limit)
-    except OSError as error:  # else it would look as if the file could not be read
-        raise ValueError(f"its bz2 data is damaged: {error}") from error
-
-
-def _record_at(data: bytes, at: int) -> tuple[_Record, int]:
-    """The record of a chunk at an offset, and the offset of the next one."""
-    parts = list[bytes]()
-    for _ in range(2):
-        (size,) = _LENGTH.unpack_from(data, at)
-        at += _LENGTH.size
-        if size > len(data) - at:
-            raise ValueError("a record is longer than its chunk")
-        parts.append(data[at : at + size])
-        at += size
-    return _Record(_fields(parts[0]), parts[1]), at
-
-
-def _fields(header: bytes) -> dict[bytes, bytes]:
-    fields, at = dict[bytes, bytes](), 0
-    while at < len(header):
-        (size,) = _LENGTH.unpack_from(header, at)
-        at += _LENGTH.size
-        name, equals, value = header[at : at + size].partition(b"=")
-        if not equals or size > len(header) - at:
-            raise ValueError("a field of a header cannot be read")
-        fields[name] = value
-        at += size
-    return fields
+def _part(data: bytes, at: int) -> tuple[int, int]:
+    """Begin and end of the header or data of a record in a chunk, whose length is at an offset."""
+    (size,) = _LENGTH.unpack_from(data, at)
+    if size > len(data) - at - _LENGTH.size:
+        raise ValueError("a record is longer than its chunk")
+    return at + _LENGTH.size, at + _LENGTH.size + size
 
 
 def _line(error: BaseException) -> str:
-    if isinstance(error, KeyError):
-        return f"a header has no field {error.args[0].decode(errors='replace')}"
     return (str(error) or type(error).__name__).splitlines()[0]
 
 
@@ -286,18 +238,12 @@ _MOST_NAMED: Final = 500
 """With more topics all messages are read and filtered afterwards."""
 
 
-def read_sqlite(
+def _read_sqlite(
     path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
-    """The messages of a ``.db3`` file by log time; parameters as of ``read_rosbag1``.
-
-    Raises
-    ------
-    UnreadableRecording
-        It is not a database of rosbag2.
-    """
+    """The messages of a ``.db3`` file, as ``read_bag``."""
     size = os.path.getsize(path)
-    budget.count_read(size)
+    budget.bytes_read += size
     if os.path.exists(f"{path}-wal") and os.path.getsize(f"{path}-wal"):
         report("its last messages are in a write-ahead log that is not read: open it once with sqlite3")
     try:
@@ -389,7 +335,7 @@ def _messages(
     )
     fetch = file.cursor()
     for number, log_time_ns, row in rows:
-        budget.count_records(1)
+        budget.spend("records", 1)
         channel = channels.get(number)
         if channel is None or not isinstance(log_time_ns, int):
             continue

@@ -8,6 +8,7 @@ import os
 import stat
 import sys
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -26,21 +27,18 @@ _CHUNK_RATIO: Final = 50
 _TOTAL_BYTES: Final = 256 * 2**20
 _TOTAL_RATIO: Final = 400
 """The same for all chunks together."""
-_RECORDS: Final = 40_000
-_BYTES_PER_RECORD: Final = 12
-"""Records in chunks that are always allowed, and bytes read for each further one."""
 BYTES_PER_RECORD: Final = 128
 """Bytes of a message or header that count as the work of one record."""
-_RECORDS_PER_DEFINITION: Final = 64
-"""Records whose work a definition takes, whatever its length."""
-_DEFINITION_BYTES_PER_RECORD: Final = 8
-"""Bytes of a definition that count as the work of one record more."""
-_BYTES_PER_FRAME: Final = 4
-"""Bytes read for each further record outside of chunks: uncompressed, each takes over twice as many bytes."""
-_ROWS: Final = 100_000
-_BYTES_PER_ROW: Final = 4
-"""The same for rows of compressed tables, which are read in columns."""
 _ADVICE: Final = "if it is sound, decompress the file first"
+_WORK: Final = {
+    "records": ("more records", 40_000, 12, _ADVICE),
+    "definitions": ("longer definitions", 40_000, 12, _ADVICE),
+    "framed records": ("more records", 40_000, 4, _ADVICE),
+    "rows": ("more rows", 100_000, 4, "if it is sound, write it as CSV"),
+}
+"""Kinds of work: in words what is too much, how much is always allowed, the bytes read that explain one more,
+and a remedy. Records are those in chunks, and poses; framed ones those outside of chunks, in which
+uncompressed ones take over twice as many bytes; rows those of compressed tables, in columns."""
 
 
 class TooMuchWork(ValueError):
@@ -48,27 +46,33 @@ class TooMuchWork(ValueError):
 
 
 class WorkBudget:
-    """Bytes read of a file, and the work that they have caused so far."""
+    """Bytes read of a file, and the work that they have caused so far.
+
+    Attributes
+    ----------
+    bytes_read : from the disk.
+    is_message_left_out : whether a message is not decoded, as that would exceed the limits.
+    """
 
     def __init__(self) -> None:
-        self._read = 0
+        self.bytes_read = 0
+        self.is_message_left_out = False
         self._inflated = 0
-        self._records = 0
-        self._rows = 0
-        self._framed = 0
-        self._defined = 0
-        self._is_message_left_out = False
+        self._spent: Counter[str] = Counter()
 
-    def count_read(self, count: int) -> None:
-        """Count bytes read from the disk."""
-        self._read += count
+    def spend(self, kind: str, many: int) -> None:
+        """Count work of a kind; raises TooMuchWork, then nothing is counted: only what takes too long is left
+        out."""
+        more, always, bytes_each, advice = _WORK[kind]
+        if self._spent[kind] + many > always + self.bytes_read // bytes_each:
+            raise TooMuchWork(f"{more} than {self.bytes_read} bytes explain; {advice}")
+        self._spent[kind] += many
 
     def inflate(self, compressed: int, size: int) -> None:
-        """Count the expansion of ``compressed`` bytes to ``size``; raises TooMuchWork, then nothing is
-        counted."""
+        """Count the expansion of ``compressed`` bytes to ``size``; raises TooMuchWork as ``spend``."""
         self.check_record(compressed, size)
-        if self._inflated + size > _TOTAL_BYTES + _TOTAL_RATIO * self._read:
-            raise TooMuchWork(f"{self._read} bytes are to become {self._inflated + size}; {_ADVICE}")
+        if self._inflated + size > _TOTAL_BYTES + _TOTAL_RATIO * self.bytes_read:
+            raise TooMuchWork(f"{self.bytes_read} bytes are to become {self._inflated + size}; {_ADVICE}")
         self._inflated += size
 
     def check_record(self, compressed: int, size: int) -> None:
@@ -77,51 +81,12 @@ class WorkBudget:
             raise TooMuchWork(f"{compressed} bytes are to become {size}; {_ADVICE}")
 
     @property
-    def bytes_read(self) -> int:
-        """Bytes read from the disk."""
-        return self._read
-
-    @property
-    def _explained_records(self) -> int:
-        return _RECORDS + self._read // _BYTES_PER_RECORD
-
-    def count_records(self, many: int) -> None:
-        """Count records, or poses in them; raises TooMuchWork, then nothing is counted: only what takes too
-        long is left out."""
-        if self._records + many > self._explained_records:
-            raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
-        self._records += many
-
-    def count_definition(self, size: int) -> None:
-        """Count a message definition of ``size`` bytes, apart from messages, which may be read before; raises
-        TooMuchWork, then nothing is counted."""
-        work = _RECORDS_PER_DEFINITION + size // _DEFINITION_BYTES_PER_RECORD
-        if self._defined + work > self._explained_records:
-            raise TooMuchWork(f"longer definitions than {self._read} bytes explain; {_ADVICE}")
-        self._defined += work
-
-    def leave_out_message(self) -> None:
-        """Note that a message is not decoded, as that would exceed the limits."""
-        self._is_message_left_out = True
-
-    @property
     def damage(self) -> str | None:
         """One line if messages were left out."""
-        if not self._is_message_left_out:
+        if not self.is_message_left_out:
             return None
-        return f"messages that take longer to decode than {self._read} bytes explain are left out; {_ADVICE}"
-
-    def count_framed(self) -> None:
-        """Count a record outside of chunks, as the whole file may be compressed; raises TooMuchWork."""
-        self._framed += 1
-        if self._framed > _RECORDS + self._read // _BYTES_PER_FRAME:
-            raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
-
-    def count_rows(self, many: int) -> None:
-        """Count rows of a compressed table, once for each body in it; raises TooMuchWork."""
-        self._rows += many
-        if self._rows > _ROWS + self._read // _BYTES_PER_ROW:
-            raise TooMuchWork(f"more rows than {self._read} bytes explain; if it is sound, write it as CSV")
+        explained = f"{self.bytes_read} bytes explain"
+        return f"messages that take longer to decode than {explained} are left out; {_ADVICE}"
 
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
@@ -238,7 +203,7 @@ class ByteStream:
                 if self._has_other_content():
                     return b""
                 data = self._plain.read(count)
-                self.budget.count_read(len(data))
+                self.budget.bytes_read += len(data)
                 if self._may_be_rewritten:
                     self._tail = (self._tail + data)[-_TAIL:]
                 return data
@@ -304,7 +269,7 @@ class _Counted(RawIOBase):
 
     def read(self, size: int = -1) -> bytes:
         data = self._file.read(size)
-        self._budget.count_read(len(data))
+        self._budget.bytes_read += len(data)
         return data
 
 

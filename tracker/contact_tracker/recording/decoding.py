@@ -1,4 +1,11 @@
-"""Decoding of messages to poses as published, by the library of each channel's encoding.
+"""Decoding of messages to poses as published, by the library of each encoding; and where poses are in them.
+
+Where they are is a path of fields, of known types and as users name it (``--field``): names with dots
+between, ``detections.results[0]``; all elements of a list are meant where none is. It leads to a position and
+rotation, or to what holds these in a field ``pose`` or ``transform``. The stamp, frame and name of the
+body are those of the message or the part of it next to the pose that has one. Where there are several without
+a name, their number is the child frame: ``0`` is the first pose of a PoseArray. The stamp of a type without
+one is zero, like an unset stamp.
 
 Poses in CDR are read at fixed offsets, several times faster than by field: with constant frame names, the
 messages of a channel differ only in stamps and seven numbers per pose, at offsets that follow from the known
@@ -6,10 +13,13 @@ definition of the type. If a file defines the type differently, its messages are
 """
 
 import json
+import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from io import StringIO
+from itertools import islice
+from operator import attrgetter
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple
 
@@ -30,7 +40,163 @@ from contact_tracker.recording.definitions import (
 )
 from contact_tracker.recording.items import ROWS, Channel, Item, PoseSource, RawMessage, Rows
 from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_zstd
-from contact_tracker.recording.pose_fields import SECOND_NS, pose_field, poses_at
+
+SECOND_NS: Final = 1_000_000_000
+_MOST_NS: Final = 2**63 - 1
+"""Stands for later stamps; the pose gate rejects it."""
+_SECONDS: Final = ("sec", "seconds", "secs")
+_FRACTIONS: Final = ("nanosec", "nsec", "nanos", "nsecs")
+_ADDED: Final = 0
+"""The action of a marker that is shown; the others delete it."""
+_STAMPS: Final = ("header.stamp", "timestamp", "stamp")
+_FRAMES: Final = ("header.frame_id", "frame_id", "parent_frame_id")
+_NAMES: Final = ("child_frame_id", "rigid_body_name", "name")
+_NAMES_IN_LISTS: Final = (*_NAMES, "hypothesis.class_id", "id")
+_PARTS: Final = {"position": "orientation", "translation": "rotation"}
+_HOLDERS: Final = ("pose", "transform")
+_DEEPEST: Final = 3
+"""Most such fields in each other."""
+_FOXGLOVE: Final = {
+    "PoseInFrame": "",
+    "PosesInFrame": "poses",
+    "FrameTransform": "",
+    "FrameTransforms": "transforms",
+}
+POSE_TYPES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "geometry_msgs/msg/PoseStamped": "",
+        "geometry_msgs/msg/PoseWithCovarianceStamped": "",
+        "geometry_msgs/msg/TransformStamped": "",
+        "nav_msgs/msg/Odometry": "",
+        "tf2_msgs/msg/TFMessage": "transforms",
+        "tf/msg/tfMessage": "transforms",
+        "geometry_msgs/msg/Pose": "",
+        "geometry_msgs/msg/PoseArray": "poses",
+        "visualization_msgs/msg/Marker": "",
+        "visualization_msgs/msg/MarkerArray": "markers",
+        "vision_msgs/msg/Detection3DArray": "detections.results[0]",
+        "gazebo_msgs/msg/ModelStates": "pose",
+        "motion_capture_tracking_interfaces/msg/NamedPoseArray": "poses",
+        "mocap4r2_msgs/msg/RigidBodies": "rigidbodies",
+        **{f"foxglove.{name}": path for name, path in _FOXGLOVE.items()},
+        **{f"foxglove_msgs/msg/{name}": path for name, path in _FOXGLOVE.items()},
+    }
+)
+"""The path to the poses in each known type."""
+_MOST_FIELDS: Final = 500
+"""Fields of a definition that are looked at for poses."""
+
+
+def pose_field(channel: Channel, field: str | None = None) -> str | None:
+    """The path to the poses in a channel's messages, None if these have none; ``field`` is that of the user,
+    whose names are looked up in the text of the definition."""
+    if field is None:
+        return POSE_TYPES.get(canonical(channel.type))
+    names = [*re.findall(r"[A-Za-z_]\w*", field), "(position|translation)"]
+    has_names = all(re.search(rf"\b{name}\b".encode(), channel.schema) for name in names)
+    return field if has_names or channel.encoding == "json" else None
+
+
+def fields_with_poses(channel: Channel) -> list[str]:
+    """Paths of poses in the messages of a channel of ROS, by their definition."""
+    try:
+        definition = parse_definition(channel.schema.decode(errors="replace"), channel.type)
+    except (ValueError, KeyError):
+        return []
+    found, waiting = list[str](), [("", definition.type)]
+    for path, kind in waiting:  # which grows
+        fields = definition.fields.get(kind, ())
+        names = {field.name for field in fields}
+        if any(names.issuperset(parts) for parts in _PARTS.items()):
+            found.append(path or ".")
+        elif len(waiting) < _MOST_FIELDS:
+            waiting += [(f"{path}.{field.name}".lstrip("."), field.type) for field in fields]
+    return found
+
+
+def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
+    """Frame, child frame and pose of each pose at a path in a decoded message, whichever library decoded it;
+    None for an element without one. Unexpected attributes and values can raise any error."""
+    seen = set[tuple[str, str, int]]()
+    for inside, number in _reached((message,), re.findall(r"(\w+)(?:\[(\d+)\])?", path), ""):
+        is_deleted = any(hasattr(part, "ns") and getattr(part, "action", _ADDED) != _ADDED for part in inside)
+        if not inside or is_deleted:
+            yield None
+            continue
+        for _ in range(_DEEPEST):
+            holder = next((name for name in _HOLDERS if hasattr(inside[-1], name)), None)
+            inside = inside if holder is None else (*inside, getattr(inside[-1], holder))
+        pose = inside[-1]
+        place = next((name for name in _PARTS if hasattr(pose, name)), "position")
+        px, py, pz = map(float, _xyz(getattr(pose, place)))
+        turn = getattr(pose, _PARTS[place])
+        x, y, z, w = map(float, (*_xyz(turn), turn.w))
+        stamps = (one for one in _nearest(inside, _STAMPS) if not isinstance(one, int | float | str))
+        stamp_ns = next(filter(None, map(_stamp_ns, stamps)), 0)
+        frame = next(filter(None, _nearest(inside, _FRAMES)), "")
+        if not isinstance(frame, str):
+            raise TypeError("the name of a frame is no text")
+        child = _child(inside, number)
+        child = f"{child}#{number}" if (frame, child, stamp_ns) in seen else child  # a second cup
+        seen.add((frame, child, stamp_ns))
+        yield frame, child, Pose(stamp_ns, (px, py, pz), (x, y, z, w))
+
+
+def _reached(
+    inside: tuple[Any, ...], steps: list[tuple[str, str]], number: str
+) -> Iterator[tuple[tuple[Any, ...], str]]:
+    """What is at the end of a path, after all that it is part of; and its name or number, if there are
+    several. Nothing if a list has no such element."""
+    if not steps:
+        yield inside, number
+        return
+    (name, index), *rest = steps
+    value = getattr(inside[-1], name)
+    if not hasattr(value, "__len__"):
+        yield from _reached((*inside, value), rest, number)
+    elif not index:
+        names: Any = getattr(inside[-1], "name", None)
+        has_names = hasattr(names, "__len__") and not isinstance(names, str) and len(names) == len(value)
+        for i, one in enumerate(value):
+            yield from _reached((*inside, one), rest, str(names[i] if has_names else i))
+    elif int(index) < len(value):
+        yield from _reached((*inside, value[int(index)]), rest, number)
+    else:
+        yield (), ""
+
+
+def _nearest(inside: tuple[Any, ...], names: tuple[str, ...]) -> Iterator[Any]:
+    """The fields of any of these names, that of the innermost part first."""
+    for part in reversed(inside):
+        for name in names:
+            with suppress(AttributeError):
+                yield attrgetter(name)(part)
+
+
+def _child(inside: tuple[Any, ...], number: str) -> str:
+    """The name of the body, of a marker ``ns/id``; its number where it has no name."""
+    found = list[str]()
+    for part in reversed(inside):
+        if hasattr(part, "ns") and hasattr(part, "id"):
+            found.append(f"{part.ns}/{part.id}")
+            continue
+        names = _NAMES_IN_LISTS if number and part is not inside[0] else _NAMES
+        texts = (one for one in _nearest((part,), names) if isinstance(one, str | int) and one != "")
+        found += [str(one) for one in islice(texts, 1)]
+    return "/".join(found) or number
+
+
+def _xyz(vector: Any) -> tuple[Any, Any, Any]:
+    return vector.x, vector.y, vector.z
+
+
+def _stamp_ns(stamp: Any) -> int:
+    """Nanoseconds of a time of ROS, protobuf or JSON."""
+    seconds, fraction = (
+        [getattr(stamp, name) for name in names if hasattr(stamp, name)] for names in (_SECONDS, _FRACTIONS)
+    )
+    return max(min(int(seconds[0]) * SECOND_NS + int(fraction[0]), _MOST_NS), -_MOST_NS)
+
 
 USUAL: Final = (
     "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
@@ -39,6 +205,10 @@ USUAL: Final = (
 MESSAGE_LIMIT: Final = 2**22
 POSES_PER_RECORD: Final = 4
 """Number of poses of a known layout that count as the work of one record."""
+_RECORDS_PER_DEFINITION: Final = 64
+"""Records whose work a definition takes, whatever its length."""
+_DEFINITION_BYTES_PER_RECORD: Final = 8
+"""Bytes of a definition that count as the work of one record more."""
 _INFLATED_PER_RECORD: Final = 2**17
 """Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
@@ -175,11 +345,8 @@ class _Decoder(NamedTuple):
     is_known: bool = False
 
 
-class _Reading(NamedTuple):
-    """How the messages of a channel are read; ``decoder`` is None where its definition cannot be used."""
-
-    decoder: _Decoder | None
-    layouts: _Layouts
+_Reading = tuple[_Decoder | None, _Layouts]
+"""How the messages of a channel are read; the decoder is None where its definition cannot be used."""
 
 
 class MessageDecoder:
@@ -188,7 +355,7 @@ class MessageDecoder:
     Parameters
     ----------
     budget : of the recording; messages that exceed it are not decoded.
-    field : path to the poses in messages that have it (``pose_fields``).
+    field : path to the poses in messages that have it.
 
     Attributes
     ----------
@@ -212,7 +379,7 @@ class MessageDecoder:
         """As ``decode``, with the work that was counted (records)."""
         channel, _, data = message
         try:
-            decoder = self._reading(channel).decoder
+            decoder, _ = self._reading(channel)
             if decoder is None:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
             decode, work, _ = decoder
@@ -253,7 +420,7 @@ class MessageDecoder:
                 if path is None:
                     continue
                 try:
-                    layouts = self._reading(item.channel).layouts
+                    _, layouts = self._reading(item.channel)
                     found = layouts.read(item.data)
                     if found is None:
                         found = self._observe(item, path)
@@ -299,34 +466,28 @@ class MessageDecoder:
         if why is not None:
             self.assumed[channel.topic, channel.type] = why
         has_layouts = decoder is not None and decoder.is_known
-        return _Reading(decoder, _Layouts(canonical(channel.type) if has_layouts else ""))
+        return decoder, _Layouts(canonical(channel.type) if has_layouts else "")
 
     def _new_decoder(self, channel: Channel) -> tuple[_Decoder | None, str | None]:
         """The decoder by a definition, and why the known one of the type is used, if it is."""
         decoder: _Decoder | None = None
         why: str | None = "its definition in the file is too long, or one of too many"
-        if self._is_explained(channel.schema):
+        with suppress(TooMuchWork):
+            work = _RECORDS_PER_DEFINITION + len(channel.schema) // _DEFINITION_BYTES_PER_RECORD
+            self._budget.spend("definitions", work)
             decoder, why = _decoder_of(channel)
         if decoder is None and channel.encoding == "cdr":
             known = known_definition(channel.type)
             decoder = None if known is None else _cdr(known)
         return decoder, why if decoder is not None and channel.encoding == "cdr" else None
 
-    def _is_explained(self, schema: bytes) -> bool:
-        """Whether the bytes of the file explain the work of reading a definition, which is counted then."""
-        try:
-            self._budget.count_definition(len(schema))
-        except TooMuchWork:
-            return False
-        return True
-
     def _count_work(self, message: RawMessage, records: int) -> None:
         """Count the work beyond that of one record; raises Undecodable where it exceeds the budget."""
         if records:
             try:
-                self._budget.count_records(records)
+                self._budget.spend("records", records)
             except TooMuchWork as error:
-                self._budget.leave_out_message()
+                self._budget.is_message_left_out = True
                 raise Undecodable(f"{message.channel.topic}: {error}") from error
 
 
@@ -370,10 +531,9 @@ def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
                 definition = parse_definition(channel.schema.decode(), channel.type)
                 return _Decoder(ros1_decoder(definition), work_of(definition)), None
             case "protobuf":
-                decode = protobuf_reading(channel)
-                return None if decode is None else _Decoder(decode), None
+                return _protobuf(channel), None
             case "json":
-                return _Decoder(decode_json), None
+                return _Decoder(_decode_json), None
     except MissingExtra:
         raise
     except Exception:  # an invalid schema can raise anything
@@ -382,30 +542,23 @@ def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
 
 
 def _cdr(definition: Definition) -> _Decoder | None:
-    decode = cdr_decoder(definition)
+    """The decoder of messages; an invalid definition can raise any error of the library."""
+    schema = Schema(id=1, name=definition.type, encoding="ros2msg", data=definition.ros2msg.encode())
+    with redirect_stderr(StringIO()):  # the parser also prints its errors
+        decode = DecoderFactory().decoder_for("cdr", schema)
     known = known_definition(definition.type)
     is_known = known is not None and known.fields == definition.fields
     return None if decode is None else _Decoder(decode, work_of(definition), is_known)
 
 
-def cdr_decoder(definition: Definition) -> Decoder | None:
-    """The decoder of messages; an invalid definition can raise any error of the library."""
-    text = definition.ros2msg.encode()
-    schema = Schema(id=1, name=definition.type, encoding="ros2msg", data=text)
-    with redirect_stderr(StringIO()):  # the parser also prints its errors
-        decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
-    return decoder
-
-
-def protobuf_reading(channel: Channel) -> Callable[[bytes], Any] | None:
-    """The decoder of a protobuf channel; an invalid schema can raise any error of the library."""
+def _protobuf(channel: Channel) -> _Decoder | None:
+    """The decoder of messages; an invalid schema can raise any error of the library."""
     factory = module_of_extra("mcap_protobuf.decoder", "foxglove", "protobuf").DecoderFactory()
-    decoder: Callable[[bytes], Any] | None = factory.decoder_for(
-        channel.encoding, Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
-    )
-    return decoder
+    schema = Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
+    decode = factory.decoder_for(channel.encoding, schema)
+    return None if decode is None else _Decoder(decode)
 
 
-def decode_json(data: bytes) -> Any:
+def _decode_json(data: bytes) -> Any:
     """A JSON object; raises ValueError."""
     return json.loads(data, object_hook=lambda values: SimpleNamespace(**values))

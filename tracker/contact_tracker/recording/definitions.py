@@ -8,9 +8,9 @@ without padding (http://wiki.ros.org/msg); sizes are checked before memory is al
 
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from itertools import groupby
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
@@ -147,8 +147,8 @@ class _Types:
             fields = self.added[name] = self._fields_of(name)
             if sum(map(len, self.added.values())) > _MOST_FIELDS:
                 raise ValueError("the definition has too many fields")
-            parts = {field.type for field in fields} - PRIMITIVES.keys()
-            self._levels[name] = 1 + max((self.add(part, depth + 1) for part in sorted(parts)), default=0)
+            parts = (field.type for field in fields if field.type not in PRIMITIVES)
+            self._levels[name] = 1 + max((self.add(part, depth + 1) for part in parts), default=0)
         levels = self._levels[name]
         if levels is None:
             raise ValueError(f"the type {name} is part of itself")
@@ -225,8 +225,7 @@ _STEPS: Final = 2
 """Steps of a message without its fields."""
 
 
-@dataclass(frozen=True)
-class DecodingWork:
+class DecodingWork(NamedTuple):
     """Most steps that messages of a definition take: ``steps``, and ``steps_per_byte`` of their sequences."""
 
     steps: int = 0
@@ -237,44 +236,26 @@ class DecodingWork:
         return int((self.steps + self.steps_per_byte * size) / _STEPS_PER_RECORD)
 
 
-class _Extent(NamedTuple):
-    """Most steps and the least size (bytes) of the messages of a type, without what is in sequences."""
-
-    steps: int
-    size: int
-
-
 def work_of(definition: Definition) -> DecodingWork:
     """The work of messages by a definition."""
-    extents = dict[str, _Extent]()
 
-    def extent(name: str) -> _Extent:
-        if name not in extents:
-            extents[name] = _sum([_of_field(field) for field in definition.fields[name]])
-        return extents[name]
+    @cache
+    def extent(name: str) -> tuple[int, int]:
+        """Most steps and the least size (bytes) of the messages of a type, without what is in sequences."""
+        steps, size = _STEPS, 0
+        for kind, _, length in definition.fields[name]:
+            count = length or 1
+            if length == 0 or kind in PRIMITIVES:
+                steps, size = steps + 1, size + (count * PRIMITIVES[kind] if length != 0 else _SIZE_OF_LENGTH)
+            else:
+                inner_steps, inner_size = extent(kind)
+                steps, size = steps + count * inner_steps, size + count * inner_size
+        return steps, max(size, 1)
 
-    def _of_field(field: Field) -> _Extent:
-        if field.length == 0:
-            return _Extent(1, _SIZE_OF_LENGTH)
-        count = field.length or 1
-        if field.type in PRIMITIVES:
-            return _Extent(1, count * PRIMITIVES[field.type])
-        steps, size = extent(field.type)
-        return _Extent(count * steps, count * size)
-
-    elements = [
-        extent(field.type)
-        for fields in definition.fields.values()
-        for field in fields
-        if field.length == 0 and field.type not in PRIMITIVES
-    ]
-    dense = [one.steps / one.size for one in elements]
-    return DecodingWork(extent(definition.type).steps, max(dense, default=0.0))
-
-
-def _sum(extents: Sequence[_Extent]) -> _Extent:
-    steps = _STEPS + sum(one.steps for one in extents)
-    return _Extent(steps, max(sum(one.size for one in extents), 1))
+    every = (field for fields in definition.fields.values() for field in fields)
+    elements = [extent(one.type) for one in every if one.length == 0 and one.type not in PRIMITIVES]
+    dense = max((steps / size for steps, size in elements), default=0.0)
+    return DecodingWork(extent(definition.type)[0], dense)
 
 
 _FORMATS: Final = {
@@ -287,119 +268,74 @@ _TIMES: Final = {
     "duration": [Field("int32", "sec", None), Field("int32", "nanosec", None)],
 }
 _LENGTH: Final = struct.Struct("<I")
-
-_Step = Callable[[bytes, int], tuple[Any, int]]
-"""Takes a message and an offset; returns the value there and the offset after it."""
+_Step = tuple[list[str], struct.Struct | Field]
+"""Names of consecutive fields with their numbers, or of one other field."""
 
 
 def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
     """The decoder of messages of ROS 1; raises ValueError for an invalid definition."""
     if not definition.is_complete:
         raise ValueError("the definition lacks parts, which differ between ROS 1 and ROS 2")
-    step = _Ros1Types({**definition.fields, **_TIMES}).message(definition.type)
+    plans = {name: _plan(name, fields) for name, fields in {**definition.fields, **_TIMES}.items()}
+
+    def message(name: str, data: bytes, at: int) -> tuple[Any, int]:
+        values = dict[str, Any]()
+        for names, step in plans[name]:
+            if isinstance(step, Field):
+                values[names[0]], at = value(step, data, at)
+            else:
+                values.update(zip(names, step.unpack_from(data, at), strict=True))
+                at += step.size
+        return SimpleNamespace(**values), at
+
+    def value(field: Field, data: bytes, at: int) -> tuple[Any, int]:
+        if field.length is None:
+            return one(field.type, data, at)
+        count, at = (field.length, at) if field.length else _count(data, at)
+        if count > len(data) - at:
+            raise ValueError("an array is longer than its message")
+        if field.type in _FORMATS:
+            numbers = struct.Struct(f"<{count}{_FORMATS[field.type]}")
+            return numbers.unpack_from(data, at), at + numbers.size
+        values = list[Any]()
+        for _ in range(count):
+            found, at = one(field.type, data, at)
+            values.append(found)
+        return values, at
+
+    def one(kind: str, data: bytes, at: int) -> tuple[Any, int]:
+        if kind != "string":
+            return message(kind, data, at)
+        size, at = _count(data, at)
+        if size > len(data) - at:
+            raise ValueError("a text is longer than its message")
+        return data[at : at + size].decode(errors="replace"), at + size
 
     def decode(data: bytes) -> Any:
-        message, end = step(data, 0)
+        found, end = message(definition.type, data, 0)
         if end != len(data):
             raise ValueError(f"{len(data) - end} bytes more than its definition has")
-        return message
+        return found
 
     return decode
 
 
-class _Ros1Types:
-    """Readers of the types of a definition, each made once."""
-
-    def __init__(self, fields: Mapping[str, Sequence[Field]]) -> None:
-        self._fields = fields
-        self._made: dict[str, _Step] = {}
-
-    def message(self, name: str) -> _Step:
-        if name not in self._made:
-            self._made[name] = self._message(name)
-        return self._made[name]
-
-    def _message(self, name: str) -> _Step:
-        steps = list(self._steps(self._fields[name]))
-        if not steps:
-            raise ValueError(f"{name} has no fields")
-
-        def step(data: bytes, at: int) -> tuple[Any, int]:
-            values = dict[str, Any]()
-            for names, read in steps:
-                found, at = read(data, at)
-                values.update(zip(names, found, strict=True))
-            return SimpleNamespace(**values), at
-
-        return step
-
-    def _steps(self, fields: Sequence[Field]) -> Iterator[tuple[list[str], _Step]]:
-        """Consecutive fields with their reader; those of fixed size are read together."""
-        names, formats = list[str](), "<"
-        for field in fields:
-            if field.length is None and field.type in _FORMATS:
-                names.append(field.name)
-                formats += _FORMATS[field.type]
-                continue
-            if names:
-                yield names, _numbers(struct.Struct(formats))
-                names, formats = [], "<"
-            yield [field.name], _single(self._value(field))
-        if names:
-            yield names, _numbers(struct.Struct(formats))
-
-    def _value(self, field: Field) -> _Step:
-        if field.length is not None and field.type in _FORMATS:
-            return _array_of_numbers(_FORMATS[field.type], field.length)
-        one = _text if field.type == "string" else self.message(field.type)
-        return one if field.length is None else _array(one, field.length)
+def _plan(name: str, fields: Sequence[Field]) -> list[_Step]:
+    """The steps that read a type: consecutive numbers are read together."""
+    steps = list[_Step]()
+    for are_numbers, some in groupby(fields, lambda one: one.length is None and one.type in _FORMATS):
+        own = list(some)
+        if are_numbers:
+            formats = "".join(_FORMATS[field.type] for field in own)
+            steps.append(([field.name for field in own], struct.Struct(f"<{formats}")))
+        else:
+            steps += [([field.name], field) for field in own]
+    if not steps:
+        raise ValueError(f"{name} has no fields")
+    return steps
 
 
-def _single(read: _Step) -> _Step:
-    def step(data: bytes, at: int) -> tuple[Any, int]:
-        value, at = read(data, at)
-        return (value,), at
-
-    return step
-
-
-def _numbers(numbers: struct.Struct) -> _Step:
-    return lambda data, at: (numbers.unpack_from(data, at), at + numbers.size)
-
-
-def _text(data: bytes, at: int) -> tuple[str, int]:
-    size, at = _count(data, at, 0)
-    return data[at : at + size].decode(errors="replace"), at + size
-
-
-def _array(one: _Step, many: int) -> _Step:
-    def step(data: bytes, at: int) -> tuple[Any, int]:
-        count, at = _count(data, at, many)
-        values = list[Any]()
-        for _ in range(count):
-            value, at = one(data, at)
-            values.append(value)
-        return values, at
-
-    return step
-
-
-def _array_of_numbers(letter: str, many: int) -> _Step:
-    def step(data: bytes, at: int) -> tuple[Any, int]:
-        count, at = _count(data, at, many)
-        size = count * struct.calcsize(f"<{letter}")
-        if size > len(data) - at:
-            raise ValueError("an array is longer than its message")
-        return struct.unpack_from(f"<{count}{letter}", data, at), at + size
-
-    return step
-
-
-def _count(data: bytes, at: int, many: int) -> tuple[int, int]:
-    """The number of elements (at least one byte each), fixed or as written, and their offset."""
-    if many <= 0:
-        (many,) = _LENGTH.unpack_from(data, at)
-        at += _LENGTH.size
-    if many > len(data) - at:
-        raise ValueError("an array is longer than its message")
-    return many, at
+def _count(data: bytes, at: int) -> tuple[int, int]:
+    """The number of elements that is written at an offset, and the offset after it."""
+    (many,) = _LENGTH.unpack_from(data, at)
+    return many, at + _LENGTH.size

@@ -29,13 +29,11 @@ from contact_tracker.recording.sources import (
     Stamping,
     admitted,
     message_counts,
-    not_leading,
-    not_named,
     only_one,
-    only_one_fits,
     peek,
     poses_by_source,
     take_prefix,
+    without_frame,
 )
 from contact_tracker.recording.transforms import (
     ARROW,
@@ -88,8 +86,8 @@ class PoseLog:
         self,
         source: PoseSource,
         reading: Reading,
+        decoder: MessageDecoder,
         logged: Iterator[LoggedPose | None],
-        assumed: Mapping[tuple[str, str], str],
         prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
@@ -108,7 +106,7 @@ class PoseLog:
         self._counts: Counter[str] = Counter()
         self._gate = PoseGate(self._counts)
         self._reading = reading
-        self._assumed = assumed
+        self._assumed = decoder.assumed
         self._stamping = Stamping(prefix)
         self.is_stamped = is_table or composer is not None
         self._frame = frame
@@ -135,17 +133,14 @@ class PoseLog:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
         guess; many poses are out of order (unknown of a log that was carried on); a folder's clock was
         reset."""
-        count = self.counts.get("known_definition", 0)
+        counts = self.counts
+        count = counts.get("known_definition", 0)
         why = self.assumed.get((self.source.topic, self.source.type))
         why = self._composer.why if self._composer is not None else why
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
-        many = (
-            tuple(filter(None, (remark_on_excursions(self.counts),)))
-            if self._is_resumed
-            else remarks_on(self.counts, self.taken)
-        )
-        is_reset = self.counts.get("clock_reset") and self._reading.is_folder
-        return (*filter(None, (assumed,)), *many, *((_SEVERAL,) if is_reset else ()))
+        many = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
+        is_reset = counts.get("clock_reset") and self._reading.is_folder
+        return tuple(filter(None, (assumed, *many, _SEVERAL if is_reset else None)))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -200,11 +195,6 @@ class PoseLog:
         if is_same_log:
             self._stamping, self._skipped = stamping, taken
 
-    def close(self) -> None:
-        """Close the file before its end."""
-        self._arrivals.close()
-        self._logged = iter(())
-
     @property
     def assumed(self) -> Mapping[tuple[str, str], str]:
         """As of ``MessageDecoder``, for poses that are not composed."""
@@ -254,7 +244,7 @@ class PoseLog:
         if not fits and (not other.child_frame_id or other.child_frame_id != self.source.child_frame_id):
             return
         if fits and not self._count_late:
-            raise only_one_fits(self._reading.path, [self.source, other, *self._further()])
+            only_one(self._reading.path, [self.source, other, *self._further()])
         self._counts["other_source"] += 1
         if other not in self.late_sources and len(self.late_sources) < _LATE:
             self.late_sources = (*self.late_sources, other)
@@ -324,9 +314,9 @@ def open_log(
                 source = replace(source, messages=_messages_by_topic(path).get(source.topic))
             note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
             logged = decoder.poses(chain(head, items))
-            prefix = known[source]
-            assumed = decoder.assumed
-            return PoseLog(source, reading, logged, assumed, prefix, frame, count_late, None, note, is_table)
+            return PoseLog(
+                source, reading, decoder, logged, known[source], frame, count_late, None, note, is_table
+            )
         found = _chain(path, all_known, fitting, frame, relative_to)
         if found is not None:
             steps, source = found
@@ -336,18 +326,16 @@ def open_log(
                 composer.learn(all_known)
             logged = composer.compose(decoder.poses(chain(head, items)))
             prefix = all_known[steps[steps.body].source]
-            return PoseLog(source, reading, logged, decoder.assumed, prefix, None, count_late, composer)
+            return PoseLog(source, reading, decoder, logged, prefix, None, count_late, composer)
         more = take_prefix(items)
-        if not more:
-            raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         if is_chain:
             head += more
             head_poses += sum(one.many if isinstance(one, Rows) else 1 for one in more)
             head_bytes += sum(len(one.data) for one in more if isinstance(one, RawMessage))
-            if head_poses > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
-                raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         else:
             head = more
+        if not more or head_poses > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
+            raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         known = poses_by_source(more, decoder)
         for new, poses in known.items():
             all_known.setdefault(new, poses)
@@ -429,10 +417,12 @@ def _explain(
 ) -> Exception:
     is_named = frame is None or any(source.is_named(frame) for source in found_sources)
     if found_sources and relative_to is not None and is_named:
-        return not_leading(path, relative_to, found_sources)
+        return without_frame(path, f"that leads to {relative_to}", relative_to, found_sources)
     if found_sources and frame is not None:
         hint = relative_hint(path, found_sources, frame) if relative_to is None else ""
-        return not_named(path, frame, found_sources, hint)
+        if not any(source.frames for source in found_sources) and len(found_sources) == 1:
+            hint = "; it has no frame: leave out --frame"
+        return without_frame(path, frame, frame, found_sources, hint)
     if damage is not None:
         return UnreadableRecording(f"{path}: no pose can be read: {damage}")
     return wanted.nothing_found(path)

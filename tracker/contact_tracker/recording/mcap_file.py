@@ -12,10 +12,9 @@ import struct
 import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from enum import StrEnum
 from io import BytesIO
 from itertools import chain, pairwise, repeat
-from typing import IO, Final, NamedTuple, cast
+from typing import IO, Any, Final, NamedTuple, cast
 
 import numpy as np
 import zstandard
@@ -143,7 +142,7 @@ def runs(data: bytes, budget: WorkBudget) -> Iterator[Run]:
             raise ValueError(f"a record of the kind {opcode} in a chunk")
         is_message = opcode == Opcode.MESSAGE and size >= MESSAGE_HEAD.size
         run = Run(opcode, at, size, _alike(data, first, RECORD_HEAD.size + size) if is_message else 1)
-        budget.count_records(run.many)
+        budget.spend("records", run.many)
         yield run
         first = run.end
 
@@ -173,7 +172,14 @@ def payload_stream(payload: bytes) -> ReadDataStream:
 
 _FOOTER: Final = struct.Struct("<BQQQI")
 """Footer record: opcode, length, start of the index, start of the offsets in it, checksum."""
-_SKIPPED: Final = frozenset({Opcode.SUMMARY_OFFSET})
+_OF_INDEX: Final[Mapping[int, Any]] = {
+    Opcode.STATISTICS: records.Statistics,
+    Opcode.SCHEMA: records.Schema,
+    Opcode.CHANNEL: records.Channel,
+    Opcode.CHUNK_INDEX: records.ChunkIndex,
+    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex,
+    Opcode.METADATA_INDEX: records.MetadataIndex,
+}
 
 
 class Place(NamedTuple):
@@ -204,7 +210,11 @@ def summary_of(part: str) -> Summary | None:
     return summary if has_channels and has_schemas else None
 
 
-def place_of(index: records.ChunkIndex | records.AttachmentIndex | records.MetadataIndex) -> Place:
+Entry = records.ChunkIndex | records.AttachmentIndex | records.MetadataIndex
+"""An entry of an index."""
+
+
+def place_of(index: Entry) -> Place:
     """The place of the record that an entry of the index describes."""
     if isinstance(index, records.ChunkIndex):
         return Place(index.chunk_start_offset, index.chunk_length)
@@ -214,57 +224,45 @@ def place_of(index: records.ChunkIndex | records.AttachmentIndex | records.Metad
 def _are_disjoint(summary: Summary, size: int) -> bool:
     """Whether the records of an index are disjoint and inside the file: else a small one could have the same
     bytes read over and over."""
-    places = [place_of(chunk) for chunk in summary.chunk_indexes]
-    places += [place_of(attachment) for attachment in summary.attachment_indexes]
-    places += [place_of(metadata) for metadata in summary.metadata_indexes]
-    places.sort()
+    entries: list[Entry] = [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
+    places = sorted(map(place_of, entries))
     return all(a.end <= b.offset for a, b in pairwise(places)) and (not places or places[-1].end <= size)
 
 
 def _read(file: IO[bytes]) -> Summary | None:
     """The records between the start that the footer gives and the footer; None if there are others than those
-    of an index."""
+    of an index, or too many."""
     if file.read(len(MAGIC)) != MAGIC:
         return None
     end = file.seek(-_FOOTER.size - len(MAGIC), os.SEEK_END)
     opcode, _, start, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
-    if opcode != Opcode.FOOTER or file.read() != MAGIC or not 0 < start <= end:
+    if opcode != Opcode.FOOTER or file.read() != MAGIC or not 0 < start <= end <= start + RECORD_LIMIT:
         return None
     file.seek(start)
-    summary = Summary()
-    for opcode, payload in _records(file, end):
-        stream = payload_stream(payload)
-        match opcode:
-            case Opcode.STATISTICS:
-                summary.statistics = records.Statistics.read(stream)
-            case Opcode.SCHEMA:
-                schema = records.Schema.read(stream)
-                summary.schemas[schema.id] = schema
-            case Opcode.CHANNEL:
-                channel = records.Channel.read(stream)
-                summary.channels[channel.id] = channel
-            case Opcode.CHUNK_INDEX:
-                summary.chunk_indexes.append(records.ChunkIndex.read(stream))
-            case Opcode.ATTACHMENT_INDEX:
-                summary.attachment_indexes.append(records.AttachmentIndex.read(stream))
-            case Opcode.METADATA_INDEX:
-                summary.metadata_indexes.append(records.MetadataIndex.read(stream))
-            case _:
-                return None
-    return summary
-
-
-def _records(file: IO[bytes], end: int) -> Iterator[tuple[int, bytes]]:
-    """Opcode and payload of each record up to ``end``; raises ValueError where one does not fit."""
-    at = file.tell()
-    while at < end:
-        opcode, length = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
+    data, at, summary = file.read(end - start), 0, Summary()
+    while at < len(data):
+        opcode, length = RECORD_HEAD.unpack_from(data, at)
         at += RECORD_HEAD.size + length
-        if at > end or length > RECORD_LIMIT:
+        if at > len(data):
             raise ValueError("a record is longer than its file")
-        payload = file.read(length)
-        if opcode not in _SKIPPED and opcode < FIRST_UNKNOWN:
-            yield opcode, payload
+        if opcode == Opcode.SUMMARY_OFFSET or opcode >= FIRST_UNKNOWN:
+            continue
+        if opcode not in _OF_INDEX:
+            return None
+        match record := _OF_INDEX[opcode].read(payload_stream(data[at - length : at])):
+            case records.Statistics():
+                summary.statistics = record
+            case records.Schema():
+                summary.schemas[record.id] = record
+            case records.Channel():
+                summary.channels[record.id] = record
+            case records.ChunkIndex():
+                summary.chunk_indexes.append(record)
+            case records.AttachmentIndex():
+                summary.attachment_indexes.append(record)
+            case records.MetadataIndex():
+                summary.metadata_indexes.append(record)
+    return summary
 
 
 _READ: Final = frozenset(
@@ -281,18 +279,8 @@ _READ: Final = frozenset(
 )
 
 
-class End(StrEnum):
-    """How the input ended: properly, between records, inside a record, in invalid data, or by the caller."""
-
-    FOOTER = "footer"
-    EOF = "eof"
-    TRUNCATED = "truncated"
-    DAMAGED = "damaged"
-    STOPPED = "stopped"
-
-
 class RecordLoop:
-    """Iterate once for the items of one MCAP stream; afterwards ``end`` and ``damage`` are set.
+    """Iterate once for the items of one MCAP stream; afterwards ``damage`` is set.
 
     Parameters
     ----------
@@ -316,7 +304,6 @@ class RecordLoop:
         wanted: Callable[[Channel], bool],
         summary: Summary | None = None,
     ) -> None:
-        self.end: End | None = None
         self.damage = DamageReport()
         self.messages = 0
         self._stream = stream
@@ -385,37 +372,39 @@ class RecordLoop:
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
         """Opcode, payload and offset of every relevant record, until the input ends."""
+        stream = self._stream
         while True:
-            start = self._stream.position
-            head = self._stream.read(RECORD_HEAD.size)
+            start = stream.position
+            head = stream.read(RECORD_HEAD.size)
             if not head:
-                self._finish(End.EOF, "it ends without a footer: the recording was not finished")
+                self._note_end("it ends without a footer: the recording was not finished")
                 return
             opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
             try:
-                self._stream.budget.count_framed()
+                stream.budget.spend("framed records", 1)
             except TooMuchWork as error:
-                self._finish(End.DAMAGED, str(error))
+                self._note_end(str(error))
                 return
             look = opcode in _READ and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
-            payload = b""
-            if opcode == 0 or (look and length > RECORD_LIMIT):
-                complete, end, text = False, End.DAMAGED, f"no MCAP record at byte {start}"
-            else:
-                complete = opcode > 0 and self._stream.may_have(length)
+            payload, complete, fault = b"", False, f"no MCAP record at byte {start}"
+            if opcode != 0 and not (look and length > RECORD_LIMIT):
+                fault = f"it is cut off inside a record at byte {start}"
+                complete = opcode > 0 and stream.may_have(length)
                 if complete and look:
-                    payload = self._stream.read(length)
+                    payload = stream.read(length)
                     complete = len(payload) == length
                 elif complete:
-                    complete = self._stream.skip(length)
-                end, text = End.TRUNCATED, f"it is cut off inside a record at byte {start}"
+                    complete = stream.skip(length)
             if complete and look:
                 yield opcode, payload, start
             if complete and opcode == Opcode.FOOTER:
-                self._finish(End.FOOTER, None)
+                if stream.read(len(MAGIC)) != MAGIC:
+                    self.damage.add("its last bytes are missing")
+                elif not stream.follows and stream.read(1):
+                    self.damage.add("what follows its end is ignored")
                 return
-            if not complete and not self._resume(start, text):
-                self._finish(end, text)
+            if not complete and not self._resume(start, fault):
+                self._note_end(fault)
                 return
 
     def _resume(self, start: int, text: str) -> bool:
@@ -426,16 +415,10 @@ class RecordLoop:
         self.damage.add(text)
         return True
 
-    def _finish(self, end: End, damage: str | None) -> None:
-        stream = self._stream
-        self.end = End.STOPPED if stream.stopped and end is not End.FOOTER else end
-        if self.end is End.FOOTER:
-            if stream.read(len(MAGIC)) != MAGIC:
-                self.damage.add("its last bytes are missing")
-            elif not stream.follows and stream.read(1):
-                self.damage.add("what follows its end is ignored")
-        elif self.end is not End.STOPPED and damage:
-            self.damage.add(f"{damage} ({stream.error})" if stream.error else damage)
+    def _note_end(self, damage: str) -> None:
+        """Add why the input ends to the damage, unless the caller has stopped it."""
+        if not self._stream.stopped:
+            self.damage.add(f"{damage} ({self._stream.error})" if self._stream.error else damage)
 
     def _items(self, data: bytes, run: Run) -> Iterable[Item]:
         if run.opcode == Opcode.MESSAGE:
@@ -456,7 +439,7 @@ class RecordLoop:
         if run.opcode == Opcode.ATTACHMENT:
             return (attachment_of(payload),)
         if run.opcode == Opcode.METADATA:
-            self._stream.budget.count_records(len(payload) // BYTES_PER_RECORD)
+            self._stream.budget.spend("records", len(payload) // BYTES_PER_RECORD)
             metadata = records.Metadata.read(payload_stream(payload))
             return (Metadata(metadata.name, metadata.metadata),)
         if run.opcode == Opcode.SCHEMA:

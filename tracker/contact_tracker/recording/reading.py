@@ -21,7 +21,7 @@ from contact_tracker.recording.bytestream import (
     open_stream,
 )
 from contact_tracker.recording.items import Channel, DamageReport, Item, RawMessage, in_log_order
-from contact_tracker.recording.mcap_file import MAGIC, RecordLoop, place_of, summary_of
+from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, place_of, summary_of
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
 
 STDIN: Final = "-"
@@ -33,6 +33,8 @@ _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
 """Largest overlap of, and largest gap between, parts of one recording."""
 _NAMED: Final = 4
+_BAGS: Final = (b"SQLite format 3\0", b"#ROSBAG V")
+"""First bytes of ``.db3`` and ``.bag`` files."""
 _BEGIN: Final = 64
 """Number of first bytes that identify a format."""
 
@@ -94,7 +96,7 @@ def may_be_recording(path: str) -> bool:
     """
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
-    if is_bag(begin):
+    if begin.startswith(_BAGS):
         return True
     begin = begin[: len(MAGIC)]
     if begin.startswith(ZSTD_MAGIC):
@@ -107,7 +109,7 @@ def may_be_recording(path: str) -> bool:
 def size_budget(path: str) -> WorkBudget:
     """The work that the bytes of all parts explain, for messages of which only the first are read."""
     budget = WorkBudget()
-    budget.count_read(sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part)))
+    budget.bytes_read += sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part))
     return budget
 
 
@@ -155,7 +157,7 @@ def _interval_ns(part: str) -> tuple[int, int] | None:
     return summary.statistics.message_start_time, summary.statistics.message_end_time
 
 
-def is_in_log_order(summary: Summary) -> bool:
+def _is_in_log_order(summary: Summary) -> bool:
     """Whether the chunks of a file do not overlap in log time."""
     chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     return all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
@@ -241,42 +243,57 @@ class Reading:
     def _part(self, part: str, single: bool) -> Iterator[Item]:
         prefix = "" if single else f"{os.path.basename(part)}: "
         begin = _begin(part)
-        read = read_bag if is_bag(begin) else self._table if is_table(part, begin) else None
-        if read is None:
-            refuse_other_formats(part, begin)
-        if read is not None:
+
+        def report(text: str) -> None:
+            self._damage.add(prefix + text)
+
+        if (is_bag := begin.startswith(_BAGS)) or is_table(part, begin):
             if self._follow:
                 raise ChoiceError(f"{_shown(part)}: only an MCAP file can be followed")
-            yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text), self.budget)
+            if is_bag:
+                from contact_tracker.recording.bags import read_bag
+
+                yield from read_bag(part, self._wanted, report, self.budget)
+            else:
+                table = self._table_reading
+                yield from read_table(part, self._wanted, report, self.budget, self._assume, table)
             return
+        refuse_other_formats(part, begin)
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
             loop = RecordLoop(stream, self._wanted, summary)
-            if summary is not None and not is_in_log_order(summary) and _is_sortable(summary, loop):
-                chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
-                found = ((chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks)
-                yield from self._sorted(loop, summary, prefix, found)
-                return
-            if summary is not None and self._is_unsorted_without_chunks(part, summary):
-                yield from self._sorted(loop, summary, prefix, _one_by_one(loop, stream))
-                return
-            if summary is not None:
-                stream.seek(0)
-            yield from self._read(loop, prefix)
-
-    def _table(
-        self, part: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
-    ) -> Iterator[Item]:
-        return read_table(part, wanted, report, budget, self._assume, self._table_reading)
+            try:
+                yield from loop if summary is None else self._by_log_time(part, summary, loop, stream)
+            finally:
+                loop.report_orphans()
+                self._damage.add_all(loop.damage, prefix)
 
     def _assume(self, text: str) -> None:
         self.assumption = text
 
-    def _read(self, loop: RecordLoop, prefix: str) -> Iterator[Item]:
-        try:
+    def _by_log_time(
+        self, part: str, summary: Summary, loop: RecordLoop, stream: ByteStream
+    ) -> Iterator[Item]:
+        """The items of a file with an index, messages by log time. If the file is not in this order,
+        attachments and metadata come first, and messages are buffered as long as others may be earlier."""
+        pieces: Iterator[tuple[int, Iterable[Item]]]
+        if not _is_in_log_order(summary) and _is_sortable(summary, loop):
+            chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
+            pieces = ((chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks)
+        elif self._is_unsorted_without_chunks(part, summary):
+            pieces = ((0, [item]) for item in loop)
+        else:
+            stream.seek(0)
             yield from loop
-        finally:
-            self._damage.add_all(loop.damage, prefix)
+            return
+        others: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
+        for entry in others:
+            yield from loop.items_at(place_of(entry))
+        stream.seek(0)
+        yield from in_log_order(pieces)
+        assert summary.statistics is not None
+        if loop.damage.text is None and (lost := summary.statistics.message_count - loop.messages) > 0:
+            loop.damage.add(f"{lost} messages outside of chunks, which overlap in log time, are left out")
 
     def _is_unsorted_without_chunks(self, part: str, summary: Summary) -> bool:
         """Whether wanted messages of a file without chunks, which no index orders, are not in the order of
@@ -287,28 +304,6 @@ class Reading:
             loop = RecordLoop(stream, self._wanted, summary)
             times_ns = (item.log_time_ns for item in loop if isinstance(item, RawMessage))
             return any(before > after for before, after in pairwise(times_ns))
-
-    def _sorted(
-        self,
-        loop: RecordLoop,
-        summary: Summary,
-        prefix: str,
-        chunks: Iterable[tuple[int, Iterable[Item]]],
-    ) -> Iterator[Item]:
-        """The items of a file that is not in the order of log time: attachments and metadata, then messages
-        by log time. The messages of ``chunks`` are buffered as long as others may be earlier."""
-        try:
-            for attachment in summary.attachment_indexes:
-                yield from loop.items_at(place_of(attachment))
-            for metadata in summary.metadata_indexes:
-                yield from loop.items_at(place_of(metadata))
-            yield from in_log_order(chunks)
-            assert summary.statistics is not None
-            if loop.damage.text is None and (lost := summary.statistics.message_count - loop.messages) > 0:
-                loop.damage.add(f"{lost} messages outside of chunks, which overlap in log time, are left out")
-        finally:
-            loop.report_orphans()
-            self._damage.add_all(loop.damage, prefix)
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether each is the only one; when following, new ones, too."""
@@ -327,13 +322,6 @@ class Reading:
 
     def _is_finished(self) -> bool:
         return os.path.exists(os.path.join(self.path, _METADATA))
-
-
-def _one_by_one(loop: RecordLoop, stream: ByteStream) -> Iterator[tuple[int, list[Item]]]:
-    """Each item of a file, before any of which others may be."""
-    stream.seek(0)
-    for item in loop:
-        yield 0, [item]
 
 
 def _begin(part: str) -> bytes:
@@ -371,39 +359,3 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 def _shown(part: str) -> str:
     return "standard input" if part == STDIN else part
-
-
-_SQLITE: Final = b"SQLite format 3\0"
-_BAG: Final = b"#ROSBAG V"
-
-
-def is_bag(begin: bytes) -> bool:
-    """Whether a file with these first bytes is a ``.db3`` or a ``.bag`` file."""
-    return begin.startswith((_SQLITE, _BAG))
-
-
-def read_bag(
-    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
-) -> Iterator[RawMessage]:
-    """The messages of a ``.bag`` or a ``.db3`` file by log time.
-
-    Parameters
-    ----------
-    wanted : messages of other channels are skipped unread.
-    report : called with one line for each part that cannot be read.
-    budget : bounds the decompressed size and the work.
-
-    Raises
-    ------
-    UnreadableRecording
-        It is not a valid bag.
-    """
-    with open(path, "rb") as file:
-        is_sqlite = file.read(len(_SQLITE)) == _SQLITE
-    if is_sqlite:
-        from contact_tracker.recording.bags import read_sqlite
-
-        return read_sqlite(path, wanted, report, budget)
-    from contact_tracker.recording.bags import read_rosbag1
-
-    return read_rosbag1(path, wanted, report, budget)

@@ -24,7 +24,14 @@ from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import WorkBudget, open_stream
-from contact_tracker.recording.decoding import READ, USUAL, MessageDecoder, is_readable, may_have_poses
+from contact_tracker.recording.decoding import (
+    READ,
+    USUAL,
+    MessageDecoder,
+    fields_with_poses,
+    is_readable,
+    may_have_poses,
+)
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import (
     BUFFER_BYTES,
@@ -37,7 +44,6 @@ from contact_tracker.recording.items import (
     Rows,
 )
 from contact_tracker.recording.mcap_file import RecordLoop, channel_of, place_of, summary_of
-from contact_tracker.recording.pose_fields import fields_with_poses
 from contact_tracker.recording.reading import parts_of
 from contact_tracker.suggestions import suggestion
 
@@ -237,7 +243,7 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     """The prefixes of some channels, from the chunks that have their messages; each chunk is read once."""
     prefixes = {channel: _Prefix() for channel in missing.values()}
     budget = WorkBudget()
-    budget.count_read(sum(chunk.chunk_length for chunk in summary.chunk_indexes))
+    budget.bytes_read += sum(chunk.chunk_length for chunk in summary.chunk_indexes)
     kept = 0
     with open_stream(part, budget=budget) as stream:
         loop = RecordLoop(stream, prefixes.__contains__, summary)
@@ -304,35 +310,22 @@ def poses_by_source(items: Iterable[Item], decoder: MessageDecoder) -> dict[Pose
 
 
 def only_one(path: str, sources: Iterable[PoseSource], hint: str = "") -> PoseSource:
-    """The only source; raises AmbiguousSource, which lists them, if there are several."""
+    """The only source; raises AmbiguousSource, which lists them, if there are several; ``hint`` names
+    alternatives."""
     first, *others = sources
     if others:
-        raise only_one_fits(path, (first, *others), hint)
+        listing = _listing(map(str, sorted({first, *others})), "; ")
+        raise AmbiguousSource(
+            f"{path} holds several pose sources, choose by --topic or --frame{hint}: {listing}"
+        )
     return first
 
 
-def only_one_fits(path: str, sources: Iterable[PoseSource], hint: str = "") -> AmbiguousSource:
-    """The error for several matching sources; ``hint`` names alternatives."""
-    listing = _listing(map(str, sorted(set(sources))), "; ")
-    return AmbiguousSource(
-        f"{path} holds several pose sources, choose by --topic or --frame{hint}: {listing}"
-    )
-
-
-def not_named(path: str, frame: str, sources: Iterable[PoseSource], hint: str = "") -> ChoiceError:
-    """The error where no source has a frame; ``hint`` says how to have its poses all the same."""
-    there = list(sources)
-    if len(there) == 1 and not there[0].frames:
-        hint = "; it has no frame: leave out --frame"
-    return _without(path, frame, frame, there, hint)
-
-
-def not_leading(path: str, relative_to: str, sources: Iterable[PoseSource]) -> ChoiceError:
-    """The error where nothing leads to the frame or body that poses are relative to."""
-    return _without(path, f"that leads to {relative_to}", relative_to, sources, "")
-
-
-def _without(path: str, lacking: str, name: str, sources: Iterable[PoseSource], hint: str) -> ChoiceError:
+def without_frame(
+    path: str, lacking: str, name: str, sources: Iterable[PoseSource], hint: str = ""
+) -> ChoiceError:
+    """The error where no source has a frame, ``lacking`` in words and ``name`` as given; ``hint`` says how to
+    have its poses all the same."""
     there = sorted(sources)
     names = [text for s in there for text in (s.topic, s.frame_id, s.child_frame_id, s.frames) if text]
     listing = _listing(map(str, there), "; ")

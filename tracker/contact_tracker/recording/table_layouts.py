@@ -34,14 +34,6 @@ _PLAUSIBLE: Final = 0.1
 """Largest deviation of a determinant from 1; other matrices are no rotations."""
 
 
-class RotationKind(NamedTuple):
-    """Roles of the columns of a rotation; the function from their values (N, k), and text on how they are
-    meant, to quaternions ``xyzw``."""
-
-    roles: tuple[str, ...]
-    quaternions: Callable[[Array, str], Array]
-
-
 def _from_euler(angles: Array, how: str) -> Array:
     order, _, unit = how.partition(":")
     if len(set(order)) == 3:  # by axis, else by place
@@ -63,12 +55,14 @@ def _from_matrices(rows: Array, _: str) -> Array:
     return found
 
 
-ROTATIONS: Final[Mapping[str, RotationKind]] = {
-    "quaternion": RotationKind(QUATERNION, lambda values, _: values),
-    "euler": RotationKind(ANGLES, _from_euler),
-    "rotation_vector": RotationKind(ANGLES, _from_vectors),
-    "matrix": RotationKind(MATRIX, _from_matrices),
+ROTATIONS: Final[Mapping[str, tuple[tuple[str, ...], Callable[[Array, str], Array]]]] = {
+    "quaternion": (QUATERNION, lambda values, _: values),
+    "euler": (ANGLES, _from_euler),
+    "rotation_vector": (ANGLES, _from_vectors),
+    "matrix": (MATRIX, _from_matrices),
 }
+"""Kinds of rotation: the roles of their columns, and the function from their values (N, k), and text on how
+these are meant, to quaternions ``xyzw``."""
 
 
 def quaternions(kind: str, values: Array, how: str) -> Array:
@@ -76,7 +70,7 @@ def quaternions(kind: str, values: Array, how: str) -> Array:
     known = np.isfinite(values).all(axis=1)
     found = np.full((len(values), 4), np.nan)
     if known.any():
-        found[known] = ROTATIONS[kind].quaternions(values[known], how)
+        found[known] = ROTATIONS[kind][1](values[known], how)
     return found
 
 
@@ -193,20 +187,19 @@ def bodies_of(
     """
     bodies, open_names = list[Body](), list[str]()
     for name, places in found.items():
-        kinds = [kind for kind, rotation in ROTATIONS.items() if places.keys() >= set(rotation.roles)]
+        kinds = [kind for kind, (roles, _) in ROTATIONS.items() if places.keys() >= set(roles)]
         if not kinds or not places.keys() >= set(POSITION):
             continue
         kind = reading.kind or "quaternion"
         if kind not in kinds:
             if reading.kind is None:
-                open_names = open_names or [columns[places[r]][0] for r in ROTATIONS[kinds[0]].roles]
+                open_names = open_names or [columns[places[r]][0] for r in ROTATIONS[kinds[0]][0]]
             continue
-        roles = ROTATIONS[kind].roles
-        own = [
-            (label, reading.unit or named or unit) for label, named in (columns[places[r]] for r in POSITION)
-        ]
+        roles, _ = ROTATIONS[kind]
+        position = [columns[places[r]] for r in POSITION]
+        metres = metres_of([(label, reading.unit or named or unit) for label, named in position])
         how = _how(reading, [columns[places[role]] for role in roles])
-        bodies.append(Body(name, tuple(places[r] for r in (*POSITION, *roles)), metres_of(own), kind, how))
+        bodies.append(Body(name, tuple(places[r] for r in (*POSITION, *roles)), metres, kind, how))
     if open_names and not bodies:
         raise OpenReading(open_names)
     return tuple(bodies)
@@ -258,6 +251,21 @@ def are_numbers(values: Sequence[str]) -> bool:
 def number(value: str) -> float:
     """The number in a cell, which may have quotes or a decimal comma; raises ValueError."""
     return float(value.strip(BLANKS).replace(",", "."))
+
+
+def numbers(cells: Sequence[str]) -> Array:
+    """The numbers in cells; NaN for other text."""
+
+    def one(cell: str) -> float:
+        try:
+            return number(cell)
+        except ValueError:
+            return np.nan
+
+    try:
+        return np.array(list(map(float, cells)), np.float64)
+    except ValueError:
+        return np.array(list(map(one, cells)), np.float64)
 
 
 _UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
@@ -507,32 +515,22 @@ def _proposal(columns: _Columns, reading: TableReading, path: str) -> str | None
     lower = {name.lower() for name in columns.names}
     for known in KNOWN:
         one = known.reading.with_(reading)
-        if lower.issuperset(known.names) and _fits(columns, one):
+        if lower.issuperset(known.names) and not _fault(columns, one):
             return f"if its columns are those of {known.system}, read them by {one.command(path)}{about_rate}"
-    if _fits(columns, reading):
+    fault = _fault(columns, reading)
+    if fault is None:
         return f"its times are numbers of frames: read them by {reading.command(path)}{about_rate}"
-    names = _open_columns(columns, reading)
     ways = [reading.with_(reading_of(**one)) for one in ({"euler": "xyz:deg"}, {"rotation_vector": True})]
-    if names is not None and all(_fits(columns, one) for one in ways):
+    if isinstance(fault, OpenReading) and not any(_fault(columns, one) for one in ways):
         commands = " or ".join(one.command(path) for one in ways)
         return (
-            f"its rotations are three numbers, {names}, angles or a rotation vector: read them by {commands}"
+            f"its rotations are three numbers, {fault}, angles or a rotation vector: read them by {commands}"
             f"{about_rate}. Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
         )
     numbered = _by_number(columns, reading)
     if numbered is None:
         return None
     return f"if its columns are meant so, read them by {numbered.command(path)}{about_rate}"
-
-
-def _open_columns(columns: _Columns, reading: TableReading) -> str | None:
-    try:
-        _layout(columns, reading, "", None, 0)
-    except OpenReading as error:
-        return str(error)
-    except (UnreadableRecording, ChoiceError):
-        pass
-    return None
 
 
 def _by_number(columns: _Columns, reading: TableReading) -> TableReading | None:
@@ -544,17 +542,18 @@ def _by_number(columns: _Columns, reading: TableReading) -> TableReading | None:
         for base, many in some:
             stated, kind = _LISTS[many]
             one = kind.with_(reading_of(stated.format(base))).with_(one)
-        if _fits(columns, one):
+        if not _fault(columns, one):
             return one
     return None
 
 
-def _fits(columns: _Columns, reading: TableReading) -> bool:
+def _fault(columns: _Columns, reading: TableReading) -> Exception | None:
+    """Why columns cannot be read so; None if they can."""
     try:
         _layout(columns, reading, "", None, 0)
-    except (UnreadableRecording, ChoiceError):
-        return False
-    return True
+    except (UnreadableRecording, ChoiceError) as error:
+        return error
+    return None
 
 
 ROLES_OF_A_POSE: Final = (*POSITION, *QUATERNION)

@@ -1,31 +1,232 @@
-"""Tables of poses: text, Parquet and arrays of NumPy, in columns."""
+"""Tables of poses in columns: text, Parquet and arrays of NumPy; and files of formats that are not read.
+
+Times are numbers in a unit that is named or guessed, or dates (ISO 8601).
+"""
 
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from decimal import Decimal
 from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
+from contact_tracker.config.table_reading import AS_NAMED, TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, ROWS_AT_ONCE, Channel, PoseSource, Rows
-from contact_tracker.recording.other_formats import is_other_format, what_it_is
-from contact_tracker.recording.parquet_pages import PARQUET_MAGIC
-from contact_tracker.recording.table_layouts import SEPARATORS, Body, TableLayout
-from contact_tracker.recording.table_times import NEVER, TableTimes, numbers
+from contact_tracker.recording.table_layouts import BLANKS, SEPARATORS, TIME_WORDS, Body, TableLayout, numbers
 from contact_tracker.recording.text_tables import TextRows, head_of, layout_of_text
 
-if TYPE_CHECKING:
-    from contact_tracker.recording.array_rows import ArrayRows
-    from contact_tracker.recording.parquet_rows import ParquetRows
+_STEP_S: Final = (0.0005, 0.2)
+"""Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
+_DATE_S: Final = (946684800.0, 4102444800.0)
+"""Range of dates since 1970: the years 2000 to 2100."""
+_EPOCHS_S: Final = (11_644_473_600, 62_135_596_800)
+"""Seconds from the years 1601 (Windows) and 1 (.NET) to 1970."""
+_FASTEST_HZ: Final = 20_000.0
+"""No tracker of poses is faster: the unit is another one."""
+_FEW: Final = 10
+"""Times from which on their steps say something."""
+_SECONDS: Final = 1.0
+"""Shorter steps may also be those of a low pose rate."""
+_LONGEST_STEP_S: Final = 100.0
+"""Longest step between dates."""
+NEVER: Final = np.iinfo(np.int64).min
+"""The stamp of text that is no time."""
+_DATE: Final = re.compile(
+    r"\s*(\d{4})-(\d\d)-(\d\d)[T ](\d\d?):(\d\d)(?::(\d\d)(?:[.,](\d{1,18}))?)?"
+    r"(?: ?(?:Z|UTC)| ?([+-])(\d\d)(?::?(\d\d))?)?\s*"
+)
+_YEARS: Final = range(1900, 2110)
+"""Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
-NPY_MAGIC: Final = b"\x93NUMPY"
-NPZ_MAGIC: Final = b"PK\x03\x04"
-CUT_OFF: Final = (
+
+def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
+    """Guess the unit of times; returns it and one line on the assumption, if it is one.
+
+    Decided by the steps or as dates; as dates if both fit and poses would not be minutes apart.
+    """
+    step = _median_step(times)
+    by_date = _first_within(_DATE_S, float(times[0])) if len(times) else None
+    by_step = None if step is None else _first_within(_STEP_S, step)
+    if by_date is not None and (step is None or step * TIMES_NS[by_date] <= _LONGEST_STEP_S * 1e9):
+        return by_date, None
+    if step is None or by_step == "s":
+        return "s", None
+    unit = by_step if by_step is not None and step >= _SECONDS else "s"
+    return unit, (
+        f"its times have no unit and are taken as {TIME_WORDS[unit]}, with steps of {step:g}: if they are "
+        "not, say so with --time-unit s, ms, us or ns, or in the name of their column, as in time_ms; the "
+        "rate of numbers of frames is given as --time-unit 200Hz"
+    )
+
+
+def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
+    """One line if times with the unit in their name would be those of a rate that no tracker has."""
+    step = _median_step(times)
+    if step == 1.0 and unit_ns == TIMES_NS["s"] and len(times) > _FEW and (np.diff(times) == 1.0).all():
+        return (
+            "its times are whole seconds, one after the other: if they are numbers of frames, give their "
+            "rate, as --time-unit 200Hz"
+        )
+    if step is None or 1e9 / (step * unit_ns) <= _FASTEST_HZ:
+        return None
+    named = next((unit for unit, ns in TIMES_NS.items() if ns == unit_ns), f"{unit_ns:g} ns")
+    likely = _first_within(_STEP_S, step)
+    remedy = (
+        f"they look like {TIME_WORDS[likely]}: give --time-unit {likely}, or name their column time_{likely}"
+        if likely is not None
+        else "give their unit with --time-unit s, ms, us or ns, or in the name of their column"
+    )
+    return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.0f} poses a second; {remedy}"
+
+
+def _median_step(times: NDArray[np.float64]) -> float | None:
+    """The median of the steps forward; None if there is none."""
+    steps = np.diff(times)
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if len(steps) else None
+
+
+def _first_within(bounds_s: tuple[float, float], value: float) -> str | None:
+    least, most = bounds_s
+    return next((unit for unit, ns in TIMES_NS.items() if least <= value * ns * 1e-9 <= most), None)
+
+
+class TableTimes:
+    """Stamps of the times in a table, some rows after others; most of the first ones decide what they are.
+
+    Parameters
+    ----------
+    path : of the table.
+    reading : its time unit is used, else that of the layout; without either the unit is guessed.
+    assume : called with one line on an assumption.
+
+    Raises
+    ------
+    ChoiceError
+        The layout says the unit of its times.
+    """
+
+    def __init__(
+        self, path: str, layout: TableLayout, reading: TableReading, assume: Callable[[str], None]
+    ) -> None:
+        if reading.time_unit is not None and layout.has_own_unit:
+            raise ChoiceError(
+                f"{path}: its times have a unit: leave out --time-unit, which is for tables whose times have "
+                "none"
+            )
+        self._path, self._assume, self._reading = path, assume, reading
+        self._scale = layout.time_ns if layout.rest is not None else reading.time_ns or layout.time_ns
+        self._is_certain = reading.time_unit is not None or layout.has_own_unit or layout.rest is not None
+        self._are_dates: bool | None = None
+        self._epoch_ns = 0
+
+    def stamps_ns(self, times: Sequence[str], rests: Sequence[str] | None = None) -> NDArray[np.int64]:
+        """Stamps (N,) of times as text, and of the nanoseconds of their seconds if these have a column;
+        ``NEVER`` for other text.
+
+        Raises
+        ------
+        ChoiceError
+            The user gives a unit, but they are dates.
+        UnreadableRecording
+            They are ticks since another year than 1970.
+        """
+        floats = numbers(times)
+        known = np.isfinite(floats)
+        if self._are_dates is None:
+            dates = sum(map(bool, map(_DATE.fullmatch, times)))
+            if not dates and not known.any():
+                return np.full(len(times), NEVER)
+            self._are_dates = dates > known.sum()
+            if self._are_dates and self._reading.time_unit is not None:
+                raise ChoiceError(
+                    f"{self._path}: its times are dates: leave out --time-unit, which is for tables whose "
+                    "times are numbers"
+                )
+            if not self._are_dates:
+                self._find_unit(floats[known])
+        if self._are_dates:
+            dated = map(stamp_of_date, times)
+            return np.array([NEVER if stamp is None else stamp for stamp in dated], np.int64)
+        stamps = self._stamps_of_numbers(times, floats)
+        if rests is not None:
+            floats = numbers(rests)
+            is_rest = (stamps != NEVER) & (floats >= 0) & (floats < 1e9)
+            stamps = np.where(is_rest, stamps + np.where(is_rest, floats, 0.0).astype(np.int64), NEVER)
+        return stamps
+
+    def _find_unit(self, times: NDArray[np.float64]) -> None:
+        """The unit and epoch of times that are numbers, by the first ones; ticks of 100 ns since the years
+        1601 or 1 are known by their size."""
+        first_s, doubt = float(times[0]) * 1e-7, None
+        epochs_s = [epoch_s for epoch_s in _EPOCHS_S if _DATE_S[0] <= first_s - epoch_s <= _DATE_S[1]]
+        if self._reading.time_unit == TICK:
+            self._epoch_ns = sum(epochs_s[:1]) * 10**9
+        elif epochs_s and not self._is_certain:
+            command = TableReading(time_unit=TICK).with_(self._reading).command(self._path)
+            raise UnreadableRecording(
+                f"its times look like ticks of 100 ns since the year 1 or 1601: read them by {command}"
+            )
+        if self._scale is None:
+            unit, doubt = unit_of(times)
+            self._scale = TIME_UNITS_NS[unit]
+        elif not self._is_certain:
+            doubt = doubt_of_unit(times, self._scale)
+        if doubt is not None:
+            self._assume(doubt)
+
+    def _stamps_of_numbers(self, times: Sequence[str], floats: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Stamps of numbers as text, exact to the written nanosecond, since their epoch."""
+        unit_ns, epoch_ns = self._scale, self._epoch_ns
+        assert unit_ns is not None
+        known = np.isfinite(floats) & (np.abs(floats * unit_ns - epoch_ns) < RANGE_NS)
+        if unit_ns != round(unit_ns):
+            return np.where(known, np.round(np.where(known, floats, 0.0) * unit_ns), NEVER).astype(np.int64)
+        unit, pairs = round(unit_ns), zip(times, known.tolist(), strict=True)
+        exact = [exact_ns(time, unit) - epoch_ns if is_known else NEVER for time, is_known in pairs]
+        return np.array(exact, np.int64)
+
+
+def exact_ns(time: str, unit_ns: int) -> int:
+    """Nanoseconds of a number as text; raises ValueError or OverflowError if it is none."""
+    plain = time.strip(BLANKS).replace(",", ".")
+    try:
+        return round(Decimal(plain) * unit_ns)
+    except ArithmeticError:  # an exponent of many digits
+        return round(float(plain) * unit_ns)
+
+
+def stamp_of_date(text: str) -> int | None:
+    """Nanoseconds since 1970 of a date, None for other text; without a time zone it is taken as UTC, since
+    only differences matter."""
+    match = _DATE.fullmatch(text)
+    if match is None or int(match[1]) not in _YEARS:
+        return None
+    year, month, day, hour, minute = map(int, match.groups()[:5])
+    try:
+        since = datetime(year, month, day, hour, minute, int(match[6] or 0), tzinfo=UTC) - _EPOCH
+    except ValueError:  # as the 31st of June
+        return None
+    zone_s = 60 * (60 * int(match[9] or 0) + int(match[10] or 0)) * (-1 if match[8] == "-" else 1)
+    fraction_ns = int(f"{match[7] or 0:0<9}"[:9])
+    return (since.days * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns
+
+
+if TYPE_CHECKING:
+    from contact_tracker.recording.binary_tables import ArrayRows, ParquetRows
+
+_PARQUET: Final = b"PAR1"
+_NPY, _NPZ = b"\x93NUMPY", b"PK\x03\x04"
+_CUT_OFF: Final = (
     "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
 )
 _LONGEST_TIME: Final = 40
@@ -34,29 +235,70 @@ _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
 Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
 """Values by the index of their column, numbers perhaps as text."""
 
-
-def is_array_file(path: str, begin: bytes) -> bool:
-    """Whether a file with these first bytes has arrays of NumPy."""
-    return begin.startswith(NPY_MAGIC) or (begin.startswith(NPZ_MAGIC) and path.lower().endswith(".npz"))
-
-
-def is_table(path: str, begin: bytes) -> bool:
-    """Whether a file with these first bytes may be a table: Parquet, arrays of NumPy, or text without the
-    suffix ``.mcap``."""
-    if begin.startswith(PARQUET_MAGIC) or is_array_file(path, begin):
-        return True
-    is_other = path.lower().endswith(_RECORDINGS) or is_other_format(begin)
-    return not is_other and is_text(begin, path)
+_ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
+_PICKLE: Final = (
+    f"it is a pickle, which runs code when it is loaded: if you trust it, load it in Python; {_ARRAYS}"
+)
+_OTHERS: Final = {
+    b"\x04\x22\x4d\x18": "it is compressed: lz4 -d {name} first",
+    b"\x1f\x8b": "it is compressed: gunzip {name} first",
+    b"PK\x03\x04": "it is compressed: unzip {name} first",
+    b"BZh": "it is compressed: bunzip2 {name} first",
+    b"\x89HDF\r\n\x1a\n": "it is HDF5, which is not read: file = h5py.File({name!r}); "
+    f"file.visit(print) shows the names of its arrays; {_ARRAYS}",
+    b"MATLAB ": "it is a file of MATLAB{arrays}, which is not read: "
+    f"data = scipy.io.loadmat({{name!r}}, squeeze_me=True); {_ARRAYS}",
+    b"ARROW1": "it is a table of Arrow (Feather), which is not read: "
+    "table = pyarrow.feather.read_table({name!r}); contact_tracker.Trajectory.from_dataframe(table) takes it",
+    b"\x80\x04\x95": _PICKLE,
+    b"\x80\x05\x95": _PICKLE,
+    b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
+    b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
+}
+"""First bytes of files that are not read, and how to get at what is in them."""
+_C3D: Final = (
+    "it is C3D, which has markers, not bodies: export bodies (6D) as text; or points = "
+    f"ezc3d.c3d({{name!r}})['data']['points'] (4, markers, N), of which scipy's Rotation.align_vectors finds "
+    f"rotations; {_ARRAYS}"
+)
+_SHOWN: Final = 8
 
 
 def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
     format, or named as a table."""
-    known = what_it_is(path, begin)
-    if known is not None:
-        raise UnreadableRecording(known)
+    text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
+    if text is None and begin[1:2] == b"P" and path.lower().endswith(".c3d"):
+        text = _C3D
+    if text is not None:
+        arrays = _arrays_of_matlab(path) if "{arrays}" in text else ""
+        raise UnreadableRecording(text.format(name=os.path.basename(path), arrays=arrays))
     if begin and path.lower().endswith(TABLE_ENDINGS):
         raise UnreadableRecording("it is named as a table, but is not text")
+
+
+def _arrays_of_matlab(path: str) -> str:
+    from scipy.io import whosmat
+
+    try:
+        found = whosmat(path)
+    except Exception:  # damaged files can raise anything
+        return ""
+    shown = ", ".join(f"{printable(name)} {shape}" for name, shape, _ in found[:_SHOWN])
+    return f" with {shown}{', ...' if len(found) > _SHOWN else ''}"
+
+
+def _is_array_file(path: str, begin: bytes) -> bool:
+    return begin.startswith(_NPY) or (begin.startswith(_NPZ) and path.lower().endswith(".npz"))
+
+
+def is_table(path: str, begin: bytes) -> bool:
+    """Whether a file with these first bytes may be a table: Parquet, arrays of NumPy, or text without the
+    suffix ``.mcap``."""
+    if begin.startswith(_PARQUET) or _is_array_file(path, begin):
+        return True
+    is_other = path.lower().endswith(_RECORDINGS) or begin.startswith(tuple(_OTHERS))
+    return not is_other and is_text(begin, path)
 
 
 def has_poses(path: str) -> bool:
@@ -67,13 +309,6 @@ def has_poses(path: str) -> bool:
         return is_table(path, begin) and bool(_opened(path, AS_NAMED, WorkBudget()))
     except (UnreadableRecording, ChoiceError):
         return False
-
-
-def _no_table(why: UnreadableRecording) -> str:
-    return (
-        f"it is neither a recording nor a table of poses ({why}). What is read: MCAP files, ROS bags (.db3, "
-        ".bag), tables (CSV, TUM, JSON lines, Parquet), and exports of Motive, Vicon and Qualisys"
-    )
 
 
 def read_table(
@@ -104,8 +339,12 @@ def read_table(
     try:
         table = _opened(path, reading, budget)
     except UnreadableRecording as error:
-        is_named = path.lower().endswith(TABLE_ENDINGS)
-        raise error if is_named else UnreadableRecording(_no_table(error)) from error
+        if path.lower().endswith(TABLE_ENDINGS):
+            raise
+        raise UnreadableRecording(
+            f"it is neither a recording nor a table of poses ({error}). What is read: MCAP files, ROS bags "
+            "(.db3, .bag), tables (CSV, TUM, JSON lines, Parquet), and exports of Motive, Vicon and Qualisys"
+        ) from error
     layout, topic = table.layout, os.path.basename(path)
     read_as = ReadAs(table=reading)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
@@ -128,15 +367,15 @@ def read_table(
 
 
 def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ParquetRows | ArrayRows":
-    budget.count_read(os.path.getsize(path))
+    budget.bytes_read += os.path.getsize(path)
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
-    if begin.startswith(PARQUET_MAGIC):
-        from contact_tracker.recording.parquet_rows import ParquetRows
+    if begin.startswith(_PARQUET):
+        from contact_tracker.recording.binary_tables import ParquetRows
 
         return ParquetRows(path, reading, budget)
-    if is_array_file(path, begin):
-        from contact_tracker.recording.array_rows import ArrayRows
+    if _is_array_file(path, begin):
+        from contact_tracker.recording.binary_tables import ArrayRows
 
         return ArrayRows(path, reading, budget)
     return TextTable(path, begin, reading)
@@ -154,7 +393,7 @@ class TextTable:
         places, rows = self.layout.places, iter(self._rows)
         while some := list(islice(rows, ROWS_AT_ONCE)):
             yield dict(zip(places, zip(*some, strict=True), strict=True))
-        self.damage = (CUT_OFF,) if self._rows.is_cut else ()
+        self.damage = (_CUT_OFF,) if self._rows.is_cut else ()
 
 
 def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) -> str:
@@ -172,6 +411,5 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
 def _poses(columns: Columns, stamps: NDArray[np.int64], body: Body) -> Poses:
     """The poses of a body; empty cells are NaN."""
     values = [columns[place] for place in body.columns]
-    given = np.column_stack([one if isinstance(one, np.ndarray) else numbers(one) for one in values])
-    poses = body.poses(given)
+    poses = body.poses(np.column_stack([v if isinstance(v, np.ndarray) else numbers(v) for v in values]))
     return Poses(stamps, poses[:, :3], poses[:, 3:])

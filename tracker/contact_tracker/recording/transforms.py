@@ -145,6 +145,11 @@ class Chain(tuple[Step, ...]):
         """Index of the last moving transform, which gives the stamps."""
         return max((i for i, step in enumerate(self) if not is_static(step.source)), default=-1)
 
+    @property
+    def topics(self) -> frozenset[str]:
+        """The topics of the transforms."""
+        return frozenset(step.source.topic for step in self)
+
 
 def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain | None:
     """The transforms from parent to child of ``PARENT->CHILD``; None unless one of them moves."""

@@ -1,7 +1,7 @@
-"""Wrenches on the object, from the messages of one topic (geometry_msgs/msg/WrenchStamped)."""
+"""Wrenches on the object, from messages of geometry_msgs/msg/WrenchStamped, and what they say."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
 from typing import Final, NamedTuple
@@ -9,13 +9,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.errors import ChoiceError, InputError, NoPoses
+from contact_tracker.config.parameters import Model
+from contact_tracker.errors import ChoiceError, InputError
+from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, Undecodable, is_readable
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import Channel, PoseSource, RawMessage
+from contact_tracker.recording.log import PoseLog
 from contact_tracker.recording.reading import Reading
-from contact_tracker.recording.sources import ChannelFilter, Logged, peek, poses_by_source, take_prefix
+from contact_tracker.recording.sources import Logged, poses_by_source, take_prefix
 from contact_tracker.recording.transforms import (
     REFERENCE,
     Chain,
@@ -28,28 +31,12 @@ from contact_tracker.recording.transforms import (
     may_be_step,
 )
 from contact_tracker.suggestions import suggestion
+from contact_tracker.with_wrenches import NoLoad, mass_doubt, wrench_evidence
+from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 _WRENCH: Final = "the wrench "
 """A frame name that does not occur in logs."""
-
-
-class FramePoses(NamedTuple):
-    """Where the frame of wrenches is.
-
-    Parameters
-    ----------
-    poses : of the frame in the object, or in what the object's poses are in; at the stamps at which its
-        transforms are known.
-    in_object : which of the two.
-    topics : where the transforms are.
-    counts : ``bad_parent`` as docs/conventions.md says.
-    """
-
-    poses: Poses
-    in_object: bool
-    topics: tuple[str, ...]
-    counts: Counter[str]
 
 
 class FrameChain(NamedTuple):
@@ -68,34 +55,17 @@ class FrameChain(NamedTuple):
     known: Mapping[PoseSource, list[Logged]]
 
 
-class _TransformFilter(ChannelFilter):
-    """Accepts only what a chain may consist of: other than for poses, no topic is wanted for itself."""
-
-    def __init__(self, relative_to: str) -> None:
-        super().__init__(None)
-        self._relative_to = relative_to
-
-    def __call__(self, channel: Channel) -> bool:
-        self.seen[channel.topic, channel.type, channel.encoding] = channel
-        return may_be_step(channel, self._relative_to) and is_readable(channel)
-
-
-def chain_to(path: str, frame_id: str, source: PoseSource) -> FrameChain:
+def _find_chain(path: str, frame_id: str, source: PoseSource) -> FrameChain:
     """The transforms that lead to a frame, from the object or from what its poses (``source``) are in: those
     of which fewer move."""
-    known = dict[PoseSource, list[Logged]]()
-    wanted = _TransformFilter(source.frame_id)
-    reading = Reading(path, wanted)
-    decoder = MessageDecoder(reading.budget)
-    try:
-        known.update(poses_by_source(peek(path, wanted), decoder))
-    except NoPoses:
-        return FrameChain(None, False, False, known)
-    items = iter(reading)
-    while (found := _chain(known, frame_id, source)).steps is None and (more := take_prefix(items)):
+    reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
+    decoder, items, known = MessageDecoder(reading.budget), iter(reading), dict[PoseSource, list[Logged]]()
+    while more := take_prefix(items):
         for new, poses in poses_by_source(more, decoder).items():
             known.setdefault(new, poses)
-    return found
+        if (found := _chain(known, frame_id, source)).steps is not None:
+            return found
+    return _chain(known, frame_id, source)
 
 
 def _chain(known: Mapping[PoseSource, list[Logged]], frame_id: str, source: PoseSource) -> FrameChain:
@@ -118,35 +88,26 @@ def _chain(known: Mapping[PoseSource, list[Logged]], frame_id: str, source: Pose
     return FrameChain(along, in_object, True, known)
 
 
-def frame_poses(
-    path: str, found: FrameChain, stamp_ns: NDArray[np.int64], log_time_ns: NDArray[np.int64]
-) -> FramePoses:
-    """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches, which ascend.
-
-    Parameters
-    ----------
-    log_time_ns : (N,) when each was logged.
-    """
+def _frame_poses(
+    path: str, found: FrameChain, stamp_ns: NDArray[np.int64], logged_ns: NDArray[np.int64]
+) -> tuple[Poses, Counter[str]]:
+    """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches at which they are known; and
+    what was counted. ``logged_ns`` (N,) is when each was logged."""
     steps = found.steps
     assert steps is not None
     wrench = PoseSource("", _WRENCH, "", _WRENCH)
-    own = {step.source.topic for step in steps}
-    reading = Reading(path, lambda channel: channel.topic in own and is_readable(channel))
+    reading = Reading(path, lambda channel: channel.topic in steps.topics and is_readable(channel))
     decoder = MessageDecoder(reading.budget)
     composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, decoder.assumed, BATCH)
     composer.learn(found.known)
     origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-    logged = log_time_ns.argsort(kind="stable")  # stamps may be in another order
-    wrenches = (
-        (wrench, Pose(at_ns, *origin), logged_ns)
-        for at_ns, logged_ns in zip(stamp_ns[logged].tolist(), log_time_ns[logged].tolist(), strict=True)
-    )
+    order = logged_ns.argsort(kind="stable")  # stamps may be in another order
+    stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
+    wrenches = ((wrench, Pose(at_ns, *origin), ns) for at_ns, ns in zip(stamps_ns, times_ns, strict=True))
     transforms = (one for one in decoder.poses(reading) if one is not None)
     merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda one: one[2])
-    composed = composer.compose(merged)
-    poses = Poses.collect(one[1] for one in composed if one is not None)
-    poses = poses[poses.stamp_ns.argsort(kind="stable")]
-    return FramePoses(poses, found.in_object, tuple(sorted(own)), composer.counts)
+    poses = Poses.collect(one[1] for one in composer.compose(merged) if one is not None)
+    return poses[poses.stamp_ns.argsort(kind="stable")], composer.counts
 
 
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
@@ -240,8 +201,9 @@ def read_wrenches(
     dropped += len(stamps) - len(found)
     if not len(found):
         raise InputError(f"{path}: no wrench on {topic} is finite")
-    logged = _LoggedWrenches(found, np.array(stamps, np.int64), np.array(log_times, np.int64))
-    placed = _about_body(path, topic, frame_id, source, poses, logged)
+    every_ns, first = np.unique(np.array(stamps, np.int64), return_index=True)
+    logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
+    placed = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
     return WrenchLog(
         placed.wrenches,
         dropped,
@@ -261,49 +223,41 @@ class _Placed(NamedTuple):
     bad_transforms: int = 0
 
 
-class _LoggedWrenches(NamedTuple):
-    """Wrenches in their own frame, and the log times of all stamps on their topic."""
-
-    wrenches: Wrenches
-    stamp_ns: NDArray[np.int64]
-    log_time_ns: NDArray[np.int64]
-
-    @property
-    def logged_ns(self) -> NDArray[np.int64]:
-        """When each wrench was logged."""
-        stamps, first = np.unique(self.stamp_ns, return_index=True)
-        return self.log_time_ns[first[stamps.searchsorted(self.wrenches.stamp_ns)]]
-
-
 def _about_body(
-    path: str, topic: str, frame_id: str, source: PoseSource, poses: Poses, logged: _LoggedWrenches
+    path: str,
+    topic: str,
+    frame_id: str,
+    source: PoseSource,
+    poses: Poses,
+    found: Wrenches,
+    logged_ns: NDArray[np.int64],
 ) -> _Placed:
     """The wrenches about the body's origin and in its axes; raises as ``read_wrenches``."""
-    found, body, parent = logged.wrenches, source.child_frame_id, source.frame_id
+    body, parent = source.child_frame_id, source.frame_id
     if not frame_id:
         return _Placed(found, "in no frame that is named: taken as the object's")
     if body and frame_name(frame_id) == frame_name(body):
         return _Placed(found, f"in the frame {frame_id}, the object's")
     if frame_name(frame_id) == frame_name(parent):
         return _Placed(about_body(found, poses), f"in the frame {frame_id}, that of the poses")
-    chain = chain_to(path, frame_id, source)
+    chain = _find_chain(path, frame_id, source)
     if chain.steps is None:
         if body or chain.is_in_tree:
             raise ChoiceError(_unconnected(path, topic, frame_id, source))
         return _Placed(found, f"in the frame {frame_id}, which no transform names: taken as the object's")
-    frames = frame_poses(path, chain, found.stamp_ns, logged.logged_ns)
-    start = body if frames.in_object else parent
-    if not len(frames.poses):
+    poses_of_frame, counts = _frame_poses(path, chain, found.stamp_ns, logged_ns)
+    start, topics = body if chain.in_object else parent, ", ".join(sorted(chain.steps.topics))
+    if not len(poses_of_frame):
         raise InputError(
             f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
-            f"any wrench: are the stamps on {topic} and {', '.join(frames.topics)} of one clock?"
+            f"any wrench: are the stamps on {topic} and {topics} of one clock?"
         )
-    placed = found.at(found.stamp_ns.searchsorted(frames.poses.stamp_ns))
-    placed = about_parent(placed, frames.poses)
+    placed = found.at(found.stamp_ns.searchsorted(poses_of_frame.stamp_ns))
+    placed = about_parent(placed, poses_of_frame)
     return _Placed(
-        placed if frames.in_object else about_body(placed, poses),
-        f"in the frame {frame_id}, whose pose in {start} is on {', '.join(frames.topics)}",
-        frames.counts["bad_parent"],
+        placed if chain.in_object else about_body(placed, poses),
+        f"in the frame {frame_id}, whose pose in {start} is on {topics}",
+        counts["bad_parent"],
     )
 
 
@@ -344,3 +298,80 @@ def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError
     if canonical(there.type) != WRENCH_TYPE or not is_readable(there):
         return ChoiceError(f"{path}: {topic} is {there.type or 'of no type'}; only {WRENCH_TYPE} is read")
     return InputError(f"{path}: no message on {topic} can be used")
+
+
+class RecordedEvidence(NamedTuple):
+    """``evidence`` is None if the wrenches are not usable; ``text`` is one line with the load or the reason.
+
+    ``some_left_out``: some of the wrenches are not used. ``mass_doubt`` is a line of its own where they
+    overrule the mass that was given.
+    """
+
+    evidence: WrenchEvidence | None
+    text: str
+    some_left_out: bool
+    mass_doubt: str | None = None
+
+    @property
+    def is_warning(self) -> bool:
+        """Whether the text is a warning: wrenches, or some of them, are not used."""
+        return self.evidence is None or self.some_left_out
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The lines where wrenches, some of them or the mass that was given are not used."""
+        return tuple(filter(None, (self.text if self.is_warning else None, self.mass_doubt)))
+
+
+def recorded_evidence(
+    path: str,
+    topic: str,
+    log: PoseLog,
+    model: Model,
+    known_map: Map,
+    mass_kg: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> RecordedEvidence | None:
+    """What the wrenches on ``topic`` say; None of a recording without poses.
+
+    Parameters
+    ----------
+    log : the poses of the same recording, all of which are read here.
+    mass_kg : of the object, where it is known.
+    progress : called now and then with the number of poses read so far.
+
+    Raises
+    ------
+    ChoiceError
+        The topic is not there or cannot be used.
+    """
+    poses = Poses.join(list(log.batches()))
+    if not len(poses):
+        return None
+    found = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
+    return evidence_of(found, topic, poses, model, known_map, mass_kg, progress)
+
+
+def evidence_of(
+    found: WrenchLog,
+    name: str,
+    poses: Poses,
+    model: Model,
+    known_map: Map,
+    mass_kg: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> RecordedEvidence:
+    """What wrenches say that were read as ``found`` and that messages call ``name``; otherwise as
+    ``recorded_evidence``."""
+    noted = f"; {found.noted}" if found.noted else ""
+    try:
+        evidence, load = wrench_evidence(poses, found.wrenches, model, known_map, mass_kg, progress)
+    except NoLoad as reason:
+        return RecordedEvidence(None, f"{name} is not used: {reason}{noted}", bool(noted))
+    return RecordedEvidence(
+        evidence,
+        f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
+        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion",
+        bool(noted),
+        mass_doubt(load, mass_kg) or None,
+    )

@@ -13,6 +13,7 @@ from contact_tracker.files import accept_any, whole_file
 from contact_tracker.ground_truth import UNSCORED, Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
+from contact_tracker.recording.definitions import known_definition
 from contact_tracker.recording.items import (
     RESULT_TOPICS,
     Attachment,
@@ -34,50 +35,6 @@ WORLD_FRAME: Final = "world"
 _CHUNK_SIZE: Final = 128 * 1024
 _LIBRARY: Final = "contact-tracker"
 
-_RULE: Final = "=" * 80
-_HEADER_SCHEMA: Final = f"""\
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_RULE}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-_POSE_SCHEMA: Final = f"""\
-std_msgs/Header header
-geometry_msgs/Pose pose
-{_RULE}
-{_HEADER_SCHEMA}{_RULE}
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-{_RULE}
-MSG: geometry_msgs/Point
-float64 x
-float64 y
-float64 z
-{_RULE}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-"""
-_WRENCH_SCHEMA: Final = f"""\
-std_msgs/Header header
-geometry_msgs/Wrench wrench
-{_RULE}
-{_HEADER_SCHEMA}{_RULE}
-MSG: geometry_msgs/Wrench
-geometry_msgs/Vector3 force
-geometry_msgs/Vector3 torque
-{_RULE}
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-"""
 _CDR_LITTLE_ENDIAN: Final = b"\x00\x01\x00\x00"
 # CDR aligns to the size of each value, counted from after the 4-byte header: 18 bytes, then 6 of padding.
 _POSE_CDR: Final = struct.Struct("<4siII6s6x7d")
@@ -129,7 +86,7 @@ def _write(
     writer = Writer(file, chunk_size=_CHUNK_SIZE)
     writer.start(profile="ros2", library=_LIBRARY)
     writer.add_metadata(METADATA_NAME, dict(metadata))
-    pose_schema = writer.register_schema(POSE_TYPE, "ros2msg", _POSE_SCHEMA.encode())
+    pose_schema = writer.register_schema(POSE_TYPE, "ros2msg", _schema(POSE_TYPE))
     pose_channel = writer.register_channel(POSE_TOPIC, "cdr", pose_schema)
     changes: list[tuple[int, str]] = []
     truth_channel = 0
@@ -142,13 +99,19 @@ def _write(
     messages = [(stamp, truth_channel, _string_cdr(label)) for stamp, label in changes]
     messages += ((pose.stamp_ns, pose_channel, _pose_cdr(pose)) for pose in poses)
     if wrenches is not None:
-        wrench_schema = writer.register_schema(WRENCH_TYPE, "ros2msg", _WRENCH_SCHEMA.encode())
+        wrench_schema = writer.register_schema(WRENCH_TYPE, "ros2msg", _schema(WRENCH_TYPE))
         wrench_channel = writer.register_channel(WRENCH_TOPIC, "cdr", wrench_schema)
         messages += ((stamp, wrench_channel, data) for stamp, data in _wrench_cdrs(wrenches))
     messages.sort(key=lambda message: message[0])
     for stamp_ns, channel, data in messages:
         writer.add_message(channel, stamp_ns, data, stamp_ns)
     writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _schema(kind: str) -> bytes:
+    definition = known_definition(kind)
+    assert definition is not None
+    return definition.ros2msg.encode()
 
 
 def _changes(truth: Truth) -> Iterator[tuple[int, str]]:
@@ -227,7 +190,7 @@ def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
             case Rows(sources, poses):
                 for source, some in zip(sources, poses, strict=True):
                     name = f"{source.topic}/{source.child_frame_id}".rstrip("/")
-                    channel = Channel(name, "cdr", POSE_TYPE, "ros2msg", _POSE_SCHEMA.encode())
+                    channel = Channel(name, "cdr", POSE_TYPE, "ros2msg", _schema(POSE_TYPE))
                     yield from (RawMessage(channel, one.stamp_ns, _pose_cdr(one)) for one in some)
             case Attachment(name, data):
                 media_type = "application/json" if name.endswith(".json") else "application/octet-stream"

@@ -18,7 +18,7 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import first_refused, gate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
 from contact_tracker.recording import PoseLog, PoseSource, open_log, read_metadata
-from contact_tracker.recording.table_times import doubt_of_unit
+from contact_tracker.recording.tables import doubt_of_unit
 from contact_tracker.trajectory.arguments import errors_as, log_counts, name_from, path_from, warn_of
 from contact_tracker.trajectory.arrays import (
     columns_of,

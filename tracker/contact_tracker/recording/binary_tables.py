@@ -1,0 +1,392 @@
+"""Tables of poses in Parquet and in arrays of NumPy (.npy, .npz), in columns.
+
+Values in lists and structs of Parquet are columns of their own. What its pages declare is checked before a
+library decompresses them: a few bytes can expand to billions of rows or to gigabytes. Footer and page headers
+are in Thrift's compact protocol: https://parquet.apache.org/docs/file-format/
+"""
+
+import os
+import struct
+import zipfile
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping, Set
+from contextlib import closing
+from dataclasses import replace
+from itertools import compress
+from typing import IO, Any, Final, NamedTuple
+
+import numpy as np
+import pyarrow
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+from pyarrow import compute, types
+from pyarrow.parquet import ParquetFile
+
+from contact_tracker.config.table_reading import TableReading
+from contact_tracker.errors import UnreadableRecording, printable
+from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
+from contact_tracker.recording.items import ROWS_AT_ONCE
+from contact_tracker.recording.table_layouts import layout_of_names, numbers
+from contact_tracker.recording.text_tables import layout_without_names
+
+_MAGIC: Final = b"PAR1"
+_PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
+_BUFFER_BYTES: Final = 2**16
+_LONGEST_LINE: Final = 120
+"""Longest text of an error of pyarrow, which may list all columns."""
+_LONGEST_NAME: Final = 40
+_WIDEST: Final = 64
+"""Values of a list or an array that are columns; an image has more."""
+_DEEPEST: Final = 5
+
+
+class _Leaf(NamedTuple):
+    """A column of single values: in a struct or a list of the file's column ``path[0]``, or that itself."""
+
+    name: str
+    path: tuple[str | int, ...]
+    type: Any
+
+
+class ParquetRows:
+    """A Parquet file in columns, some rows after others; after iteration ``damage`` says what is not read.
+
+    Raises
+    ------
+    UnreadableRecording
+        It is damaged, takes more work than its size explains, or has no columns of poses.
+    """
+
+    def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
+        self.damage: tuple[str, ...] = ()
+        try:
+            self._file = ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
+            leaves = [leaf for field in self._file.schema_arrow for leaf in self._leaves(field, path, budget)]
+        except _PARQUET_ERRORS as error:
+            raise UnreadableRecording(f"it cannot be read as a table: {_line(error)}") from error
+        self.layout = layout_of_names([leaf.name for leaf in leaves], reading, path, "Parquet")
+        self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
+        for place, leaf in self._chosen.items():
+            is_time = place == self.layout.time and types.is_temporal(leaf.type)
+            if not (is_time or _is_number(leaf.type)):
+                named = f"its column {printable(leaf.name[:_LONGEST_NAME])} is of the type {leaf.type}"
+                raise UnreadableRecording(f"{named}: columns of numbers are read")
+            if is_time:
+                self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(leaf.type))
+        self._columns = list(dict.fromkeys(str(leaf.path[0]) for leaf in self._chosen.values()))
+        _check_pages(path, set(self._columns), len(self.layout.bodies), budget)
+
+    def __iter__(self) -> Iterator[dict[int, Any]]:
+        done = 0
+        try:
+            for batch in self._file.iter_batches(ROWS_AT_ONCE, columns=self._columns, use_threads=False):
+                yield self._values(batch, done)
+                done += len(batch)
+        except _PARQUET_ERRORS as error:
+            self.damage = (f"it is damaged: {_line(error)}",)
+        finally:
+            self._file.close()
+
+    def _values(self, batch: Any, done: int) -> dict[int, Any]:
+        """Times as text, and numbers, of a batch after ``done`` rows; rows without any are left out."""
+        found, time = dict[int, Any](), self.layout.time
+        for place, leaf in self._chosen.items():
+            column = _single(batch.column(str(leaf.path[0])), leaf.path[1:])
+            found[place] = _texts(column) if place in (time, self.layout.rest) else _numbers(column)
+        if time < 0:
+            return {**found, time: [str(done + i) for i in range(len(batch))]}
+        numbers = [values for values in found.values() if isinstance(values, np.ndarray)]
+        is_row = np.array([bool(text) for text in found[time]]) | np.isfinite(numbers).any(axis=0)
+        return {
+            place: values[is_row] if isinstance(values, np.ndarray) else list(compress(values, is_row))
+            for place, values in found.items()
+        }
+
+    def _leaves(self, field: Any, path: str, budget: WorkBudget) -> Iterator[_Leaf]:
+        """The columns of single values in a column of the file; the first row has the length of lists."""
+        if not types.is_list(field.type) and not types.is_large_list(field.type):
+            yield from _leaves(field.name, (field.name,), field.type)
+            return
+        try:
+            _check_pages(path, {field.name}, 1, budget)
+            batch = next(self._file.iter_batches(1, columns=[field.name], use_threads=False), None)
+        except UnreadableRecording:
+            return
+        first = None if batch is None else batch.column(0)[0].as_py()
+        for i in range(min(len(first or ()), _WIDEST)):
+            yield from _leaves(f"{field.name}[{i}]", (field.name, i), field.type.value_type)
+
+
+def _leaves(name: str, path: tuple[str | int, ...], kind: Any) -> Iterator[_Leaf]:
+    if len(path) > _DEEPEST:
+        return
+    if types.is_struct(kind):
+        for inner in map(kind.field, range(min(kind.num_fields, _WIDEST))):
+            yield from _leaves(f"{name}.{inner.name}", (*path, inner.name), inner.type)
+    elif types.is_fixed_size_list(kind):
+        for i in range(min(kind.list_size, _WIDEST)):
+            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type)
+    else:
+        yield _Leaf(name, path, kind)
+
+
+def _is_number(kind: Any) -> bool:
+    if types.is_dictionary(kind):
+        return _is_number(kind.value_type)
+    is_text = types.is_string(kind) or types.is_large_string(kind) or types.is_null(kind)
+    return bool(is_text or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
+
+
+def _single(column: Any, path: tuple[str | int, ...]) -> Any:
+    """The values at a place in the structs or lists of a column; null where a list is shorter."""
+    for i, step in enumerate(path):
+        if isinstance(step, int):
+            rows = [row[step] if row is not None and len(row) > step else None for row in column.to_pylist()]
+            return _single(pyarrow.array(rows, column.type.value_type), path[i + 1 :])
+        column = compute.struct_field(column, step)
+    return column
+
+
+def _texts(column: Any) -> list[str]:
+    """Times as text, dates and durations in nanoseconds; empty where there is none."""
+    for is_kind, unit in (
+        (types.is_date, pyarrow.timestamp("ns")),
+        (types.is_timestamp, pyarrow.timestamp("ns")),
+        (types.is_duration, pyarrow.duration("ns")),
+        (types.is_time, pyarrow.time64("ns")),
+    ):
+        if is_kind(column.type):
+            column = column.cast(unit).cast(pyarrow.int64())
+            break
+    return ["" if value is None else str(value) for value in column.to_pylist()]
+
+
+def _numbers(column: Any) -> NDArray[np.float64]:
+    if types.is_dictionary(column.type):
+        column = column.dictionary_decode()
+    if types.is_string(column.type) or types.is_large_string(column.type):
+        return numbers([text or "" for text in column.to_pylist()])
+    return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
+
+
+def _line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0][:_LONGEST_LINE]
+
+
+_END: Final = struct.Struct("<I4s")
+_PAGE_HEADER: Final = 2**16
+"""Longest page header (bytes); it may contain statistics of long texts."""
+_TEXTS: Final = (6, 7)
+"""Physical types of columns of texts."""
+_WHOLE: Final = (0, 6)
+"""Encodings in which each text is there in full; in others many values may share a long one."""
+_MOST_SHARED: Final = 2**28
+"""Most bytes that texts in other encodings may become."""
+_VALUES_PER_ROW: Final = 7
+"""Values of lists that count as a row: a pose has as many."""
+_Struct = Mapping[int, Any]
+"""The fields of a Thrift struct by number."""
+
+
+def _check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> None:
+    """Check the columns of these names in a file with ``bodies`` bodies; raises UnreadableRecording if they
+    exceed the limits for the file's size, or page headers cannot be parsed."""
+    size = os.path.getsize(path)
+    with open(path, "rb") as file:
+        try:
+            file.seek(max(size - _END.size, 0))
+            length, magic = _END.unpack(file.read(_END.size))
+            if magic != _MAGIC or length > size - _END.size:
+                raise ValueError("it has no footer")
+            file.seek(size - _END.size - length)
+            for group in _Thrift(file.read(length)).struct().get(4, ()):
+                budget.spend("rows", group[3] * bodies)
+                pages = list[tuple[int, int]]()
+                for column in group[1]:
+                    if column.get(1):
+                        raise ValueError("its columns are in other files")
+                    about = column[3]
+                    if about[3][0].decode(errors="replace") not in names:
+                        continue
+                    if len(about[3]) > 1:  # lists have more values than there are rows
+                        budget.spend("rows", about[5] // _VALUES_PER_ROW)
+                    for page in _pages(file, about, group[3], size):
+                        budget.spend("records", 1)  # several columns may name the same pages
+                        pages.append(page)
+                if pages:
+                    budget.inflate(sum(packed for packed, _ in pages), sum(plain for _, plain in pages))
+        except TooMuchWork as error:
+            raise UnreadableRecording(f"it is too much for its size: {error}") from error
+        except (ValueError, LookupError, TypeError, struct.error, AttributeError, RecursionError) as error:
+            raise UnreadableRecording(
+                f"it is damaged: where its pages begin cannot be read ({error})"
+            ) from error
+
+
+def _pages(file: IO[bytes], column: _Struct, rows: int, size: int) -> Iterator[tuple[int, int]]:
+    """Stored and decompressed bytes of each page of a column."""
+    at = min(column[9], column.get(11) or column[9])
+    end = at + column[7]
+    if not 0 < at <= end <= size or (column[5] > rows and len(column[3]) == 1):
+        raise ValueError("a column is elsewhere, or has more values than there are rows")
+    values = longest = shared = 0
+    while at < end:
+        file.seek(at)
+        header = _Thrift(file.read(min(_PAGE_HEADER, end - at)))
+        page = header.struct()
+        plain, packed = page[2], page[3]
+        of_data = page.get(5) or page.get(8)
+        values += of_data[1] if of_data else 0
+        if plain < 0 or packed < 0 or (of_data or page.get(7) or {1: 0})[1] < 0 or values > column[5]:
+            raise ValueError("a page has more values than its column")
+        at += header.at + packed
+        longest = max(longest, plain)
+        if column[1] in _TEXTS and of_data and of_data[2 if page.get(5) else 4] not in _WHOLE:
+            shared += of_data[1] * longest
+        if shared > _MOST_SHARED:
+            raise UnreadableRecording(
+                f"its column {column[3][0].decode(errors='replace')} is text: write numbers"
+            )
+        yield header.at + packed, plain
+    if at != end:
+        raise ValueError("a page is longer than its column")
+
+
+class _Thrift:
+    """Parser of the compact protocol; raises LookupError, ValueError or RecursionError for invalid data."""
+
+    def __init__(self, data: bytes) -> None:
+        self.at = 0
+        self._data = data
+
+    def struct(self) -> _Struct:
+        fields, number = dict[int, Any](), 0
+        while head := self._take(1)[0]:
+            number = number + (head >> 4) if head >> 4 else self._number(is_signed=True)
+            fields[number] = self._value(head & 15)
+        return fields
+
+    def _value(self, kind: int) -> Any:
+        match kind:
+            case 1 | 2:
+                return kind == 1
+            case 3:
+                return self._take(1)[0]
+            case 4 | 5 | 6:
+                return self._number(is_signed=True)
+            case 7:
+                return self._take(8)
+            case 8:
+                return self._take(self._number())
+            case 9 | 10:
+                head = self._take(1)[0]
+                count = self._number() if head >> 4 == 15 else head >> 4
+                if count > len(self._data) - self.at:
+                    raise ValueError("a list is longer than what is left")
+                if head & 15 in (1, 2):
+                    return list(self._take(count))
+                return [self._value(head & 15) for _ in range(count)]
+            case 12:
+                return self.struct()
+        raise ValueError(f"a field of the kind {kind}")
+
+    def _take(self, count: int) -> bytes:
+        if count > len(self._data) - self.at:
+            raise ValueError("it is cut off")
+        self.at += count
+        return self._data[self.at - count : self.at]
+
+    def _number(self, is_signed: bool = False) -> int:
+        """A number of 7 bits in each byte; signed ones are zigzag."""
+        number = 0
+        for shift in range(0, 70, 7):
+            byte = self._take(1)[0]
+            number |= (byte & 127) << shift
+            if byte < 128:
+                return (number >> 1) ^ -(number & 1) if is_signed else number
+        raise ValueError("a number is too long")
+
+
+_MOST_ARRAYS: Final = 200
+_ARRAY_ERRORS: Final = (
+    *(ValueError, OSError, EOFError, RuntimeError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error, NotImplementedError),
+)
+
+
+class ArrayRows:
+    """The columns of arrays with as many rows, some rows after others; they have no ``damage``.
+
+    Raises
+    ------
+    UnreadableRecording
+        It is damaged, too large when decompressed, or it is not known which columns are what.
+    """
+
+    damage: tuple[str, ...] = ()
+
+    def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
+        try:
+            arrays = _arrays(path, budget)
+        except TooMuchWork as error:
+            raise UnreadableRecording(f"it is too much for its size: {error}") from error
+        except _ARRAY_ERRORS as error:
+            raise UnreadableRecording(f"it cannot be read as arrays of NumPy: {error}") from error
+        lengths = Counter(len(array) for array in arrays.values())
+        if not lengths:
+            raise UnreadableRecording("it has no array of numbers with a row for each pose")
+        self._rows = lengths.most_common(1)[0][0]
+        names, self._values = list[str](), list[NDArray[Any]]()
+        for name, array in arrays.items():
+            if len(array) == self._rows:
+                rows = array.reshape(self._rows, array.size // max(self._rows, 1))
+                names += [name] if array.ndim == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
+                self._values += list(rows.T)
+        if list(arrays) == [""]:
+            first = [str(values[0]) for values in self._values] if self._rows else []
+            self.layout = layout_without_names(first, reading, path, "NumPy")
+        else:
+            self.layout = layout_of_names(names, reading, path, "NumPy")
+
+    def __iter__(self) -> Iterator[dict[int, Any]]:
+        layout = self.layout
+        for begin in range(0, self._rows, ROWS_AT_ONCE):
+            end = min(begin + ROWS_AT_ONCE, self._rows)
+            found: dict[int, Any] = {}
+            for place in layout.places:
+                values = np.arange(begin, end) if place < 0 else self._values[place][begin:end]
+                is_time = place in (layout.time, layout.rest)
+                found[place] = list(map(str, values.tolist())) if is_time else values.astype(np.float64)
+            yield found
+
+
+def _arrays(path: str, budget: WorkBudget) -> dict[str, NDArray[Any]]:
+    """The arrays of numbers by name; that of an ``.npy`` file has none."""
+    if not path.lower().endswith(".npz"):
+        with open(path, "rb") as file:
+            array = _array(file, os.path.getsize(path), os.path.getsize(path), budget)
+        return {} if array is None else {"": array}
+    found = dict[str, NDArray[Any]]()
+    with closing(zipfile.ZipFile(path)) as archive:
+        for info in archive.infolist()[:_MOST_ARRAYS]:
+            with archive.open(info) as file:
+                array = _array(file, info.compress_size, info.file_size, budget)
+            if array is not None:
+                found[printable(info.filename.removesuffix(".npy"))] = array
+    return found
+
+
+def _array(file: IO[bytes], packed: int, size: int, budget: WorkBudget) -> NDArray[Any] | None:
+    """An array in a file of so many bytes, ``packed`` and not, if it has numbers in rows of few values."""
+    version = npy.read_magic(file)
+    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, by_columns, kind = read_header(file)
+    width = int(np.prod(shape[1:], dtype=object)) if shape else 0
+    if not 1 <= width <= _WIDEST or kind.kind not in "iuf":
+        return None
+    if min(shape) < 0 or width * shape[0] * kind.itemsize > size:
+        raise ValueError("an array is longer than its file")
+    budget.inflate(packed, size)
+    values = np.frombuffer(file.read(width * shape[0] * kind.itemsize), kind)
+    return values.reshape(shape, order="F" if by_columns else "C")
