@@ -93,7 +93,7 @@ class ContactModel:
 
 def _model_of(contact: Contact) -> ContactModel:
     """The contact of the family whose module is named after its elements, or after those of its mirror."""
-    first, _, second = contact.value
+    first, second = contact.value[0], contact.value[2]
     for one, other in ((first, second), (second, first)):
         name = f"{__name__}.{_ELEMENTS[one]}_{_ELEMENTS[other]}"
         if find_spec(name) is not None:

@@ -40,7 +40,8 @@ class Column(Generic[Entry]):
     integers."""
 
     def __init__(self, kind: type[Entry], *shape: str | int) -> None:
-        self._kind, self._shape = kind, shape
+        self._kind: type[Any] = kind
+        self._shape = shape
 
     def stored(self, sizes: Mapping[str, int]) -> tuple[type, tuple[int, ...]]:
         """Type and shape of an entry as stored, given the ``sizes`` of C, S and K."""

@@ -308,4 +308,4 @@ def _evidence(bank: Bank, since: Index) -> Array:
     weight = bank.log_weight
     near = (weight >= weight.max() - FAR_NATS).nonzero()[0]
     near = near[best_of(bank.rows["onset"][near], weight[near])]
-    return np.interp(since, bank.rows["onset"][near], bank.rows["log_likelihood"][near])
+    return np.asarray(np.interp(since, bank.rows["onset"][near], bank.rows["log_likelihood"][near]))
