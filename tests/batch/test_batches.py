@@ -171,7 +171,7 @@ def test_another_version_processes_all_recordings_again(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(recordings, tmp_path / "dataset")
-    monkeypatch.setattr("contact_tracker.batch.segmenting.__version__", "9.9")
+    monkeypatch.setattr("contact_tracker.batch.rows.__version__", "9.9")
     assert run(recordings, tmp_path / "dataset").done == 3
 
 
