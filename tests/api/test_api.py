@@ -27,7 +27,7 @@ from contact_tracker.errors import (
 )
 from contact_tracker.motion.pose_validation import PoseGate, gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import WRENCH_TYPE, wrench_evidence, write_recording
+from contact_tracker.recording import WRENCH_TYPE, write_recording
 from contact_tracker.segmenting import segment as segment_inside
 from contact_tracker.with_wrenches import NoLoad
 from contact_tracker.wrenches.wrenches import Wrenches
@@ -373,7 +373,7 @@ def test_wrenches_have_the_clock_of_the_poses(
         seen.append((poses.stamp_ns, wrenches.stamp_ns))
         raise NoLoad("only looked at")
 
-    monkeypatch.setattr(wrench_evidence, "wrench_evidence", note)
+    monkeypatch.setattr("contact_tracker.recording.wrenches.wrench_evidence", note)
     trajectory = contact_tracker.read(path)
     with pytest.warns(ContactTrackerWarning, match="/wrench is not used: only looked at"):
         contact_tracker.segment(trajectory, wrench="/wrench")
