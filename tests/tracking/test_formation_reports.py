@@ -42,7 +42,7 @@ ROW = np.dtype(
 def window(first: int, count: int) -> Window:
     zeta = lift(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
     ones = np.ones((count, 2))
-    return Window(first + np.arange(count), zeta, 1e-8 * ones, 1e-6 * ones, frames=ones[:, 0])
+    return Window(first + np.arange(count), zeta, 1e-8 * ones, 1e-6 * ones, frames=np.zeros(count))
 
 
 def finished(contact: Contact, first: int, count: int) -> FinishedSegment:
