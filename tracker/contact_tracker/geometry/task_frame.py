@@ -48,27 +48,25 @@ class TaskFrame:
     def wrenches(self) -> Array:
         """Wrenches (c, 6) that the contact can transmit without friction, in the world frame: force, and
         moment about the world's origin (m per unit of force)."""
-        turn, origin_m = self.T_world_task[:3, :3], self.T_world_task[:3, 3]
-        rows = []
-        for coordinate in np.flatnonzero(self.is_constrained):
-            axis = turn[:, coordinate % 3]
-            is_force = coordinate < 3
-            moment = np.cross(origin_m, axis) if is_force else axis
-            rows.append(np.concatenate([axis * is_force, moment]))
-        return np.array(rows)
+        return np.concatenate([self._lines, self._couples])[self.is_constrained]
 
     @property
     def free_twists(self) -> Array:
         """Twists (6 - c, 6) that the contact leaves free, in the world frame: velocity of the body's point at
         the world's origin, and angular velocity. Their power with each of the ``wrenches`` is zero."""
-        turn, origin_m = self.T_world_task[:3, :3], self.T_world_task[:3, 3]
-        rows = []
-        for coordinate in np.flatnonzero(~self.is_constrained):
-            axis = turn[:, coordinate % 3]
-            is_shift = coordinate < 3
-            velocity = axis if is_shift else np.cross(origin_m, axis)
-            rows.append(np.concatenate([velocity, axis * (not is_shift)]))
-        return np.array(rows)
+        screws = np.concatenate([self._couples, self._lines])  # shifts along the axes, turns about them
+        return np.roll(screws[~self.is_constrained], 3, axis=1)
+
+    @property
+    def _lines(self) -> Array:
+        """Unit vectors (3, 6) along the axes through the frame's origin, with their moments."""
+        axes, origin_m = self.T_world_task[:3, :3].T, self.T_world_task[:3, 3]
+        return np.hstack([axes, np.cross(origin_m, axes)])
+
+    @property
+    def _couples(self) -> Array:
+        """Moments (3, 6) about the axes."""
+        return np.hstack([np.zeros((3, 3)), self.T_world_task[:3, :3].T])
 
 
 def task_frame(contact: Contact, geometry: ContactGeometry, T_world_body: Array) -> TaskFrame | None:
