@@ -26,7 +26,7 @@ HEADER: Final = (
     *("motion", "most frequent label", "free above 0.9 offline", "free above 0.9 online"),
     *("contact above 0.9 offline", "contact above 0.9 online", "any other offline", "any other online"),
 )
-SURE: Final = 0.9
+SURE_PROBABILITY: Final = 0.9
 SETTLING_TICKS: Final = 20
 
 
@@ -35,7 +35,7 @@ def shares(beliefs: Beliefs) -> list[float]:
     rows = beliefs.rows[SETTLING_TICKS:]
     free, contact = rows["probability"][:, Contact.FREE.column], rows["probability"][:, :-1].max(axis=1)
     others = rows["inseparable"].sum(axis=1) == len(STATES) - 1
-    return [float(np.mean(part)) for part in (free > SURE, contact > SURE, others)]
+    return [float(np.mean(part)) for part in (free > SURE_PROBABILITY, contact > SURE_PROBABILITY, others)]
 
 
 def measure(name: str, seed: int) -> tuple[list[list[float]], np.ndarray]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final
 
-_CLOSE: Final = 0.65
+_LEAST_SIMILARITY: Final = 0.65
 """Similarity (difflib ratio) from which on a name is suggested for a word: two of three letters."""
 _BEGINNING: Final = 3
 """Letters from which on the one name that begins with them is suggested."""
@@ -25,5 +25,5 @@ def closest(word: str, names: Iterable[str]) -> str | None:
     given = word.lstrip(_MARKS).casefold()
     words = [name for name in bare if len(name) > 1 or name == given]  # one letter is in many words
     longer = [name for name in bare if len(given) >= _BEGINNING and name.startswith(given)]
-    near = longer if len(longer) == 1 else get_close_matches(given, words, 1, _CLOSE)
+    near = longer if len(longer) == 1 else get_close_matches(given, words, 1, _LEAST_SIMILARITY)
     return bare[near[0]] if near else None

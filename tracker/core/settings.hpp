@@ -7,7 +7,7 @@ namespace kernels {
 
 // Levenberg-Marquardt damping, see `gauss_newton.py`.
 struct Damping {
-    double first, least, most, less, more, least_share, least_curvature;
+    double first, least, most, decrease, increase, least_share, least_curvature;
 };
 
 // Round of the search: steps per start, and the number of best starts kept.

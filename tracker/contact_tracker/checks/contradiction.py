@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, Self
 from contact_tracker.checks.check import Check, Stream, has_doubts
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Array
-from contact_tracker.hypotheses.evidence import AS_WELL
+from contact_tracker.hypotheses.evidence import SAME_FIT_RATIO
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
@@ -172,7 +172,8 @@ def _is_undecided(with_map: Belief, without_map: Belief) -> bool:
     second has more evidence because something else, such as the hand, keeps a constraint (T24)."""
     if not without_map.p_restricted or with_map.contact not in without_map.inseparable:
         return False
-    return not _residual(with_map) >= AS_WELL * max(1.0, _residual(without_map))  # unknown: not decided
+    at_most = SAME_FIT_RATIO * max(1.0, _residual(without_map))
+    return not _residual(with_map) >= at_most  # unknown: not decided
 
 
 def _residual(belief: Belief) -> float:

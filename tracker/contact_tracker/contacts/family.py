@@ -21,6 +21,7 @@ from contact_tracker.geometry.elements import Element
 from contact_tracker.geometry.vectors import EYE, dot, unit
 from contact_tracker.motion.lifted_pose import TXR, R, T, U
 
+Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
@@ -58,9 +59,6 @@ def _turns(form: Form) -> NDArray[np.bool_]:
     for d, q in ((form.d1, form.q1), (form.d2, form.q2)):
         free += [True] * 2 * (d >= 0) + [False] * (2 if d >= 0 else 3) * (q >= 0)
     return np.array(free + [False] * (form.h >= 0))
-
-
-Array = NDArray[np.float64]
 
 
 class Measurement(NamedTuple):

@@ -14,7 +14,7 @@ from contact_tracker.formations.elements import FittedElements, elements_complex
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
 from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, Plane, canonical
-from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
+from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
 from contact_tracker.map.same_element import is_same_element
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
@@ -326,11 +326,11 @@ def inseparable_kinds(
     """
     alike = {best.known.contact}
     for one in others:
-        if one.rms > AS_WELL and one.gain > EQUAL_GAIN * best.gain:
+        if one.rms > SAME_FIT_RATIO and one.gain > EQUAL_GAIN * best.gain:
             refined = refine(segment, motion, one, run)
             one = one if refined is None else refined[0]
         near = one.presence.log_odds > best.presence.log_odds - DECISIVE
-        fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > EQUAL_GAIN * best.gain
+        fits = one.rms < SAME_FIT_RATIO * max(1.0, best.rms) and one.gain > EQUAL_GAIN * best.gain
         if near or fits:
             alike.add(one.known.contact)
     contained = {kind for kind in CONTACTS for one in alike if one.contains(kind) and kind.codimension >= new}

@@ -38,8 +38,8 @@ FOLLOWED_STARTS: Final = 12
 ROUNDS: Final = ((4, 5), (10, 2))
 """Numbers of descent steps, and of the best starts that continue after them."""
 FIRST_DAMPING: Final = 1.0
-LESS: Final = 0.3
-MORE: Final = 6.0
+DAMPING_DECREASE: Final = 0.3
+DAMPING_INCREASE: Final = 6.0
 TINY: Final = 1e-12
 RELAXED_STARTS: Final = 2
 DRAWS: Final = 7
@@ -185,7 +185,7 @@ class _Problem(NamedTuple):
             then = self.cost(there)
             better = then < cost
             x, cost = np.where(better[:, None], there, x), np.where(better, then, cost)
-            damping = np.clip(damping * np.where(better, LESS, MORE), 1e-6, 1e9)
+            damping = np.clip(damping * np.where(better, DAMPING_DECREASE, DAMPING_INCREASE), 1e-6, 1e9)
         return x
 
     def _normal(self, x: Array, anchors: Array) -> tuple[Array, Array, Array]:

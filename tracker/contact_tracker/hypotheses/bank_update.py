@@ -43,6 +43,7 @@ from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 
@@ -81,9 +82,6 @@ class TickWeights(NamedTuple):
     best_rows: Index
     """(6,) row of the best hypothesis of each bank; -1 for an empty one."""
     live_hypotheses: LiveHypotheses
-
-
-Bools = NDArray[np.bool_]
 
 
 def update(

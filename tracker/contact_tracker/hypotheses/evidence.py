@@ -24,8 +24,9 @@ from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
-AS_WELL: Final = 1.2
+SAME_FIT_RATIO: Final = 1.2
 """A contact fits as well if its whitened residual is no more than this times the best's, or the noise."""
 DECISIVE: Final = log(20.0)
 """Evidence (nats) that tells two contacts apart: twenty to one."""
@@ -191,9 +192,6 @@ def complexity(
     before = before + np.einsum("bk,bkpq->bpq", predicted_share, hessian)
     volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(given + before)[1]
     return np.asarray(0.5 * volume + prior.cost(x))
-
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,8 +132,8 @@ END_TICK_SIGMAS: Final = 2.5
 LEAST_CURVATURE: Final = 1e-9
 FIRST_DAMPING: Final = 1e-6
 LEAST_DAMPING: Final = 1e-9
-LESS: Final = 0.1
-MORE: Final = 100.0
+DAMPING_DECREASE: Final = 0.1
+DAMPING_INCREASE: Final = 100.0
 """Factors of the damping after a step that has lowered the cost, and after one that has not."""
 STEP: Final = 1e-6
 """Step of finite differences, in radians and metres."""
@@ -235,10 +235,10 @@ def _maximise(
         proposal = model.family.normalise(x + step @ tangent.T, anchors)
         there = new(proposal)  # its cost alone would take nearly as long
         if there[0] < now:
-            x, damping = proposal, max(LESS * damping, LEAST_DAMPING)
+            x, damping = proposal, max(DAMPING_DECREASE * damping, LEAST_DAMPING)
             now, residual, jacobian, tangent = there
         else:
-            damping *= MORE
+            damping *= DAMPING_INCREASE
         if abs(gradient @ step) < TOLERANCE_NATS:
             break
     return x

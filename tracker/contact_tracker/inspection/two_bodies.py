@@ -37,7 +37,7 @@ BACK: Final = 8
 """How many poses back a return is looked for."""
 FAR_M: Final = 0.01
 FAR_STEPS: Final = 8.0
-CLOSE: Final = 0.25
+RETURNED_SHARE: Final = 0.25
 """Largest distance from the pose returned to, as a share of the step."""
 # Page's test: with returns in 13 % of the poses the sum drifts down, with 40 % it rises; the chance of a
 # false alarm is about exp(-ALARM) a pose.
@@ -57,7 +57,7 @@ def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
     distance = _distance(position[BACK:, None], quat[BACK:, None], position[rows], quat[rows])
     nearest = distance.min(axis=1)
     far &= step > FAR_STEPS * np.median(nearest)
-    return np.asarray(far & (nearest < CLOSE * step) & (nearest > 0.0))
+    return np.asarray(far & (nearest < RETURNED_SHARE * step) & (nearest > 0.0))
 
 
 def page_sum(page: float, returns: NDArray[np.bool_]) -> tuple[float, bool]:

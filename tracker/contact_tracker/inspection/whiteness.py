@@ -41,7 +41,7 @@ INFORMATION: Final = np.array([[59.9, 40.1, 9.3], [40.1, 40.6, 16.7], [9.3, 16.7
 times n is chi-squared with three degrees of freedom. From 4000 simulated streams of 505 poses."""
 TOWARDS_ONE: Final = 1.0 - SIGNS_OF_WHITE
 FULLY: Final = float(TOWARDS_ONE @ INFORMATION @ TOWARDS_ONE)
-SURE: Final = 30.0
+CHI_SQ_THRESHOLD: Final = 30.0
 """Threshold of that chi-squared."""
 SMALL: Final = 0.035
 """Squared departures below this are not reported: dropping every second frame gives up to 0.02."""
@@ -101,7 +101,7 @@ def is_filtered(whiteness: Whiteness) -> bool:
     both = products[0].sum(axis=0) / np.maximum(pairs[0].sum(axis=0), 1.0) - SIGNS_OF_WHITE
     moving = max(float(TOWARDS_ONE @ INFORMATION @ both) / FULLY, 0.0)
     rest = both - moving * TOWARDS_ONE
-    if rest @ INFORMATION @ rest <= SMALL + SURE / count + oscillation / blocks * moving**2:
+    if rest @ INFORMATION @ rest <= SMALL + CHI_SQ_THRESHOLD / count + oscillation / blocks * moving**2:
         return False
     departure = np.linalg.norm(products / np.maximum(pairs, 1.0) - SIGNS_OF_WHITE, axis=2)
     nearer = departure[1:] < np.minimum(MOTION * departure[0], NEAR_WHITE)

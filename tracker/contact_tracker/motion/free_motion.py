@@ -37,7 +37,7 @@ SAME_S: Final = 1e-4
 NOW_TICKS: Final = 3
 """Number of ticks after which an object that has stopped is recognised to rest."""
 SHAPE_MEMORY_S: Final = 1.5
-STILL: Final = 3.0
+REST_VARIANCE_RATIO: Final = 3.0
 """Innovations of up to this many noise variances count as rest."""
 LOG_BIAS: Final = 1.446
 """exp(-E log(chi^2_3 / 3)): from the geometric to the arithmetic mean of squares in three axes."""
@@ -113,7 +113,7 @@ class FreeMotion(NamedTuple):
         if not self.weight:
             return np.zeros(2)
         now = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
-        beyond = np.maximum(np.minimum(self.spread, now) - STILL * rest, 0.0)
+        beyond = np.maximum(np.minimum(self.spread, now) - REST_VARIANCE_RATIO * rest, 0.0)
         moving = beyond / variance * share
         axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
         correlation = np.maximum(self.autocorrelation, 0.0)
@@ -178,7 +178,7 @@ def moves_on(state: FreeMotion, stamp_ns: int, variance: Array) -> bool:
     if ahead_s > LONGEST_COAST_S:
         return False
     way = ahead_s ** _POWERS[1:] * _SHARES[1:] @ state.x[:, 1:]
-    return bool(((way * way).sum(axis=1) > 3.0 * STILL * variance).any())
+    return bool(((way * way).sum(axis=1) > 3.0 * REST_VARIANCE_RATIO * variance).any())
 
 
 class Transition(NamedTuple):
@@ -239,7 +239,7 @@ def advance(
         state = _with_errors(state, of_tick, innovation / (np.sqrt(squares[:, :1]) + TINY), tick_s, memory_s)
         share = prediction.share
     else:  # no prediction: only the displacement is known
-        share = np.where(squares[:, 1] > 3.0 * STILL * rest, prediction.share, 0.0)
+        share = np.where(squares[:, 1] > 3.0 * REST_VARIANCE_RATIO * rest, prediction.share, 0.0)
     excess = state.excess(variance, rest, share)
     return state, InnovationExcess(float(excess[0]), float(excess[1]))
 

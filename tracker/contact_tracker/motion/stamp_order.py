@@ -35,7 +35,7 @@ HELD: Final = 64
 """Most poses that are held; random stamps never form a long run."""
 RESET_RUN: Final = 20
 PERIODS_KEPT: Final = 25
-AWAY: Final = 4.0
+AWAY_STEPS: Final = 4.0
 """A pose at the same stamp is away if it is farther than this many usual steps between stamps, and than
 calibration and noise explain."""
 AWAY_M: Final = 0.002
@@ -186,8 +186,8 @@ class StampOrder:
         steps = [step_between(a, b) for a, b in pairwise(self._latest)]
         usual = Step(median(step.distance_m for step in steps), median(step.turn for step in steps))
         step = step_between(self._latest[-1], pose)
-        return step.distance_m > max(AWAY_M, AWAY * usual.distance_m) or step.turn > max(
-            AWAY_TURN, AWAY * usual.turn
+        return step.distance_m > max(AWAY_M, AWAY_STEPS * usual.distance_m) or step.turn > max(
+            AWAY_TURN, AWAY_STEPS * usual.turn
         )
 
     def _consider_reset(self, pose: Pose) -> Sequence[Ordered]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.vectors import EYE
-from contact_tracker.motion.free_motion import NOW_TICKS, STILL
+from contact_tracker.motion.free_motion import NOW_TICKS, REST_VARIANCE_RATIO
 from contact_tracker.motion.lifted_pose import R, T, lift_of_inverse
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 
@@ -276,7 +276,7 @@ def _still(window: Window, filled: NDArray[np.intp], count: int) -> Bools:
         return np.zeros(0, bool)
     spans = filled[np.arange(filled.size - count + 1)[:, None] + np.arange(count)]
     scatter = window.zeta[:, _POSE][spans].var(axis=1, ddof=1)
-    of_noise = STILL * window.variance[spans].mean(axis=1)
+    of_noise = REST_VARIANCE_RATIO * window.variance[spans].mean(axis=1)
     still = scatter[:, T].sum(axis=1) / 3.0 <= of_noise[:, 0]
     return np.asarray(still & (scatter[:, R].sum(axis=1) / 6.0 <= of_noise[:, 1]))
 

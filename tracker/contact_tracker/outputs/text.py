@@ -41,7 +41,7 @@ def ansi_of(contact: Contact) -> str:
 
 _GEOMETRY: Final = "the object's element (body frame) on the surroundings' (world frame)"
 CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
-SURE: Final = 0.9
+SURE_PROBABILITY: Final = 0.9
 SAME_NS: Final = 1_000_000_000
 """Largest change of a further contact's estimated onset from belief to belief (ns)."""
 JOINS: Final = "+ "
@@ -55,7 +55,7 @@ TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
 
 def is_settled(belief: Belief) -> bool:
     """Whether the contact is nearly certain and distinguishable from all others."""
-    return bool(belief.probability[belief.contact.column] >= SURE) and not belief.inseparable
+    return bool(belief.probability[belief.contact.column] >= SURE_PROBABILITY) and not belief.inseparable
 
 
 def change_line(belief: Belief, origin_ns: int) -> str:

@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 FIRST_DAMPING: Final = 1e-3
 LEAST_DAMPING: Final = 1e-12
 MOST_DAMPING: Final = 1e12
-LESS: Final = 0.2
-MORE: Final = 8.0
+DAMPING_DECREASE: Final = 0.2
+DAMPING_INCREASE: Final = 8.0
 """Factors of the damping after a step that has lowered the value, and after one that has not."""
 LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
@@ -90,7 +90,8 @@ def minimise_batched(
         x[rows], y[rows], cost[rows] = tx[accept], ty[accept], tried[accept]
         for now, then in zip(near, there, strict=True):
             now[rows] = then[accept]
-        damping[active] = np.clip(damping[active] * np.where(accept, LESS, MORE), LEAST_DAMPING, MOST_DAMPING)
+        changed = damping[active] * np.where(accept, DAMPING_DECREASE, DAMPING_INCREASE)
+        damping[active] = np.clip(changed, LEAST_DAMPING, MOST_DAMPING)
         active = active[~done]
     converged = np.ones(len(cost), bool)
     converged[active] = False

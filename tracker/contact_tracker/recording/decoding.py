@@ -223,7 +223,6 @@ _PER_SIZE: Final = 8
 _MOST: Final = 64
 """Most layouts of one size, and in all: some channels have endlessly many frame names."""
 
-Decoder = Callable[[bytes], Any]
 _Definition = tuple[str, str, str, bytes]
 """Encoding, type, encoding of the schema, and schema."""
 Observation = tuple[PoseSource, Pose]

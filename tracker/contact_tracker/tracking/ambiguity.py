@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.curved_contact import curved_evidence, fit_curved
-from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
+from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
 from contact_tracker.hypotheses.global_search import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
 from contact_tracker.map.map import Map
@@ -66,7 +66,7 @@ class CompetingEvidence(NamedTuple):
 
     def fit_like(self, label: Contact) -> NDArray[np.bool_]:
         """Which states (7,) fit the motion as well as the label."""
-        return np.asarray(self.rms < AS_WELL * max(1.0, self.rms[label.column]))
+        return np.asarray(self.rms < SAME_FIT_RATIO * max(1.0, self.rms[label.column]))
 
 
 class Freedom(NamedTuple):
@@ -318,7 +318,7 @@ LEAST_TICKS: Final = 40
 """Least number of ticks; in fewer, smooth motion of a hand may fit by chance."""
 LEAST_ACTIVITY: Final = 10.0
 """Least motion in them for a test."""
-AGAIN: Final = 1.5
+RETEST_GROWTH: Final = 1.5
 """Free motion is tested again when its duration has grown by this factor."""
 
 
@@ -340,7 +340,7 @@ def update_curved_motion(
     """The estimate after another tick of free motion since tick ``since``; ``window`` are the last ticks."""
     known = before if before.since == since else CurvedMotion(since, 0, 0.0)
     age = int(window.index[-1]) + 1 - since
-    if age < max(LEAST_TICKS, AGAIN * known.after):
+    if age < max(LEAST_TICKS, RETEST_GROWTH * known.after):
         return known
     first = max(int(window.index.searchsorted(since)), len(window) - SPAN_TICKS)
     last = window.cut(first, None)

@@ -46,7 +46,7 @@ MISFIT: Final = 9.0
 which they are not explained. On the shared physics recordings they are at most 0.085 and 2.3."""
 MOST_BIAS: Final = 0.5
 """Largest bias over the weight, where it is far beyond its prior."""
-SURE: Final = 3.0
+DOUBTED_DEVIATIONS: Final = 3.0
 """Standard deviations of a bias beyond its prior, and of an accelerated mass that is negative."""
 
 
@@ -91,9 +91,9 @@ class Load:
         one."""
         share, sd = self.accelerated
         bias_n = float(np.linalg.norm(self.force_bias_n))
-        if share < 0.0 and share + SURE * sd < 1.0:
+        if share < 0.0 and share + DOUBTED_DEVIATIONS * sd < 1.0:
             return "in free motion the forces are as if the mass were negative"
-        if bias_n > max(SURE * BIAS_SD[0], MOST_BIAS * GRAVITY * self.mass_kg):
+        if bias_n > max(DOUBTED_DEVIATIONS * BIAS_SD[0], MOST_BIAS * GRAVITY * self.mass_kg):
             return f"in free motion a force of {bias_n:.1f} N turns with the object, as gravity does not"
         off, misfit = self.unexplained
         if self.ticks < FEWEST_TICKS or (off > UNEXPLAINED and misfit > MISFIT):

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CALIBRATION_BINS: Final = 15
-SURE: Final = 0.9
+SURE_PROBABILITY: Final = 0.9
 SMALLEST_PROBABILITY: Final = 1e-12
 """Lower limit of probabilities in the log-loss, which is infinite at zero."""
 NO_LABEL: Final = -1
@@ -213,7 +213,7 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
         calibration=_calibration(seconds, top_p, right),
         log_loss_s=float(seconds @ -np.log(p_true)),
         brier_s=float((seconds @ (p - is_true) ** 2).sum()),
-        sure_wrong_s=float(seconds @ ((top_p > SURE) & ~right)),
+        sure_wrong_s=float(seconds @ ((top_p > SURE_PROBABILITY) & ~right)),
         into=np.zeros(0, np.int64),
         boundary_error_s=np.zeros(0),
         detection_delay_s=np.zeros(0),

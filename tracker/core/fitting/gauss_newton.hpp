@@ -170,7 +170,7 @@ Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
             accept<F>(window, !better, x, work);
         }
         now.cost = where(better, proposed, now.cost);
-        const Lanes changed = now.damping * where(better, Lanes(fits.less), Lanes(fits.more));
+        const Lanes changed = now.damping * where(better, Lanes(fits.decrease), Lanes(fits.increase));
         const Lanes within = smaller<Lanes>(larger<Lanes>(changed, fits.least), fits.most);
         now.damping = where(now.left, within, now.damping);
     }

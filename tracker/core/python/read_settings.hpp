@@ -23,8 +23,8 @@ inline void configure(const pybind11::dict& values) {
     Settings& to = settings;
     Damping& damping = to.damping;
     read_fields(values, "first_damping", damping.first, "least_damping", damping.least, "most_damping",
-                damping.most, "less", damping.less, "more", damping.more, "least_share", damping.least_share,
-                "least_curvature", damping.least_curvature);
+                damping.most, "damping_decrease", damping.decrease, "damping_increase", damping.increase,
+                "least_share", damping.least_share, "least_curvature", damping.least_curvature);
     read_fields(values, "tolerance", to.tolerance, "sine_sq_floor", to.sine_sq_floor, "tiny", to.tiny,
                 "edge_ridge", to.edge_ridge, "vertex_ridge", to.vertex_ridge, "first_ticks", to.first_ticks,
                 "rest_weight", to.rest_weight, "defer_nats", to.defer_nats, "far_nats", to.far_nats,

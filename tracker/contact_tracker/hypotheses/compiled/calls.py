@@ -146,7 +146,14 @@ def _settings() -> dict[str, object]:
         ),
         *("FIRST_STEPS", "RECOVERY_STEPS", "FOLLOWED_STARTS", "SEARCH_REFITS", "UNTHINNED_TICKS", "ROUNDS"),
     )
-    damping = ("FIRST_DAMPING", "LEAST_DAMPING", "MOST_DAMPING", "LESS", "MORE", "LEAST_SHARE")
+    damping = (
+        "FIRST_DAMPING",
+        "LEAST_DAMPING",
+        "MOST_DAMPING",
+        "DAMPING_DECREASE",
+        "DAMPING_INCREASE",
+        "LEAST_SHARE",
+    )
     return {
         **{name.lower(): getattr(schedule, name) for name in names},
         **{name.lower(): getattr(gauss_newton, name) for name in (*damping, "LEAST_CURVATURE", "TOLERANCE")},
