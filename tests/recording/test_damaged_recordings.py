@@ -498,3 +498,43 @@ def test_a_record_beyond_all_memory_is_not_read(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 50 * 2**20
     finally:
         tracemalloc.stop()
+
+
+def test_a_damaged_first_chunk_does_not_hide_the_channels(tmp_path: Path) -> None:
+    poses = smooth_poses(100)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)
+    start, length = chunk_offsets(path)[0]
+    data = bytearray(path.read_bytes())
+    data[start + length - 20] ^= 0xFF
+    path.write_bytes(data)
+    found, damage = read(path)
+    assert len(found) > 90
+    assert damage is not None
+
+
+def test_messages_of_a_channel_that_nothing_describes_are_counted(tmp_path: Path) -> None:
+    poses, late = smooth_poses(30), smooth_poses(40, start_ns=START_NS + 10**10)
+    topics = [poses_topic(poses), poses_topic(late, name="/other")]
+    path = write_log(
+        tmp_path / "a.mcap", topics, compression=CompressionType.NONE, enable_crcs=False, **INDEX_LESS
+    )
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<H", data, data.index(b"/other") - 8, 77)  # the number of another channel
+    path.write_bytes(data)
+    found, damage = read(path)
+    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
+    assert damage is not None
+    assert "40 messages of channels whose description is missing" in damage
+
+
+def test_a_chunk_with_too_large_a_declared_size_is_refused(tmp_path: Path) -> None:
+    poses = smooth_poses(100)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)
+    chunks = chunk_offsets(path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, chunks[3][0] + 9 + 16, 2**50)
+    path.write_bytes(data)
+    found, damage = read(path)
+    assert 85 < len(found) < 100
+    assert damage is not None
+    assert "are to become 1125899906842624" in damage

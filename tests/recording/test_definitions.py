@@ -384,3 +384,25 @@ def test_definitions_are_used_although_all_other_work_is_done() -> None:
     decoder = MessageDecoder(budget)
     channel = Channel("/p", "cdr", NAME, "ros2msg", SOUND["ros2msg"].encode())
     assert None not in list(decoder.poses([RawMessage(channel, 0, cdr_pose(next(iter(POSES))))]))
+
+
+def test_many_crafted_definitions_take_no_longer(tmp_path: Path) -> None:
+    """Each on a different topic, and none usable."""
+    from mcap.writer import Writer
+
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2**24, repeat_schemas=False, repeat_channels=False)
+        writer.start()
+        for i in range(600):
+            text = f"int32 a{i}\n" + "int32 a\n" * 12_000 + "["
+            schema = writer.register_schema("geometry_msgs/PoseStamped", "ros1msg", text.encode())
+            channel = writer.register_channel(f"/pose{i}", "ros1", schema)
+            writer.add_message(channel, i, b"", i)
+        writer.finish()
+    assert path.stat().st_size < 2**20
+    begin_s = time.process_time()
+    with pytest.raises(NoPoses):
+        open_log(str(path))
+    assert summarise(str(path)).undecodable == 600
+    assert time.process_time() - begin_s < 10.0

@@ -268,3 +268,24 @@ def test_a_long_line_of_frames_takes_little_memory() -> None:
     assert [step.source for step in steps] == sources
     assert tree.chain(names[0], "nowhere") is None
     assert tree.chain(names[3], names[3]) == []
+
+
+def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
+    topics = [
+        tf(FLANGE, "world", "flange"),
+        tf([MOUNT], "flange", "camera", "/tf_static"),
+        poses_topic(OBJECT, frame="camera"),
+    ]
+    path = str(write_log(tmp_path / "a.mcap", topics))
+    for which, meant in (
+        ({"topic": "/objct/pose"}, "/object/pose"),
+        ({"topic": "object/pose"}, "/object/pose"),
+        ({"frame": "Flange"}, "flange"),
+        ({"frame": "world->flagne"}, "world->flange"),
+        ({"frame": "fla"}, "flange"),
+        ({"topic": "/object/pose", "relative_to": "wrold"}, "world"),
+    ):
+        with pytest.raises(ChoiceError, match=rf"; did you mean {meant}\?$"):
+            open_log(path, **which)
+    with pytest.raises(ChoiceError, match=r"no topic /x; there is /tf, /tf_static, /object/pose$"):
+        open_log(path, topic="/x")

@@ -681,3 +681,20 @@ def test_the_summary_of_irregular_poses_has_their_jitter(tmp_path: Path) -> None
     (source,) = summarise(str(write_log(tmp_path / "a.mcap", [poses_topic(shaken)]))).sources
     assert source.median_rate_hz == pytest.approx(200.0, rel=0.01)
     assert source.jitter_s == pytest.approx(np.sqrt(2) * 2e-4, rel=0.1)
+
+
+def test_an_invalid_log_time_is_noted(tmp_path: Path) -> None:
+    """In a file log times are unsigned 64-bit integers, stamps are signed."""
+    rows = [(2**63 + p.stamp_ns, pose_stamped(0, *p[1:])) for p in smooth_poses()]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+    for found, log in (in_columns(path), (Poses.collect(one := open_log(path)), one)):
+        assert not len(found)
+        assert log.counts["out_of_range"] == len(rows)
+
+
+def test_a_child_of_two_parents_has_to_be_named_with_its_parent(tmp_path: Path) -> None:
+    a, b = smooth_poses(seed=1), smooth_poses(seed=2)
+    path = tf_log(tmp_path / "x.mcap", {("camera", "box"): a, ("world", "box"): b})
+    with pytest.raises(AmbiguousSource, match="camera->box"):
+        open_log(path, frame="box")
+    assert_same(Poses.collect(open_log(path, frame="world->box")), b)

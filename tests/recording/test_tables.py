@@ -13,6 +13,8 @@ import pytest
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 
+from contact_tracker import Trajectory
+from contact_tracker.cli.main import run
 from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
@@ -697,3 +699,69 @@ def test_dates_after_a_row_that_is_none_with_the_zones_of_databases(tmp_path: Pa
     path.write_text(f"time,x,y,z,qx,qy,qz,qw\n[iso],,,,,,,\n{rows}")
     found = Poses.collect(open_log(str(path)))
     assert ((found.stamp_ns - found.stamp_ns[0]) / 1e9).tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_durations_in_parquet(tmp_path: Path) -> None:
+    since = (POSES.stamp_ns - POSES.stamp_ns[0]).astype("timedelta64[ns]")
+    numbers = dict(zip(NAMES, columns(POSES)[:, 1:].T, strict=True))
+    write_parquet(tmp_path / "a.parquet", {"t": since, **numbers})
+    found = Poses.collect(open_log(str(tmp_path / "a.parquet")))
+    np.testing.assert_array_equal(found.stamp_ns, POSES.stamp_ns - POSES.stamp_ns[0])
+
+
+def test_times_in_parquet_may_be_texts(tmp_path: Path) -> None:
+    rows = 1000
+    table = {
+        "t": [f"{i / 100:.2f}" for i in range(rows)],
+        **{name: np.arange(rows) * 1e-4 for name in ("x", "y", "z")},
+        **{name: np.zeros(rows) for name in ("qx", "qy", "qz")},
+        "qw": np.ones(rows),
+    }
+    parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
+    assert sum(1 for _ in open_log(str(tmp_path / "a.parquet"))) == rows
+
+
+def test_rows_out_of_order_are_reported_with_the_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    rows = np.random.default_rng(0).permutation(columns(POSES))
+    np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
+    log = open_log(str(path))
+    kept = len(Poses.collect(log))
+    assert log.remarks == ()
+    assert log.loss is not None
+    assert log.loss.endswith(
+        "sort them by time; if they are of several bodies, record each on a topic of its own"
+    )
+    assert run(["info", str(path)]) == 3
+    assert log.loss in capsys.readouterr().err
+    found = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
+    assert (len(found), found.damage) == (kept, log.loss)
+
+
+def test_a_few_rows_out_of_order_are_only_counted(tmp_path: Path) -> None:
+    path, rows = tmp_path / "a.csv", columns(POSES)
+    rows[[50, 51, 120, 121, 200, 201]] = rows[[51, 50, 121, 120, 201, 200]]
+    np.savetxt(path, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
+    log = open_log(str(path))
+    Poses.collect(log)
+    assert log.counts["backward_stamp"] == 3
+    assert log.remarks == ()
+
+
+def test_a_time_with_too_many_digits_is_damage(tmp_path: Path) -> None:
+    path = write_times(tmp_path / "a.csv", 0.01 * np.arange(20))
+    lines = path.read_text().splitlines()
+    lines[5] = "9" * 29 + lines[5][lines[5].index(",") :]
+    path.write_text("\n".join([*lines, ""]))
+    assert len(Poses.collect(open_log(str(path)))) == 19
+
+
+def test_a_reset_of_the_clock_is_not_disorder(tmp_path: Path) -> None:
+    rows = np.concatenate([columns(POSES)[:35]] * 2)
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="")
+    log = open_log(str(tmp_path / "a.csv"))
+    Poses.collect(log)
+    assert log.counts["clock_reset"] == 1
+    assert log.remarks == ()

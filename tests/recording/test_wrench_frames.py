@@ -276,3 +276,24 @@ def test_transforms_of_another_time_are_an_error_in_one_line(tmp_path: Path) -> 
     path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), flange)
     with pytest.raises(InputError, match=r"pose in world is not known .* on /wrench and /tf of one clock"):
         read(path, topic="/object/pose")
+
+
+def test_a_gap_in_a_moving_transform_is_not_bridged(tmp_path: Path) -> None:
+    whole = moving("world", "ft")
+    kept = (whole.stamps_ns < START_NS + 2 * 10**9) | (whole.stamps_ns > START_NS + 7 * 10**9 // 2)
+    flange = Frame("world", "ft", whole.stamps_ns[kept], whole.position_m[kept], whole.rotation[kept])
+    found = read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), flange), topic="/object/pose")
+    last, following = flange.stamps_ns[[np.flatnonzero(~kept)[0] - 1, np.flatnonzero(~kept)[0]]]
+    inside = (PRESSED.wrenches.stamp_ns > last) & (PRESSED.wrenches.stamp_ns < following)
+    assert found.unplaced == inside.sum() > 200
+
+
+def test_invalid_transforms_are_left_out_and_counted(tmp_path: Path) -> None:
+    flange = moving("world", "ft")
+    topic = flange.topic
+    at = START_NS + 2 * 10**9 + 1
+    bad = (at, {"transforms": [transform(at, [0, 0, 0], [0, 0, 0, 0], "world", "ft")]})
+    topics = [named_poses(), wrench_topic(in_frame(flange), "ft"), Topic("/tf", TF, [*topic.messages, bad])]
+    found = read(write_log(tmp_path / "log.mcap", topics), topic="/object/pose")
+    assert (found.bad_transforms, found.unplaced) == (1, 0)
+    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)

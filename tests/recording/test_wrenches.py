@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.mcap_logs import Topic, poses_topic, smooth_poses, wrench_stamped, write_log
+from support.mcap_logs import Topic, poses_topic, smooth_poses, transform, wrench_stamped, write_log
 
 from contact_tracker.cli.main import run
 from contact_tracker.errors import InputError, UsageError
@@ -121,3 +121,12 @@ def test_a_mass_that_is_overruled_is_a_warning(pressed: str, capsys: pytest.Capt
     said = "5 kg, does not fit the wrenches in free motion: 0.500 kg is used"
     assert warning.startswith(f"contact-tracker: warning: {pressed}: the mass that is given, {said}")
     assert said not in used
+
+
+def test_the_frame_of_another_body_is_refused(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    messages = [(p.stamp_ns, transform(*p, frame="world", child="cube")) for p in poses]
+    pose_topic = Topic("/pose", "geometry_msgs/msg/TransformStamped", messages)
+    path = write_log(tmp_path / "log.mcap", [pose_topic, wrenches_topic(poses, "flange")])
+    with pytest.raises(UsageError, match=r"flange.*cube"):
+        read(path)
