@@ -24,6 +24,7 @@ from contact_tracker.cli.main import COMMANDS, LAB_COMMANDS
 from contact_tracker.cli.source import Source
 from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, UsageError
+from contact_tracker.files import whole_file
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth, write_recording
@@ -675,3 +676,48 @@ def test_a_state_has_a_folder(tmp_path: Path) -> None:
     nowhere = run("live", RECORDING, "--state", tmp_path / "none" / "s.state")
     assert_one_line_error(nowhere, 2, "no folder")
     assert nowhere.stdout == ""
+
+
+def test_errors_of_a_temporary_file_name_the_target(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    with pytest.raises(NotADirectoryError) as error, whole_file(path) as temporary:
+        (temporary / "no folder").touch()
+    assert error.value.filename == str(temporary / "no folder")  # of something else as it is
+    with pytest.raises(FileNotFoundError) as error, whole_file(path) as temporary:
+        temporary.unlink()
+    assert error.value.filename == str(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_evaluate_reports_each_recording_and_goes_on_after_a_bad_one(log: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.mcap"
+    bad.write_text("no recording at all")
+    done = run("evaluate", bad, log.parent, "--json")
+    assert done.returncode == 1
+    assert "bad.mcap" in done.stderr
+    assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
+    assert "offline" in run("evaluate", log).stdout
+
+
+def test_a_live_stream_that_is_terminated_in_a_gap_loses_no_pose(tmp_path: Path) -> None:
+    """The gate holds some poses back until the next comes, after the gap."""
+    log, state = tmp_path / "gap.csv", tmp_path / "s.state"
+    poses = Poses.collect(open_log(str(RECORDING)))
+    time_s = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
+    keep = (time_s < 2.0) | ((time_s > 5.0) & (time_s < 8.0))
+    rows = np.column_stack([time_s, poses.position_m, poses.quat_xyzw])[keep]
+    np.savetxt(log, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="", fmt="%.9f")
+    command = [*PROGRAM, "live", str(log), "--json", "--rate", "1", "--state", str(state)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
+        assert live.stdout is not None
+        output = b"".join(live.stdout.readline() for _ in range(15))
+        time.sleep(1.5)  # in the gap
+        live.send_signal(signal.SIGTERM)
+        output += live.stdout.read()
+        assert live.wait(timeout=60) == 128 + signal.SIGTERM
+    rest_of_it = run("live", log, "--json", "--state", state)
+    alone = run("live", log, "--json").stdout.splitlines()
+    found = (output.decode() + rest_of_it.stdout).splitlines()
+    assert found == alone[: len(found)]
+    assert len(alone) - len(found) <= 1

@@ -180,3 +180,13 @@ def test_the_table_of_outputs_has_all_of_them() -> None:
         assert suffixes == set(re.findall(r"(\.\w+)(?= or|$)", wrong.partition("must end in ")[2].strip()))
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert {extra for *_, extra in rows if extra} <= extras.keys()
+
+
+def test_a_recording_for_foxglove_never_replaces_its_own_recording(log: Path, tmp_path: Path) -> None:
+    before = log.read_bytes()
+    for more in ((), ("--overwrite",)):
+        done = run("segment", log, "-o", log, *more)
+        assert (done.returncode, log.read_bytes()) == (2, before)
+    (tmp_path / "other.mcap").write_bytes(before)
+    assert run("segment", log, "-o", tmp_path / "other.mcap").returncode == 2
+    assert run("segment", log, "-o", tmp_path / "other.mcap", "--overwrite").returncode == 0

@@ -16,6 +16,7 @@ from contact_tracker.config.loading import MAY_BE_ZERO, load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ModelError, UsageError
 from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.tracking.posterior import label_geometry
 from contact_tracker_lab.calibration.parameters import model_text
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
@@ -310,3 +311,27 @@ def test_the_search_for_such_keys_is_linear(tmp_path: Path, filling: str) -> Non
     with pytest.raises(ModelError):
         load_model(str(path))
     assert time.process_time() - begin_s < 5.0, "quadratic time would be hours"
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("transitions", "skip", 1.5),
+        ("transitions", "initial_f_f", 1.0),
+        (None, "tick_s", 1e-9),
+        (None, "tick_s", 1e6),
+        ("geometry", "reach_m", 1e-200),
+        ("geometry", "reach_m", 1e5),  # a fit that far off is singular
+        ("motion", "prior_predictive_share", 1.5),
+        ("noise", "floor_position_m", 1e-200),
+    ],
+)
+def test_impossible_values_are_out_of_range(tmp_path, section, key, value):
+    assert refused(tmp_path, toml(changed(section, key, value))).key.endswith(key)
+
+
+def test_contact_error_increases_the_uncertainty_of_the_geometry():
+    state = state_after(simulate(Scenario((Phase(Contact.VF, 3.0),)), 0).poses, load_model())
+    loose = state._replace(model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
+    plain, off = (label_geometry(one, Contact.VF).object.covariance.trace() for one in (state, loose))
+    assert off > 1.01 * plain

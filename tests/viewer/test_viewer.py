@@ -538,3 +538,23 @@ def test_invalid_vertices_are_ignored(text: str) -> None:
 def test_vertices_come_from_any_metadata_record() -> None:
     metadata = {"other": {}, "recording": {"object_vertices_m": json.dumps(CUBE_M.tolist())}}
     assert np.array_equal(vertices_from_metadata(metadata), CUBE_M)
+
+
+def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, poses: Poses) -> None:
+    path = tmp_path / "two.rrd"
+    recording = canvas.new_recording()
+    to_file(path)(recording, None)
+    sheet = canvas.Canvas(recording, ORIGIN_NS, 0.1)
+    stamp = poses.stamp_ns[:1]
+    for number, contact in enumerate((Contact.EF, Contact.VF)):
+        geometry = GEOMETRY[contact]
+        assert geometry is not None
+        sheet.drawings(stamp, [draw(geometry, poses, UNKNOWN_EXTENT)], number)
+        sheet.fade(stamp, [contact], np.ones(1), [contact.value], number)
+    recording.flush()
+    recording.disconnect()
+    entities = [entity for number in (0, 1) for entity in canvas.touching(number).meshes]
+    assert len(set(entities)) == 8
+    assert all(len(rows(path, entity, "Mesh3D:vertex_positions")[0][1]) for entity in entities)
+    labels = [rows(path, canvas.touching(n).label, "Points3D:labels")[0][1] for n in (0, 1)]
+    assert labels == [["e-f"], ["v-f"]]
