@@ -23,8 +23,8 @@ from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.segmenting import OfflineTracker
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, show
 from contact_tracker_lab.evaluation.tables import number
-from runner import Table, measured, parser_of, show
 from shared_recordings import SHARED_RECORDINGS
 
 Array = NDArray[np.float64]

@@ -28,10 +28,11 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.trajectory.arguments import model_from
+from contact_tracker_lab.benchmark.runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
 from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from distortions import DISTORTIONS
-from runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
+from shared_recordings import SHARED_RECORDINGS
 from true_errors import KNOWN, measured_poses, true_model
 
 HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "not adapted online", "by arrival")
@@ -71,7 +72,7 @@ def rows_of(name: str, found: Sequence[Measured], oracle: bool) -> list[list[str
 
 
 def main() -> int:
-    parser = parser_of(__doc__, has_sets=True)
+    parser = parser_of(__doc__, has_sets=True, folder=SHARED_RECORDINGS)
     parser.add_argument("--only", nargs="+", default=[], choices=DISTORTIONS, metavar="NAME")
     parser.add_argument("--oracle", action="store_true", help="compare with the true errors given")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")

@@ -30,11 +30,7 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
-from contact_tracker_lab.evaluation.tables import number
-from contact_tracker_lab.simulate import Phase, Scenario, simulate
-from contact_tracker_lab.simulate.scenarios import FORMATIONS
-from runner import (
+from contact_tracker_lab.benchmark.runner import (
     Table,
     mean_of_known,
     measured,
@@ -44,6 +40,10 @@ from runner import (
     shares_row,
     show,
 )
+from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
+from contact_tracker_lab.evaluation.tables import number
+from contact_tracker_lab.simulate import Phase, Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import FORMATIONS
 
 ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")

@@ -26,11 +26,12 @@ from contact_tracker.recording import need_truth, open_log
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, show
 from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_rao, errors_at_bound
 from contact_tracker_lab.evaluation.geometry_errors import Deviation, ElementError, geometry_errors
 from contact_tracker_lab.evaluation.scoring import Scoring, scoring
 from contact_tracker_lab.evaluation.tables import number, table
-from runner import Table, find_sets, measured, parser_of, show
+from shared_recordings import SHARED_RECORDINGS
 from simulated_fits import NOISES, Fitted, fit_simulated
 
 Array = NDArray[np.float64]
@@ -165,7 +166,7 @@ def summary(rows: Sequence[list[str]]) -> Table:
 
 
 def main() -> int:
-    parser = parser_of(__doc__, has_sets=True)
+    parser = parser_of(__doc__, has_sets=True, folder=SHARED_RECORDINGS)
     parser.add_argument("--noise", nargs="*", default=list(NOISES), choices=list(NOISES))
     parser.add_argument("--seeds", type=int, default=60, help="simulated intervals per contact and noise")
     parser.set_defaults(set=["paper", "sequence"])

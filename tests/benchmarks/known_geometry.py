@@ -39,9 +39,10 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import vertices_from_metadata
+from contact_tracker_lab.benchmark.runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number
-from runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
+from shared_recordings import SHARED_RECORDINGS
 
 Array = NDArray[np.float64]
 
@@ -148,7 +149,7 @@ def displacement(text: str) -> tuple[float, float]:
 
 
 def main() -> int:
-    parser = parser_of(__doc__, has_sets=True)
+    parser = parser_of(__doc__, has_sets=True, folder=SHARED_RECORDINGS)
     parser.add_argument(
         "--off", nargs="+", default=[EXACT], metavar="MM,DEG", help=f"as 2mm,1deg; default: {EXACT}"
     )

@@ -23,7 +23,7 @@ from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.batched import Batch, minimise_batched
 from contact_tracker.paper.window_curves import FINE, curves, from_relaxed, minimise_windows, window_sums
 from contact_tracker.recording import open_log
-from runner import Table, parser_of, show
+from contact_tracker_lab.benchmark.runner import Table, parser_of, show
 
 FRAMES, STEP, STARTS, RUNS = 500, 10, 3, 5
 Found = TypeVar("Found")

@@ -20,8 +20,9 @@ from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.recording import open_log
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, show
 from contact_tracker_lab.evaluation.tables import number
-from runner import ROOT, Table, measured, parser_of, show
+from shared_recordings import ROOT
 
 DISTANCES_M: Final = (0.3, 1.0, 10.0)
 DIRECTION: Final = np.array([0.6, -0.48, 0.64])

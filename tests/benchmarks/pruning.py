@@ -26,8 +26,9 @@ from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import forward, ticks_of
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, show
 from contact_tracker_lab.evaluation.tables import number
-from runner import ROOT, Table, measured, parser_of, show
+from shared_recordings import ROOT
 
 WARM_UP: Final = 400
 """Poses that are tracked before the measurement."""

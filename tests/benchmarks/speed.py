@@ -182,7 +182,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"measuring {row}", file=sys.stderr)
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
                 figures += pool.submit(measure, row, setup).result()
-    import runner  # large, so after the measurements
+    from contact_tracker_lab.benchmark import runner  # large, so after the measurements
     from contact_tracker_lab.evaluation.tables import table
 
     print(table(COLUMNS, [one.cells() for one in figures]))
