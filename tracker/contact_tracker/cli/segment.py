@@ -215,6 +215,7 @@ def _segment(
             else:
                 write_pieces(pieces, args.output, lambda: source.origin_ns, check)
             report, touched = tracker.report, tracker.map
+    source.warn_of_damage()
     if args.output is None:
         for line in table(segments, source.origin_ns, wrenches is not None):
             show(line)
