@@ -157,9 +157,7 @@ def _compared_since_onset(
 ) -> tuple[ambiguity.CompetingEvidence, Window, bool]:
     """How well each state explains the ticks since the onset of the label; those of the window, and whether
     there were others."""
-    onset = state.free_since
-    if label is not Contact.FREE:
-        onset = int(state.banks[label.column].rows["onset"][state.best_rows[label.column]])
+    onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     return rivals, since, onset < state.window.index[0]
