@@ -66,7 +66,7 @@ class Held(NamedTuple):
         """(K, 6) of the residuals, by turns about the body's axes times ``LEVER_M`` and shifts."""
         zeta = self.model.lifted(lift(matrices(self.quat_xyzw), self.position_m))
         moves = (self.model.family.rows(self.x) @ self.model.moves).swapaxes(0, 1)
-        return np.asarray(moves @ zeta) / np.repeat([LEVER_M, 1.0], 3)
+        return np.asarray(moves @ zeta / np.repeat([LEVER_M, 1.0], 3))
 
     def residual(self) -> Array:
         zeta = lift(matrices(self.quat_xyzw), self.position_m)

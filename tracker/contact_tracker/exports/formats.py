@@ -146,9 +146,9 @@ def _text(path: Path) -> TextIO:
     return open(path, "w", encoding="utf-8", newline="")
 
 
-def json_line(belief: "Belief") -> str:
-    """One belief as one JSON object, without newline."""
-    return json.dumps(belief.to_json(), allow_nan=False)
+def json_line(belief: "Belief", more: Mapping[str, object] | None = None) -> str:
+    """One belief, with ``more`` keys, as one JSON object, without newline."""
+    return json.dumps({**belief.to_json(), **(more or {})}, allow_nan=False)
 
 
 def write_jsonl(beliefs: "Iterable[Belief]", file: TextIO) -> None:

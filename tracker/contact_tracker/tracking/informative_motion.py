@@ -3,11 +3,13 @@
 A motion that one contact allows and another forbids separates the two. Its expected evidence (nats) is that
 of the residual it would leave in the fit of the other contact, against the noise of a tick and what is not
 known of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the residuals r (K,) after the motion, their
-slopes G (K, S) by the geometry, its covariance P (S, S) and the noise N (docs/theory.md, T24).
+slopes G (K, S) by the geometry, its covariance P (S, S) and the noise N. Where the label's evidence is ahead
+and a state is open only since the motion has not used all directions that the label leaves (T24), the motion
+is one that uses the direction that was used least; its evidence is the label's lead.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 from math import degrees, radians
 from typing import Any, Final, NamedTuple
@@ -17,9 +19,11 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
+from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.gauss_newton import per_metre
 from contact_tracker.hypotheses.observability import information_spectrum, perturbed_rows
 from contact_tracker.motion.lifted_pose import R, T, lift
+from contact_tracker.motion.window import STRIDE_TICKS, twist_power
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.state import FilterState
@@ -41,7 +45,7 @@ class InformativeMotion:
 
     Parameters
     ----------
-    allowed_by, forbidden_by : the states; if the object can be moved so, it is not ``forbidden_by``.
+    allowed_by, forbidden_by : the states; if the object can be moved so, ``forbidden_by`` loses evidence.
     turn_body_rad, turn_world_rad : (3,) rotation vector about the body's and the world's axes.
     point_body_m, point_world_m : (3,) a point on the axis of the turn.
     shift_body_m, shift_world_m : (3,) shift of that point, along the axis if there is a turn.
@@ -82,11 +86,18 @@ def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     belief = state.belief
     if belief is None or not belief.inseparable or not len(state.window):
         return ()
-    fits = dict(_fits(state, belief.contact, belief.inseparable))
+    label = belief.contact
+    fits = dict(_fits(state, label, belief.inseparable))
+    onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
+    lead_nats = -ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1).evidence
+    unused = list(_unused(state, fits, onset, label))
     found = []
     for rival in belief.inseparable:
-        pairs = permutations((belief.contact, rival))
+        pairs = permutations((label, rival))
         some = [one for pair in pairs for one in _between(state, fits, *pair)]
+        ahead_nats = float(min(lead_nats[rival.column], ambiguity.MOST_NATS))
+        if ahead_nats > DECISIVE:
+            some += [replace(one, forbidden_by=rival, evidence_nats=ahead_nats) for one in unused]
         found += sorted(some, key=lambda one: -one.evidence_nats)[:1]
     return tuple(sorted(found, key=lambda one: -one.evidence_nats))
 
@@ -108,7 +119,7 @@ class _Fit(NamedTuple):
 
     def jacobian(self, zeta: Array) -> Array:
         """(K, 6) by turns about the body's axes in units of length (times ``LEVER_M``), and shifts."""
-        return np.asarray(self.moves @ self.model.lifted(zeta)) / np.repeat([LEVER_M, 1.0], 3)
+        return np.asarray(self.moves @ self.model.lifted(zeta) / np.repeat([LEVER_M, 1.0], 3))
 
     def precision(self, zeta: Array) -> Array:
         """Inverse covariance (K, K) of the residuals at a pose, by noise and by what is not known."""
@@ -150,8 +161,27 @@ def _between(
     both = (_reached(zeta, sign * _within_limits(twist), allows) for sign in (1.0, -1.0))
     moved, twist = max(both, key=lambda one: _evidence(forbids, one[0]))
     evidence_nats = _evidence(forbids, moved)
-    if evidence_nats > ambiguity.DECISIVE:
+    if evidence_nats > DECISIVE:
         yield _described(state, zeta, twist, (allowed_by, forbidden_by), evidence_nats)
+
+
+def _unused(
+    state: FilterState, fits: dict[Contact, _Fit], onset: int, label: Contact
+) -> Iterator[InformativeMotion]:
+    """The motion in the direction that the label leaves free and that was used least since its onset."""
+    window = state.window.pick(slice(state.window.index.searchsorted(onset), None))
+    fit = fits.get(label)
+    if fit is None or len(window) <= STRIDE_TICKS:
+        return
+    used, zeta = twist_power(window), state.window.zeta[-1]
+    free = _null_space(fit.jacobian(zeta))
+    turn, shift = zeta[R].reshape(3, 3) @ free[:3], free[3:]
+    at_centre = shift - np.cross(turn.T / LEVER_M, zeta[T] - used.centre_m).T
+    in_lengths = np.repeat([1.0, LEVER_M], 3)
+    twists = np.concatenate([at_centre, turn])
+    power = twists.T @ (used.power * np.outer(in_lengths, in_lengths)) @ twists
+    _, twist = _reached(zeta, _within_limits(free @ np.linalg.eigh(power)[1][:, 0]), fit)
+    yield _described(state, zeta, twist, (label, label), 0.0)
 
 
 def _null_space(rows: Array) -> Array:
