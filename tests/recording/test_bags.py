@@ -264,7 +264,7 @@ def test_damaged_databases_are_named(tmp_path: Path) -> None:
         file.commit()
     for name, message in (
         ("c.db3", "cannot be opened as a rosbag2 database"),
-        ("d.db3", "it is no database of rosbag2: it has no table messages"),
+        ("d.db3", "as a rosbag2 database: no such column: name"),
     ):
         for read in (open_log, summarise):
             with pytest.raises(UnreadableRecording, match=message):

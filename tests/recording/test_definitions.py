@@ -4,6 +4,7 @@ import builtins
 import struct
 import time
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,7 @@ from test_message_formats import NAME, POSES, RULE, assert_read, cdr_pose, write
 from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
-from contact_tracker.recording.bytestream import WorkBudget
-from contact_tracker.recording.decoding import MessageDecoder
-from contact_tracker.recording.definitions import DecodingWork, known_definition, parse_definition, work_of
-from contact_tracker.recording.items import Channel, RawMessage
+from contact_tracker.recording.definitions import known_definition, parse_definition
 from contact_tracker.recording.mcap_file import inflate_zstd
 from mcap_logs import SCHEMAS
 
@@ -28,6 +26,7 @@ ROS1 = SCHEMAS[NAME].replace("std_msgs/Header header", "Header header")
 ROS1 = ROS1.replace("builtin_interfaces/Time stamp", "uint32 seq\ntime stamp")
 
 
+@cache
 def noetic() -> Any:
     return rosbags.get_typestore(rosbags.Stores.ROS1_NOETIC)
 
@@ -235,7 +234,6 @@ def nested(extra: str, types: Mapping[str, str]) -> str:
 
 
 TINY = {"E": "uint8 a"}
-LEVELS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(40)}, "A40": "uint8 a"}
 TOO_DEEP = {**{f"A{i}": f"p/A{i + 1} a" for i in range(60)}, "A60": "uint8 a"}
 ENDLESS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(5000)}, "A5000": "uint8 a"}
 
@@ -267,21 +265,14 @@ SLOW: Mapping[str, tuple[Callable[[Path], Path], int, int]] = {
             path, nested("p/E[] a", TINY), struct.pack("<I", 400_000) + bytes(400_000), 40
         ),
         40,
-        3,
-    ),
-    "many levels": (
-        lambda path: write_many(path, nested("p/A0 a", LEVELS), bytes(1), 48_000),
-        48_000,
-        32_000,
+        2,
     ),
     "compressed": (write_zeros, 20_000, 2000),
 }
 """How small files are written, the number of their messages, and the most that may be decoded."""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=[pytest.mark.long] * (one == "many levels")) for one in SLOW]
-)
+@pytest.mark.parametrize("name", SLOW)
 def test_no_more_messages_are_decoded_than_the_bytes_explain(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -294,9 +285,8 @@ def test_no_more_messages_are_decoded_than_the_bytes_explain(
         lambda data, limit: inflated.append(limit) or inflate_zstd(data, limit),
     )
     summary = summarise(str(path))
-    decoded = count - summary.undecodable
-    assert decoded == sum(one.observed for one in summary.sources)
-    assert decoded <= most
+    assert sum(one.observed for one in summary.sources) <= most < count
+    assert summary.damage is not None
     assert len(inflated) <= most
 
 
@@ -310,11 +300,11 @@ def test_too_many_levels_are_not_used(tmp_path: Path, levels: Mapping[str, str],
     assert f"its definition in the file {why}" in summary.assumptions[0]
 
 
-@pytest.mark.parametrize("definition", ["? {}", "# {}", "float64 a{}"])
+@pytest.mark.parametrize("definition", ["? {}", "float64 a{}"])
 def test_many_definitions_take_no_longer_than_their_bytes_explain(
     tmp_path: Path, definition: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    many = 3000
+    many = 1500
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -329,7 +319,7 @@ def test_many_definitions_take_no_longer_than_their_bytes_explain(
         lambda text, name: parsed.append(text) or parse_definition(text, name),
     )
     summarise(str(tmp_path / "a.mcap"))
-    assert 500 < len(parsed) < 1500
+    assert 500 < len(parsed) < 1000
 
 
 def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) -> None:
@@ -349,60 +339,4 @@ def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) ->
     assert log.counts == {"undecodable": len(POSES) // 2}
     assert log.damage is not None
     assert "messages that take longer to decode" in log.damage
-    assert "decompress the file first" in log.damage
-
-
-@pytest.mark.parametrize("type_name", SCHEMAS)
-def test_usual_definitions_take_the_work_of_one_record(type_name: str) -> None:
-    assert work_of(parse_definition(SCHEMAS[type_name], type_name)).records(300) <= 2
-
-
-def work_by(text: str) -> DecodingWork:
-    return work_of(parse_definition(text, NAME))
-
-
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\x1c", "\u2028"])
-def test_the_work_of_nested_types(end: str) -> None:
-    text = nested("p/E[] a\np/A[3] b\np/B c\n", {"E": "uint8 x\nuint8 y", "A": "E e", "B": "E[] e"})
-    work = work_by(text.replace("\n", end))
-    plain = work_by(SCHEMAS[NAME])
-    assert work.steps == plain.steps + 1 + 3 * (2 + 4) + (2 + 1)
-    assert work.steps_per_byte == 4 / 2
-
-
-def test_types_of_one_name_in_two_packages_are_told_apart() -> None:
-    text = nested("p/Pose other", {"Pose": "geometry_msgs/Pose pose"})
-    assert work_by(text).steps == work_by(SCHEMAS[NAME]).steps + 2 + 13
-    with pytest.raises(ValueError, match="part of itself"):
-        work_by(nested("p/Pose other", {"Pose": "Pose pose"}))
-
-
-def test_definitions_are_used_although_all_other_work_is_done() -> None:
-    """Messages are read before they are decoded."""
-    budget = WorkBudget()
-    budget.spend("records", 40_000)
-    decoder = MessageDecoder(budget)
-    channel = Channel("/p", "cdr", NAME, "ros2msg", SOUND["ros2msg"].encode())
-    assert None not in list(decoder.poses([RawMessage(channel, 0, cdr_pose(next(iter(POSES))))]))
-
-
-def test_many_crafted_definitions_take_no_longer(tmp_path: Path) -> None:
-    """Each on a different topic, and none usable."""
-    from mcap.writer import Writer
-
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=2**24, repeat_schemas=False, repeat_channels=False)
-        writer.start()
-        for i in range(600):
-            text = f"int32 a{i}\n" + "int32 a\n" * 12_000 + "["
-            schema = writer.register_schema("geometry_msgs/PoseStamped", "ros1msg", text.encode())
-            channel = writer.register_channel(f"/pose{i}", "ros1", schema)
-            writer.add_message(channel, i, b"", i)
-        writer.finish()
-    assert path.stat().st_size < 2**20
-    begin_s = time.process_time()
-    with pytest.raises(NoPoses):
-        open_log(str(path))
-    assert summarise(str(path)).undecodable == 600
-    assert time.process_time() - begin_s < 10.0
+    assert "write it without compression" in log.damage

@@ -28,13 +28,14 @@ from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
     RECORD_LIMIT,
+    SHARE_OF_RECORD,
     ByteStream,
     TooMuchWork,
     WorkBudget,
     is_regular,
     is_text,
 )
-from contact_tracker.recording.items import Attachment, Channel, DamageReport, Item, Metadata, RawMessage
+from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 
 IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 FIRST_UNKNOWN: Final = max(Opcode) + 1
@@ -142,7 +143,7 @@ def runs(data: bytes, budget: WorkBudget) -> Iterator[Run]:
             raise ValueError(f"a record of the kind {opcode} in a chunk")
         is_message = opcode == Opcode.MESSAGE and size >= MESSAGE_HEAD.size
         run = Run(opcode, at, size, _alike(data, first, RECORD_HEAD.size + size) if is_message else 1)
-        budget.spend("records", run.many)
+        budget.spend(run.many)
         yield run
         first = run.end
 
@@ -280,17 +281,19 @@ _READ: Final = frozenset(
 
 
 class RecordLoop:
-    """Iterate once for the items of one MCAP stream; afterwards ``damage`` is set.
+    """Iterate once for the items of one MCAP stream.
 
     Parameters
     ----------
     stream : positioned at the start of the file.
-    wanted : messages of other channels are skipped unread.
+    report : called with one line for each damage.
+    wanted : messages of other channels are skipped unread; None of all, with their chunks.
     summary : of the same file, where known: replaces damaged channel records and gives chunk offsets.
 
     Attributes
     ----------
     messages : number of messages so far, of all channels.
+    is_sound : whether no damage was found so far.
 
     Raises
     ------
@@ -301,10 +304,13 @@ class RecordLoop:
     def __init__(
         self,
         stream: ByteStream,
-        wanted: Callable[[Channel], bool],
+        report: Callable[[str], None],
+        wanted: Callable[[Channel], bool] | None,
         summary: Summary | None = None,
     ) -> None:
-        self.damage = DamageReport()
+        self._opcodes = _READ if wanted is not None else _READ - {Opcode.CHUNK, Opcode.MESSAGE}
+        self._report = report
+        self.is_sound = True
         self.messages = 0
         self._stream = stream
         self._wanted = wanted
@@ -345,14 +351,14 @@ class RecordLoop:
             return []
         payload = self._stream.read(length) if opcode is not None and length <= RECORD_LIMIT else b""
         if opcode is None or len(payload) != length:
-            self.damage.add(f"no MCAP record at byte {place.offset}")
+            self._damage(f"no MCAP record at byte {place.offset}")
             return []
         return self._group(opcode, payload, place.offset)
 
     def report_orphans(self) -> None:
         """Add messages without channel to the damage, once nothing more is read."""
         if self._orphans:
-            self.damage.add(f"{self._orphans} messages of channels whose description is missing")
+            self._damage(f"{self._orphans} messages of channels whose description is missing")
             self._orphans = 0
 
     def _group(self, opcode: int, payload: bytes, start: int) -> list[Item]:
@@ -367,7 +373,7 @@ class RecordLoop:
             else:
                 group += self._items(payload, Run(opcode, 0, len(payload), 1))
         except PARSE_ERRORS as error:
-            self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
+            self._damage(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
         return _in_log_order(group)
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
@@ -381,11 +387,11 @@ class RecordLoop:
                 return
             opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
             try:
-                stream.budget.spend("framed records", 1)
+                stream.budget.spend(SHARE_OF_RECORD)
             except TooMuchWork as error:
                 self._note_end(str(error))
                 return
-            look = opcode in _READ and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
+            look = opcode in self._opcodes and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
             payload, complete, fault = b"", False, f"no MCAP record at byte {start}"
             if opcode != 0 and not (look and length > RECORD_LIMIT):
                 fault = f"it is cut off inside a record at byte {start}"
@@ -399,9 +405,9 @@ class RecordLoop:
                 yield opcode, payload, start
             if complete and opcode == Opcode.FOOTER:
                 if stream.read(len(MAGIC)) != MAGIC:
-                    self.damage.add("its last bytes are missing")
+                    self._damage("its last bytes are missing")
                 elif not stream.follows and stream.read(1):
-                    self.damage.add("what follows its end is ignored")
+                    self._damage("what follows its end is ignored")
                 return
             if not complete and not self._resume(start, fault):
                 self._note_end(fault)
@@ -412,13 +418,13 @@ class RecordLoop:
         following = bisect_right(self._chunk_starts, start)
         if following == len(self._chunk_starts) or not self._stream.seek(self._chunk_starts[following]):
             return False
-        self.damage.add(text)
+        self._damage(text)
         return True
 
     def _note_end(self, damage: str) -> None:
         """Add why the input ends to the damage, unless the caller has stopped it."""
         if not self._stream.stopped:
-            self.damage.add(f"{damage} ({self._stream.error})" if self._stream.error else damage)
+            self._damage(f"{damage} ({self._stream.error})" if self._stream.error else damage)
 
     def _items(self, data: bytes, run: Run) -> Iterable[Item]:
         if run.opcode == Opcode.MESSAGE:
@@ -439,7 +445,7 @@ class RecordLoop:
         if run.opcode == Opcode.ATTACHMENT:
             return (attachment_of(payload),)
         if run.opcode == Opcode.METADATA:
-            self._stream.budget.spend("records", len(payload) // BYTES_PER_RECORD)
+            self._stream.budget.spend(len(payload) // BYTES_PER_RECORD)
             metadata = records.Metadata.read(payload_stream(payload))
             return (Metadata(metadata.name, metadata.metadata),)
         if run.opcode == Opcode.SCHEMA:
@@ -449,9 +455,13 @@ class RecordLoop:
             self._add_channel(records.Channel.read(payload_stream(payload)))
         return ()
 
+    def _damage(self, text: str) -> None:
+        self.is_sound = False
+        self._report(text)
+
     def _add_channel(self, record: records.Channel) -> None:
         channel = channel_of(record, self._schemas)
-        self._channels[record.id] = channel if self._wanted(channel) else None
+        self._channels[record.id] = channel if self._wanted is not None and self._wanted(channel) else None
 
 
 def _in_log_order(items: list[Item]) -> list[Item]:

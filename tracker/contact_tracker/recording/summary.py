@@ -224,7 +224,7 @@ class _Tally:
         )
         self._offsets_ns.add(_clipped(log_times_ns) - _clipped(stamps))
         if self._stamping is None:
-            self._stamping = Stamping(() if self._is_stamped else self._waiting)
+            self._stamping = Stamping() if self._is_stamped else Stamping.by(self._waiting)
         passed, self._waiting = admitted(self._gate, self._stamping, self._waiting, self.counts), []
         return self._note(passed, keep)
 

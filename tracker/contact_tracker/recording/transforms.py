@@ -16,25 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import AmbiguousSource
 from contact_tracker.motion.poses import Pose, Poses, ReadAs
 from contact_tracker.recording.decoding import LoggedPose
 from contact_tracker.recording.definitions import canonical
-from contact_tracker.recording.items import Channel, PoseSource
-from contact_tracker.recording.sources import ChannelFilter, Logged, Stamping, only_one
-
-TRANSFORM_TYPES: Final = frozenset(
-    {
-        "tf2_msgs/msg/TFMessage",
-        "tf/msg/tfMessage",
-        "geometry_msgs/msg/TransformStamped",
-        "foxglove.FrameTransform",
-        "foxglove.FrameTransforms",
-        "foxglove_msgs/msg/FrameTransform",
-        "foxglove_msgs/msg/FrameTransforms",
-    }
-)
+from contact_tracker.recording.items import PoseSource
+from contact_tracker.recording.sources import TRANSFORM_TYPES, Logged, Stamping, only_one
 
 
 class Step(NamedTuple):
@@ -110,29 +97,6 @@ ARROW: Final = "->"
 _BODY: Final = "the body "
 REFERENCE: Final = "the reference "
 """Frame names that do not occur in logs."""
-
-
-def may_be_step(channel: Channel, relative_to: str | None) -> bool:
-    """Whether a channel may be part of a chain: it has transforms, or is the topic that poses are relative
-    to."""
-    return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
-
-
-class FrameFilter(ChannelFilter):
-    """Accepts what ``ChannelFilter`` accepts, transforms, and the topic that poses are relative to."""
-
-    def __init__(self, topic: str | None, relative_to: str | None, table: TableReading = AS_NAMED) -> None:
-        super().__init__(topic, table)
-        self._relative_to = relative_to
-
-    def __call__(self, channel: Channel) -> bool:
-        is_asked = super().__call__(channel)
-        return is_asked or may_be_step(channel, self._relative_to)
-
-    def takes(self, source: PoseSource) -> bool:
-        """Whether this source may be that of the poses."""
-        channel = next(c for c in self.seen.values() if (c.topic, c.type) == (source.topic, source.type))
-        return super().__call__(channel)
 
 
 class Chain(tuple[Step, ...]):
@@ -292,7 +256,7 @@ class Composer:
                 for pose, _ in logged[:1]:
                     self._tracks[source].add(pose)
             elif source in self._tracks and len(logged) > 1:
-                self._stampings[source] = Stamping(logged)
+                self._stampings[source] = Stamping.by(logged)
 
     def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
         """The composed poses; other poses are dropped, and None is passed on."""
