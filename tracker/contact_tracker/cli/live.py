@@ -59,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="show it in a browser on this machine as well, until interrupted",
     )
-    text = "write all ticks to FILE.jsonl or FILE.parquet as well; it is there when the stream has ended"
+    text = "write all ticks to FILE.csv, .jsonl or .parquet as well; it is there when the stream has ended"
     arguments.add_output(parser, TICKS, text)
     arguments.add_map_out(parser)
 
@@ -112,7 +112,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     with (
         _viewer(args, known_map, source, sink) as viewer,
         StatusLine() as status,
-        _ticks(args.output, check) as write,
+        _ticks(args.output, source, check) as write,
     ):
         printer = _Printer(args.json, source, status)
         saved = None
@@ -177,14 +177,14 @@ def _viewer(
 
 
 def _ticks(
-    path: Path | None, check: Callable[[], None]
+    path: Path | None, source: "Source", check: Callable[[], None]
 ) -> "AbstractContextManager[Callable[[list[Belief]], None]]":
     """The function that writes beliefs to the output file of all ticks, if there is one."""
     if path is None:
         return nullcontext(lambda _: None)
-    from contact_tracker.exports.formats import open_ticks
+    from contact_tracker.exports.formats import open_rows
 
-    return open_ticks(path, check)
+    return open_rows(path, "ticks", lambda: source.origin_ns, check)
 
 
 class _Printer:
