@@ -10,6 +10,7 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import DONE, INTERRUPTED, UsageError
 from contact_tracker.exports.formats import TICKS, check_output, require_library
+from contact_tracker.files import near_file
 from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
@@ -66,6 +67,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if args.state is None or not args.state.exists():
+        if args.state is not None and (near := near_file(args.state)):
+            say(f"{args.state} is new{near}")
         return _run(args)
     from contact_tracker.saved_state import continued
 
