@@ -16,7 +16,8 @@ LAB = ROOT / "tracker" / "contact_tracker_lab"
 
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
-    ("states", "errors", "files", "suggestions"),
+    ("suggestions",),
+    ("states", "errors", "files"),
     ("geometry", "config", "hmm"),
     ("motion", "ground_truth"),
     ("contacts", "inspection", "wrenches"),

@@ -282,16 +282,16 @@ def test_online_scores_use_the_beliefs_reported_in_time() -> None:
     assert result.offline.delay_s == pytest.approx(np.zeros(6))
 
 
-def test_the_report_is_aligned_and_fits_in_100_columns() -> None:
-    long = "recordings/somewhere/far/away/a_recording_with_a_long_name_{}.mcap"
+def test_the_report_is_aligned_and_fits_in_80_columns() -> None:
+    long = f"recordings/{40 * 'far/'}away/a_recording_with_a_long_name_{{}}.mcap"
     text = Report({long.format(i): evaluation(i) for i in range(3)}).to_text()
-    assert max(map(len, text.splitlines())) <= 100
+    assert max(map(len, text.splitlines())) <= 80
     for i in range(3):
         assert sum(f"_name_{i}.mcap" in line for line in text.splitlines()) == 4
     assert sum(line.startswith("total") for line in text.splitlines()) == 4
     assert "nan" not in text
     for block in (b.splitlines() for b in text.split("\n\n") if b.startswith("recording ")):
-        assert len({len(line) for line in block if line.strip()}) == 1
+        assert len({len(line) for line in block if line[-1].isdigit() or line[-1] == "-"}) == 1
 
 
 def test_the_json_report_has_the_same_values_without_nan() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
-from contact_tracker.exports.formats import json_line, write_csv
+from contact_tracker.exports.formats import json_line, open_csv, open_tex
 from contact_tracker.exports.summary_html import table_html
 from contact_tracker.files import whole_file
 from contact_tracker.geometry.elements import (
@@ -75,11 +75,33 @@ def test_csv_reads_back_exactly() -> None:
         Segment(ORIGIN_NS + 100, ORIGIN_NS + 200, Contact.EF, 0.5, ON_FACE),
     ]
     file = io.StringIO(newline="")
-    write_csv(segments, file)
+    with open_csv(file, "segments", lambda: ORIGIN_NS - 10**9) as append:
+        append(segments[:1])
+        append(segments[1:])
     free, edge = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
     assert (int(free["start_ns"]), int(free["end_ns"])) == (ORIGIN_NS, ORIGIN_NS + 99)
     assert (free["contact"], float(free["probability"]), free["geometry"]) == ("free", 1 / 3, "{}")
     assert json.loads(edge["geometry"]) == ON_FACE.to_json()
+    assert [float(one[name]) for one in (free, edge) for name in ("start_s", "end_s")] == [
+        *(1.0, 1.000000099, 1.0000001, 1.0000002)
+    ]
+    assert (free["object_type"], edge["object_type"], edge["environment_type"]) == ("", "edge", "face")
+    assert [float(edge[f"object_point_{axis}_m"]) for axis in "xyz"] == [0.0, -0.05, 0.1]
+
+
+def test_a_table_of_latex_has_the_rows_of_the_table_with_its_signs_escaped() -> None:
+    named = replace(FACE, name="my_table & 100%")
+    segments = [
+        Segment(ORIGIN_NS, ORIGIN_NS + 10**9, Contact.VF, 0.5, ContactGeometry(ON_FACE.object, named))
+    ]
+    file = io.StringIO(newline="")
+    with open_tex(file, "segments", lambda: ORIGIN_NS) as append:
+        append(segments)
+    *_, row, bottom, end = file.getvalue().splitlines()
+    assert row.startswith(r"0.00 & 1.00 & v-f & 0.50 & edge along")
+    face = r"face my\_table \& 100\% normal (0.00 0.00 1.00)~$\pm$~0.11$^\circ$ at 0.250~m~$\pm$~0.1~mm"
+    assert row.endswith(rf"on {face} \\")
+    assert (bottom, end) == (r"\bottomrule", r"\end{tabular}")
 
 
 def test_geometry_in_words_has_elements_and_deviations() -> None:

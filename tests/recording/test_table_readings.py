@@ -15,7 +15,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 import contact_tracker
-from contact_tracker import Trajectory
+from contact_tracker import Trajectory, read
 from contact_tracker.cli.main import build_parser, run
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
@@ -195,7 +195,12 @@ def test_the_command_that_is_proposed_reads_the_columns(tmp_path: Path, system: 
 def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path / "a.csv", [f"frame,{NAMES}"], rows(np.arange(100, 220), POSE))
     assert proposed(path) == ["--time-unit", "100Hz"]
-    assert_read(path, "--time-unit", "200Hz")
+    for options in ("--time-unit 200Hz", "--time-unit frames --rate 200", "--rate 200 --time-unit frames"):
+        assert_read(path, *options.split())
+    for read_by in ({"time_unit": "200Hz"}, {"time_unit": "frames", "rate": 200}, {"rate": 200.0}):
+        np.testing.assert_allclose(read(path, **read_by).duration_s, 119 / 200)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="rate is for time_unit='frames', not 'ms'"):
+        read(path, time_unit="ms", rate=200)
     assert_read(write(tmp_path / "b.csv", [NAMES], rows(POSE)), "--time-unit", "200Hz")  # by rows
     assert run(["info", str(path)]) == 1
     assert f"read them by contact-tracker info {path} --time-unit 100Hz" in capsys.readouterr().err
@@ -288,6 +293,8 @@ def test_lost_tracking_is_counted(tmp_path: Path) -> None:
     [
         (["--unit", "ms"], "unit is m, cm, mm, um, not 'ms'; a time has time_unit='ms'"),
         (["--time-unit", "min"], "time_unit is s, ms, us, ns, 100ns, or the rate of frame numbers, as 200Hz"),
+        (["--time-unit", "frames"], "--time-unit frames needs the rate of the frames: --time-unit 120Hz"),
+        (["--rate", "120", "--time-unit", "ms"], "times are in 120Hz already"),
         (["--euler", "XYx"], "euler is three of the letters xyz or XYZ"),
         (["--matrix", "diagonal"], "matrix is rows or columns"),
         (["--columns", "time"], "columns are given as time=t,x=px"),

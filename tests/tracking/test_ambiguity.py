@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from contact_motions import touching
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.exports.formats import json_line, write_csv
+from contact_tracker.exports.formats import json_line, open_csv
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point, Unobserved
 from contact_tracker.hypotheses import observability, refit
 from contact_tracker.hypotheses.bank import blank
@@ -336,7 +336,8 @@ def test_json_names_the_indistinguishable_contacts():
     assert PARTLY.to_json()["object"]["unobserved"] == [{"shifts_along": [0.0, 0.0, 1.0]}]
     assert PARTLY.to_json()["environment"]["unobserved"] == [{"turns_about": [0.0, 0.0, 1.0]}]
     file = io.StringIO(newline="")
-    write_csv([Segment(0, 1, Contact.VF, 0.4, PARTLY, (Contact.EF, Contact.FREE))], file)
+    with open_csv(file, "segments", lambda: 0) as append:
+        append([Segment(0, 1, Contact.VF, 0.4, PARTLY, (Contact.EF, Contact.FREE))])
     (row,) = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
     assert row["inseparable"].split() == ["e-f", "free"]
     assert json.loads(row["geometry"]) == PARTLY.to_json()

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,15 +12,15 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, extra, printable
-from contact_tracker.exports.columns import (
-    BELIEF_COLUMNS,
-    SEGMENT_COLUMNS,
-    Columns,
-    belief_columns,
-    segment_columns,
-    to_pandas,
+from contact_tracker.exports.columns import TABLES, Columns, Rows, to_pandas
+from contact_tracker.exports.formats import (
+    ROWS,
+    SUFFIXES,
+    check_output,
+    require_library,
+    rows_of,
+    write_outcome,
 )
-from contact_tracker.exports.formats import SUFFIXES, check_output, require_library, write_outcome
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
 from contact_tracker.geometry.task_frame import TaskFrame, task_frame
 from contact_tracker.map.map import Map as KnownMap
@@ -51,8 +51,6 @@ if TYPE_CHECKING:
     from contact_tracker.exports import parquet
     from contact_tracker.exports.figure import Axes, Figure
     from contact_tracker.viewer.offline import Viewer
-
-Rows = Literal["ticks", "segments"]
 
 
 class Result(Outcome):
@@ -142,9 +140,13 @@ class Result(Outcome):
         """Write a file of the rerun viewer, which shows what ``show`` does; raises as ``to_parquet`` does."""
         self._write(path, overwrite, ".rrd")
 
-    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the output selected by the suffix of ``path``, like ``segment -o``, or ``.rrd``."""
-        self._write(path, overwrite, *SUFFIXES, ".rrd")
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False, rows: Rows | None = None) -> None:
+        """Write the output selected by the suffix of ``path``, like ``segment -o``, or ``.rrd``.
+
+        CSV, JSON lines and Parquet have an entry per tick or per segment, as ``rows`` says; by default CSV
+        per segment, the others per tick.
+        """
+        self._write(path, overwrite, *SUFFIXES, ".rrd", rows=rows)
 
     def plot(
         self,
@@ -198,18 +200,21 @@ class Result(Outcome):
         shown = ribbon_html(self.segments) + table_html(self.segments, self.origin_ns)
         return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
 
-    def _columns(self, rows: str) -> tuple[Columns, Any]:
-        if rows == "ticks":
-            return belief_columns(self.beliefs), BELIEF_COLUMNS
-        if rows == "segments":
-            return segment_columns(self.segments), SEGMENT_COLUMNS
-        raise UsageError(f"rows is 'ticks' or 'segments', not {rows!r}")
+    def _columns(self, rows: Rows) -> tuple[Columns, Any]:
+        if rows not in TABLES:
+            raise UsageError(f"rows are {' or '.join(map(repr, ROWS))}, not {rows!r}")
+        kinds, columns_of = TABLES[rows]
+        return columns_of(self.beliefs if rows == "ticks" else self.segments), kinds
 
-    def _write(self, name: str | os.PathLike[str], overwrite: bool, *suffixes: str) -> None:
+    def _write(
+        self, name: str | os.PathLike[str], overwrite: bool, *suffixes: str, rows: Rows | None = None
+    ) -> None:
         path = Path(path_from(name))
         with errors_as(OutputError, str(path)):
             if path.suffix.lower() not in suffixes:
                 raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
+            if path.suffix.lower() in SUFFIXES or rows is not None:
+                rows_of(path, rows)
             read = () if self.log is None else parts_of(self.log)
             check = check_output(path, overwrite, read, "overwrite=True")
             if path.suffix.lower() == ".rrd":
@@ -218,7 +223,7 @@ class Result(Outcome):
                 write_rrd(path, self, check)
                 return
             require_library(path)
-            write_outcome(self, path, check)
+            write_outcome(self, path, rows, check)
 
 
 def segment(

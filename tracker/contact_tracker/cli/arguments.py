@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from contact_tracker.cli.terminal import detail, fail, progress, say, warn
 from contact_tracker.config import preset_names
 from contact_tracker.config.quantities import LENGTHS, deviations
-from contact_tracker.config.table_reading import AS_NAMED, TIME_UNIT_HELP, TableReading, reading_of
+from contact_tracker.config.table_reading import AS_NAMED, FRAMES, TIME_UNIT_HELP, TableReading, reading_of
 from contact_tracker.errors import INPUT, USAGE, ChoiceError, InputError, UsageError
 from contact_tracker.files import why_not_replaceable
 from contact_tracker.states import states_from
@@ -66,9 +66,15 @@ class _Stated(argparse.Action):
 
     def __call__(self, _: Any, namespace: argparse.Namespace, value: Any, __: str | None = None) -> None:
         name = self.option_strings[0].lstrip("-").replace("-", "_")
+        if (name, value) == ("time_unit", FRAMES):  # in what order the options come does not matter
+            namespace.needs_rate = not namespace.table.has_frame_numbers
+            return
+        namespace.needs_rate = namespace.needs_rate and name != "rate"
         given: dict[str, Any] = {name: True if self.nargs == 0 else value}
         try:
             stated = reading_of(**given)
+            if stated.time_unit and namespace.table.time_unit not in (None, stated.time_unit):
+                raise ValueError(f"times are in {namespace.table.time_unit} already")
             namespace.table = namespace.table.with_(stated)
         except ValueError as error:
             raise argparse.ArgumentError(self, str(error)) from error
@@ -84,6 +90,9 @@ def _add_table_reading(parser: argparse.ArgumentParser, as_named: TableReading) 
 
     add("--unit", f"positions are in {', '.join(LENGTHS)}", "UNIT")
     add("--time-unit", f"times are in {TIME_UNIT_HELP}", "UNIT")
+    if as_named.verb != "live":  # where it is the speed of the replay
+        add("--rate", "times are numbers of frames, so many a second: --time-unit frames --rate 200", "HZ")
+    parser.set_defaults(needs_rate=False)
     add(
         "--euler",
         "rotations are angles in this order: xyz about fixed axes, XYZ about the body's; XYZ:deg",

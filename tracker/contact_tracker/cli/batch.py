@@ -11,6 +11,7 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
 from contact_tracker.errors import DAMAGED, DONE, INPUT, UnreadableRecording, UsageError, extra
 from contact_tracker.exports.formats import check_output, require_library
+from contact_tracker.files import near_file
 
 if TYPE_CHECKING:
     from contact_tracker.processes import Jobs
@@ -135,7 +136,8 @@ def _names(logs: list[str]) -> list[str]:
     if missing:
         more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
         others = "; nothing was segmented" if len(logs) > len(missing) else ""
-        raise UnreadableRecording(f"{', '.join(missing[:_MOST_NAMED])}{more}: {_NOTHING_THERE}{others}")
+        named = f"{', '.join(missing[:_MOST_NAMED])}{more}: {_NOTHING_THERE}"
+        raise UnreadableRecording(f"{named}{near_file(missing[0])}{others}")
     listed = _listed() if "-" in logs else []
     return [name for log in logs for name in (listed if log == "-" else [log])]
 

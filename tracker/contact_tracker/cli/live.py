@@ -10,6 +10,7 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import DONE, INTERRUPTED, UsageError
 from contact_tracker.exports.formats import TICKS, check_output, require_library
+from contact_tracker.files import near_file
 from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
@@ -66,13 +67,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="show it in a browser on this machine as well, until interrupted",
     )
-    text = "write all ticks to FILE.jsonl or FILE.parquet as well; it is there when the stream has ended"
+    text = "write all ticks to FILE.csv, .jsonl or .parquet as well; it is there when the stream has ended"
     arguments.add_output(parser, TICKS, text)
     arguments.add_map_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     if args.state is None or not args.state.exists():
+        if args.state is not None and (near := near_file(args.state)):
+            say(f"{args.state} is new{near}")
         return _run(args)
     from contact_tracker.saved_state import continued
 
@@ -119,7 +122,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     with (
         _viewer(args, known_map, source, sink) as viewer,
         StatusLine() as status,
-        _ticks(args.output, check) as write,
+        _ticks(args.output, source, check) as write,
     ):
         printer = _Printer(args.json, source, status, args.suggest)
         saved = None
@@ -184,14 +187,14 @@ def _viewer(
 
 
 def _ticks(
-    path: Path | None, check: Callable[[], None]
+    path: Path | None, source: "Source", check: Callable[[], None]
 ) -> "AbstractContextManager[Callable[[list[Belief]], None]]":
     """The function that writes beliefs to the output file of all ticks, if there is one."""
     if path is None:
         return nullcontext(lambda _: None)
-    from contact_tracker.exports.formats import open_ticks
+    from contact_tracker.exports.formats import open_rows
 
-    return open_ticks(path, check)
+    return open_rows(path, "ticks", lambda: source.origin_ns, check)
 
 
 class _Printer:

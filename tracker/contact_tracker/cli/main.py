@@ -201,6 +201,8 @@ def _run(argv: Sequence[str] | None) -> int:
                 f"unrecognized arguments: {' '.join(unknown)}{option_suggestion(unknown, *args.parsers)} "
                 f"(see contact-tracker {args.command} --help)"
             )
+        if getattr(args, "needs_rate", False):
+            raise UsageError("--time-unit frames needs the rate of the frames: --time-unit 120Hz")
         set_verbosity(args.verbosity, args.wide)
         take_over_warnings()
         code: int = args.run(args)

@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.errors import DONE, ChoiceError, NoPoses, UsageError
-from contact_tracker.exports.formats import FIGURES, SUFFIXES, check_output, format_of, require_library
+from contact_tracker.exports.formats import (
+    FIGURES,
+    FORMATS,
+    ROWS,
+    SUFFIXES,
+    check_output,
+    require_library,
+    rows_of,
+)
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -25,10 +33,10 @@ if TYPE_CHECKING:
 HELP: Final = "what held when: smoothed segments of whole recordings"
 DESCRIPTION: Final = """\
 Cut a recording into segments of one contact each, with all the data at hand: the most probable
-sequence, smoothed probabilities and the geometry of each segment. FILE.csv and FILE.srt (subtitles)
-get an entry per segment, FILE.jsonl and FILE.parquet one per tick; FILE.mcap is the recording with
-what Foxglove draws beside it, FILE.html a report, and FILE.png, .pdf and .svg a figure; without -o a
-table goes to stdout."""
+sequence, smoothed probabilities and the geometry of each segment. FILE.csv, FILE.srt (subtitles) and
+FILE.tex (LaTeX) get an entry per segment, FILE.jsonl and FILE.parquet one per tick, unless --rows says
+otherwise; FILE.mcap is the recording with what Foxglove draws beside it, FILE.html a report, and
+FILE.png, .pdf and .svg a figure; without -o a table goes to stdout."""
 EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o out.csv"
 
 
@@ -126,6 +134,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout (the "
         f"default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
     )
+    able = ", ".join(suffix for suffix, one in FORMATS.items() if len(one.rows) > 1)
+    parser.add_argument(
+        "--rows",
+        choices=ROWS,
+        help=f"what {able} have an entry per (default: .csv segments, the others ticks)",
+    )
     arguments.add_labels(parser, "your own labels of LOG, shown in a figure above those that are found")
     arguments.add_map_out(parser)
     several = "processes that fit segments in parallel; helps with recordings of many minutes (default: 1)"
@@ -136,6 +150,9 @@ def run(args: argparse.Namespace) -> int:
     jobs = list_jobs(args)
     if args.output is not None:
         require_library(args.output)
+        args.rows = rows_of(args.output, args.rows)
+    elif args.rows is not None:
+        raise UsageError("--rows is of use with -o FILE")
     is_figure = args.output is not None and args.output.suffix.lower() in FIGURES
     if (args.labels is not None or args.map) and not (args.labels and is_figure and len(jobs) == 1):
         raise UsageError(
@@ -201,10 +218,11 @@ def _segment(
     log = arguments.open_poses(args, args.log)
     source = Source(log, args.log, args)
     with progress("segment", "poses", source.expected) as set_done:
-        if args.output is not None and format_of(args.output).rows == "whole":
+        count = 0
+        if args.output is not None and args.rows is None:
             trajectory = source.trajectory()
             outcome = segmented(trajectory, model, known_map, wrenches, executor, set_done, notes)
-            write_outcome(replace(outcome, labels=labels), args.output, check)
+            write_outcome(replace(outcome, labels=labels), args.output, check=check)
             source.outliers = outcome.segmentation.outliers
             report, touched = outcome.report, outcome.touched
         else:  # incrementally, to save memory
@@ -213,7 +231,7 @@ def _segment(
             if args.output is None:
                 segments = [one for piece in pieces for one in piece.segments]
             else:
-                write_pieces(pieces, args.output, lambda: source.origin_ns, check)
+                count = write_pieces(pieces, args.output, args.rows, lambda: source.origin_ns, check)
             report, touched = tracker.report, tracker.map
     source.warn_of_damage()
     if args.output is None:
@@ -222,7 +240,7 @@ def _segment(
         sys.stdout.flush()
     code = source.finish(report)
     if args.output is not None:
-        say(f"wrote {args.output}")
+        say(f"wrote {args.output}{'' if args.rows is None else f': {count} {args.rows}'}")
     if args.map_out is not None:
         arguments.write_map(args.map_out, touched)
     return code

@@ -10,8 +10,9 @@ from typing import Any, Final
 from contact_tracker.config import preset_names, shipped
 from contact_tracker.config.parameters import ZERO, ByChange, ByState, Model
 from contact_tracker.errors import ModelError
-from contact_tracker.files import parse_toml, read_regular
+from contact_tracker.files import near_file, parse_toml, read_regular
 from contact_tracker.states import STATES, Contact
+from contact_tracker.suggestions import suggestion
 
 _RANGES: Final = {
     "tick_s": (1e-3, 10.0),
@@ -79,7 +80,8 @@ def _read(name_or_path: str) -> str:
         raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
     except (OSError, ValueError) as error:
         reason = f"{name_or_path!r} is neither one of {', '.join(preset_names())} nor a file that can be read"
-        raise ModelError("", f"{reason}: {getattr(error, 'strerror', None) or error}") from error
+        near = suggestion(name_or_path, preset_names()) or near_file(name_or_path)
+        raise ModelError("", f"{reason}: {getattr(error, 'strerror', None) or error}{near}") from error
     return text
 
 

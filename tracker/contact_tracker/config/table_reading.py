@@ -28,6 +28,8 @@ _RATE: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?Hz", re.IGNORECASE)
 _EULER: Final = re.compile(r"([xyz]{3}|[XYZ]{3})(?::(deg|rad))?")
 _FIELD: Final = re.compile(r"\.|[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*")
 NO_TABLE: Final = "it is no table: leave out --unit, --time-unit and what else is said of columns"
+FRAMES: Final = "frames"
+"""What times are called that are numbers of frames, beside their rate."""
 TIME_UNIT_HELP: Final = "s, ms, us, ns, 100ns, or the rate of frame numbers, as 200Hz"
 
 
@@ -161,8 +163,17 @@ def _options() -> "list[Field[Any]]":
 AS_NAMED: Final = TableReading()
 
 
-def reading_of(columns: Mapping[str, str] | str | None = None, **stated: Any) -> TableReading:
-    """A reading by the arguments of Python, or the values of options; raises ValueError."""
+def reading_of(
+    columns: Mapping[str, str] | str | None = None, rate: Any = None, **stated: Any
+) -> TableReading:
+    """A reading by the arguments of Python, or the values of options; raises ValueError.
+
+    ``rate`` is that of frame numbers (Hz): 200 is the ``time_unit`` ``200Hz``.
+    """
+    if rate is not None:
+        if stated.get("time_unit") not in (None, FRAMES):
+            raise ValueError(f"rate is for time_unit={FRAMES!r}, not {stated['time_unit']!r}")
+        stated["time_unit"] = f"{rate}Hz"
     if isinstance(columns, str):
         parts = [part.partition("=") for part in columns.split(",") if part.strip()]
         if not all(equals and name.strip() for _, equals, name in parts):

@@ -1,7 +1,8 @@
 """Beliefs and segments as flat columns of one schema for all contacts (docs/conventions.md), also as a
 DataFrame of pandas, whose types do not depend on the values (an extra)."""
 
-from collections.abc import Iterable
+import json
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from contact_tracker.errors import extra
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     import pandas
 
 Kind = Literal["integer", "number", "text"]
+Rows = Literal["ticks", "segments"]
+"""What a row, or a line of JSON, is of."""
 Columns = dict[str, list[Any]]
 """Values by column; None is unknown or not applicable."""
 
@@ -69,6 +72,38 @@ def segment_columns(segments: Iterable[Segment]) -> Columns:
         times = {"start_ns": one.start_ns, "end_ns": one.end_ns}
         rows.add(times | _contact_cells(one, one.probability), one.geometry)
     return rows.columns
+
+
+TABLES: Final[dict[Rows, tuple[dict[str, Kind], Callable[[Iterable[Any]], Columns]]]] = {
+    "ticks": (BELIEF_COLUMNS, belief_columns),
+    "segments": (SEGMENT_COLUMNS, segment_columns),
+}
+"""Names and kinds of the columns, and the function that makes them from beliefs or segments."""
+
+
+def csv_columns(rows: Rows, entries: Iterable[Any], origin_ns: int) -> Columns:
+    """The columns of CSV: those above, with stamps in seconds after ``origin_ns`` as well (``start_s``). Of
+    segments ``contacts`` and ``joint`` are JSON text, and there is ``geometry``."""
+    entries = list(entries)
+    columns = TABLES[rows][1](entries)
+    seconds = {
+        f"{name.removesuffix('_ns')}_s": [round((stamp_ns - origin_ns) * 1e-9, 9) for stamp_ns in values]
+        for name, values in columns.items()
+        if name.endswith("_ns")
+    }
+    if rows == "ticks":
+        return columns | seconds
+    texts: Columns = {
+        "geometry": [_json(one.geometry.to_json() if one.geometry else {}) for one in entries],
+        "contacts": [_json(one.contacts_json) for one in entries],
+        "joint": [_json(one.joint.to_json() if one.joint else {}) for one in entries],
+    }
+    first = ("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint")
+    return {name: (columns | texts)[name] for name in (*first, "decided")} | seconds | columns | texts
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, allow_nan=False)
 
 
 def _contact_cells(one: Belief | Segment, probability: float) -> dict[str, Any]:

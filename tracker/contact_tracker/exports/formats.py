@@ -2,44 +2,40 @@
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
 
-from contact_tracker.errors import extra, printable
+from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError, extra, printable
 from contact_tracker.files import accept_any, whole_file
 
 if TYPE_CHECKING:
+    from contact_tracker.exports.columns import Rows
     from contact_tracker.outputs.outcome import Outcome
-    from contact_tracker.tracking.belief import Belief, Segment
+    from contact_tracker.tracking.belief import Belief, Segment, SegmentPart
     from contact_tracker.tracking.segmentation import Segmentation
 
-import os
-import sys
-from collections.abc import Mapping
-from contextlib import suppress
-from functools import partial
-
-from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError
-
-CSV_COLUMNS: Final = (
-    *("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint"),
-    "decided",
-)
+Append = Callable[[Iterable[Any]], None]
 _TOGETHER: Final = 256
 """Rows of Parquet that are written at a time, at least."""
 
 
 class Format(NamedTuple):
-    """An output with an entry per tick or segment (``rows``), or of a whole recording in memory.
+    """An output with an entry per tick or segment, or of a whole recording in memory.
 
-    That is written by the function ``write`` of a ``module`` of this package, which may need a library of an
+    ``rows`` are those that it can have an entry of, the usual ones first; none for a whole recording. That is
+    written by the function ``write`` of a ``module`` of this package, which may need a library of an
     ``extra`` for the ``purpose``.
     """
 
-    rows: str
+    rows: "tuple[Rows, ...]" = ()
     module: str = ""
     write: str = ""
     extra: str = ""
@@ -48,21 +44,33 @@ class Format(NamedTuple):
 
 FIGURES: Final = (".png", ".pdf", ".svg")
 FORMATS: Final = {
-    ".csv": Format("segments"),
-    ".jsonl": Format("ticks"),
-    ".parquet": Format("ticks"),
-    ".mcap": Format("whole", "foxglove_scene", "write_mcap", "foxglove", "an MCAP file for Foxglove"),
-    ".html": Format("whole", "report_html", "write_report", "report", "a report"),
-    **dict.fromkeys(FIGURES, Format("whole", "figure", "write_figure")),
-    ".srt": Format("segments"),
+    ".csv": Format(("segments", "ticks")),
+    ".jsonl": Format(("ticks", "segments")),
+    ".parquet": Format(("ticks", "segments")),
+    ".mcap": Format((), "foxglove_scene", "write_mcap", "foxglove", "an MCAP file for Foxglove"),
+    ".html": Format((), "report_html", "write_report", "report", "a report"),
+    **dict.fromkeys(FIGURES, Format((), "figure", "write_figure")),
+    ".srt": Format(("segments",)),
+    ".tex": Format(("segments",)),
 }
 SUFFIXES: Final = tuple(FORMATS)
-TICKS: Final = tuple(suffix for suffix, one in FORMATS.items() if one.rows == "ticks")
+TICKS: Final = tuple(suffix for suffix, one in FORMATS.items() if "ticks" in one.rows)
+ROWS: Final = ("ticks", "segments")
 
 
-def format_of(path: Path) -> Format:
-    """The format that the suffix of a path selects, in any case."""
-    return FORMATS[path.suffix.lower()]
+def rows_of(path: Path, asked: str | None = None) -> "Rows | None":
+    """What the output of this name has an entry per, the ``asked`` rows or the usual ones; None if it is of a
+    whole recording. Raises UsageError if it cannot have those that are asked for."""
+    rows = FORMATS[path.suffix.lower()].rows
+    if asked is None:
+        return rows[0] if rows else None
+    for one in rows:
+        if one == asked:
+            return one
+    if asked not in ROWS:
+        raise UsageError(f"rows are {' or '.join(ROWS)}, not {asked!r}")
+    able = ", ".join(suffix for suffix, other in FORMATS.items() if asked in other.rows)
+    raise UsageError(f"rows of {asked} are for {able}, not {path}")
 
 
 def require_library(path: Path) -> None:
@@ -74,122 +82,177 @@ def require_library(path: Path) -> None:
 
 
 @contextmanager
-def open_ticks(
-    path: Path, check: Callable[[], None] = accept_any
-) -> "Iterator[Callable[[Iterable[Belief]], None]]":
-    """Give the function that appends beliefs to a file of JSON lines or Parquet, which is written atomically.
+def open_rows(
+    path: Path, rows: "Rows", origin_ns: Callable[[], int], check: Callable[[], None] = accept_any
+) -> Iterator[Append]:
+    """Give the function that appends beliefs or segments, as ``rows`` says, to a file, which is written
+    atomically.
 
-    There is no file after a failure, or if an existing one does not pass ``check`` at the end.
+    There is no file after a failure, or if an existing one does not pass ``check`` at the end. ``origin_ns``
+    returns the stamp from which displayed times count; it is called after the first entry.
     """
-    require_library(path)
     with whole_file(path, check) as temporary:
-        if path.suffix.lower() == ".jsonl":
-            with _text(temporary) as file:
-                yield lambda beliefs: write_jsonl(beliefs, file)
+        if path.suffix.lower() == ".parquet":
+            with _parquet(temporary, rows) as append:
+                yield append
             return
-        from contact_tracker.exports.columns import BELIEF_COLUMNS, belief_columns
-        from contact_tracker.exports.parquet import open_parquet
-
-        with open_parquet(BELIEF_COLUMNS, temporary) as append:
-            waiting = list["Belief"]()
-
-            def write(beliefs: "Iterable[Belief]") -> None:
-                waiting.extend(beliefs)
-                if len(waiting) >= _TOGETHER:
-                    append(belief_columns(waiting))
-                    waiting.clear()
-
-            yield write
-            append(belief_columns(waiting))
+        texts = {".csv": open_csv, ".jsonl": open_jsonl, ".srt": open_srt, ".tex": open_tex}
+        with (
+            open(temporary, "w", encoding="utf-8", newline="") as file,
+            texts[path.suffix.lower()](file, rows, origin_ns) as append,
+        ):
+            yield append
 
 
 def write_pieces(
     found: "Iterable[Segmentation]",
     path: Path,
+    rows: "Rows",
     origin_ns: Callable[[], int],
     check: Callable[[], None] = accept_any,
+) -> int:
+    """Write a segmentation incrementally but atomically, the parameters as of ``open_rows``; returns the
+    number of entries."""
+    count = 0
+    with open_rows(path, rows, origin_ns, check) as append:
+        for piece in found:
+            entries: Sequence[Any] = piece.beliefs if rows == "ticks" else piece.segments
+            append(entries)
+            count += len(entries)
+    return count
+
+
+def write_outcome(
+    outcome: "Outcome", path: Path, rows: str | None = None, check: Callable[[], None] = accept_any
 ) -> None:
-    """Write a segmentation incrementally but atomically: formats with an entry per tick or segment.
-
-    Parameters
-    ----------
-    origin_ns : returns the stamp from which displayed times count, after the first piece.
-    check : of an existing file, as of ``whole_file``.
-    """
-    if format_of(path).rows == "ticks":
-        with open_ticks(path, check) as append:
-            for piece in found:
-                append(piece.beliefs)
-        return
-    with whole_file(path, check) as temporary, _text(temporary) as file:
-        segments = (one for piece in found for one in piece.segments)
-        if path.suffix.lower() == ".csv":
-            write_csv(segments, file)
-        else:
-            write_srt(segments, file, origin_ns)
-
-
-def write_outcome(outcome: "Outcome", path: Path, check: Callable[[], None] = accept_any) -> None:
-    """Write the output of a whole recording that the suffix selects, atomically; ``check`` as of
-    ``whole_file``."""
-    one = format_of(path)
-    if one.rows != "whole":
-        write_pieces([outcome.segmentation], path, lambda: outcome.origin_ns, check)
+    """Write the output of a whole recording that the suffix selects, atomically; ``rows`` as of ``rows_of``,
+    ``check`` as of ``whole_file``."""
+    entries = rows_of(path, rows)
+    if entries is not None:
+        write_pieces([outcome.segmentation], path, entries, lambda: outcome.origin_ns, check)
         return
     require_library(path)
+    one = FORMATS[path.suffix.lower()]
     write = getattr(import_module(f"contact_tracker.exports.{one.module}"), one.write)
     with whole_file(path, check) as temporary:
         write(outcome, temporary, path.suffix.lower())
 
 
-def _text(path: Path) -> TextIO:
-    return open(path, "w", encoding="utf-8", newline="")
+def json_line(entry: "Belief | Segment", more: Mapping[str, object] | None = None) -> str:
+    """One belief or segment, with ``more`` keys, as one JSON object, without newline."""
+    return json.dumps({**entry.to_json(), **(more or {})}, allow_nan=False)
 
 
-def json_line(belief: "Belief", more: Mapping[str, object] | None = None) -> str:
-    """One belief, with ``more`` keys, as one JSON object, without newline."""
-    return json.dumps({**belief.to_json(), **(more or {})}, allow_nan=False)
+@contextmanager
+def _parquet(path: Path, rows: "Rows") -> Iterator[Append]:
+    from contact_tracker.exports.columns import TABLES
+    from contact_tracker.exports.parquet import open_parquet
+
+    kinds, columns_of = TABLES[rows]
+    with open_parquet(kinds, path) as append:
+        waiting = list[Any]()
+
+        def write(entries: Iterable[Any]) -> None:
+            waiting.extend(entries)
+            if len(waiting) >= _TOGETHER:
+                append(columns_of(waiting))
+                waiting.clear()
+
+        yield write
+        append(columns_of(waiting))
 
 
-def write_jsonl(beliefs: "Iterable[Belief]", file: TextIO) -> None:
-    for belief in beliefs:
-        file.write(json_line(belief) + "\n")
+@contextmanager
+def open_jsonl(file: TextIO, *_: Any) -> Iterator[Append]:
+    """JSON lines, one per entry."""
+
+    def write(entries: Iterable[Any]) -> None:
+        for one in entries:
+            file.write(json_line(one) + "\n")
+
+    yield write
 
 
-def write_csv(segments: "Iterable[Segment]", file: TextIO) -> None:
-    """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks;
-    ``contacts`` is JSON text, a list of all contacts of the segment, and ``joint``, ``{}`` without one."""
-    from contact_tracker.exports.columns import decided
+@contextmanager
+def open_csv(file: TextIO, rows: "Rows", origin_ns: Callable[[], int]) -> Iterator[Append]:
+    """One row per entry, with the columns of ``csv_columns``."""
+    from contact_tracker.exports.columns import csv_columns
 
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(CSV_COLUMNS)
-    for one in segments:
-        geometry = one.geometry.to_json() if one.geometry else {}
-        joint = one.joint.to_json() if one.joint else {}
-        encoded = [json.dumps(value, allow_nan=False) for value in (geometry, one.contacts_json, joint)]
-        label = one.start_ns, one.end_ns, one.contact.value, one.probability
-        writer.writerow((*label, encoded[0], " ".join(one.inseparable), *encoded[1:], decided(one)))
+    writer.writerow(csv_columns(rows, (), 0))
+
+    def write(entries: Iterable[Any]) -> None:
+        if entries := list(entries):
+            writer.writerows(zip(*csv_columns(rows, entries, origin_ns()).values(), strict=True))
+
+    yield write
 
 
-def write_srt(segments: "Iterable[Segment]", file: TextIO, origin_ns: Callable[[], int]) -> None:
+@contextmanager
+def open_tex(file: TextIO, _: "Rows", origin_ns: Callable[[], int]) -> Iterator[Append]:
+    """A table of LaTeX with the rows of the table on a terminal."""
+    from contact_tracker.outputs.text import GEOMETRY_TITLE, segment_rows
+
+    columns = r"\begin{tabular}{rrlr>{\raggedright\arraybackslash}p{0.6\linewidth}}"
+    file.write("% \\usepackage{array,booktabs}\n" + columns + "\n\\toprule\n")
+    file.write(rf"start (s) & end (s) & contact & $p$ & {GEOMETRY_TITLE} \\" + "\n\\midrule\n")
+
+    def write(entries: "Iterable[Segment]") -> None:
+        for segment in entries:
+            for row in segment_rows(segment, origin_ns()):
+                figures = f"{row.start_s:.2f} & {row.end_s:.2f} & {row.kind} & {row.probability:.2f}"
+                file.write(f"{figures} & {_tex(row.where)} " + "\\\\\n")
+
+    yield write
+    file.write("\\bottomrule\n\\end{tabular}\n")
+
+
+_TEX: Final = {
+    **{sign: rf"\{sign}" for sign in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+}
+
+
+def _tex(text: str) -> str:
+    """Geometry in words as LaTeX; names of elements may have any letters."""
+    escaped = "".join(_TEX.get(sign, sign) for sign in printable(text))
+    with_units = re.sub(r" (m|mm)\b", r"~\1", escaped).replace(" deg", r"$^\circ$")
+    return with_units.replace(" +/- ", r"~$\pm$~")
+
+
+@contextmanager
+def open_srt(file: TextIO, _: "Rows", origin_ns: Callable[[], int]) -> Iterator[Append]:
     """SubRip subtitles for a video that starts with the recording: one per segment, or per part between
     changes of its further contacts; times count from the stamp that ``origin_ns`` returns.
 
     Each lasts at least a millisecond.
     """
-    parts = ((segment, part) for segment in segments for part in segment.parts)
-    for number, (segment, part) in enumerate(parts, start=1):
-        start_ms = max(part.start_ns - origin_ns(), 0) // 1_000_000
-        end_ms = max((part.end_ns - origin_ns()) // 1_000_000, start_ms + 1)
-        others = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
-        names = [printable(name) if name else "?" for name in segment.touching]
-        named = " on ".join(names) if any(segment.touching) else ""
-        lines = [f"{segment.contact.value} ({segment.probability:.2f}){others}", named]
-        lines += [f"+ {one.contact.value} ({one.probability:.2f})" for one in part.further]
-        if segment.joint is not None:
-            lines.append(f"= {segment.joint.kind.value} ({segment.joint.probability:.2f})")
-        text = "\n".join(filter(None, lines))
-        file.write(f"{number}\n{_subtitle_time(start_ms)} --> {_subtitle_time(end_ms)}\n{text}\n\n")
+    numbers = count(1)
+
+    def write(entries: "Iterable[Segment]") -> None:
+        for segment in entries:
+            for part in segment.parts:
+                file.write(f"{next(numbers)}\n{_subtitle(segment, part, origin_ns())}\n\n")
+
+    yield write
+
+
+def _subtitle(segment: "Segment", part: "SegmentPart", origin_ns: int) -> str:
+    start_ms = max(part.start_ns - origin_ns, 0) // 1_000_000
+    end_ms = max((part.end_ns - origin_ns) // 1_000_000, start_ms + 1)
+    others = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
+    names = [printable(name) if name else "?" for name in segment.touching]
+    named = " on ".join(names) if any(segment.touching) else ""
+    lines = [f"{segment.contact.value} ({segment.probability:.2f}){others}", named]
+    lines += [f"+ {one.contact.value} ({one.probability:.2f})" for one in part.further]
+    if segment.joint is not None:
+        lines.append(f"= {segment.joint.kind.value} ({segment.joint.probability:.2f})")
+    text = "\n".join(filter(None, lines))
+    return f"{_subtitle_time(start_ms)} --> {_subtitle_time(end_ms)}\n{text}"
 
 
 def _subtitle_time(total_ms: int) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from contact_tracker.config.loading import MOST_BYTES
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KnowledgeError
-from contact_tracker.files import parse_toml, read_regular
+from contact_tracker.files import near_file, parse_toml, read_regular
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.map.keys import FARTHEST_M, Keys
@@ -56,7 +56,7 @@ def read_table(path: str) -> dict[str, Any]:
     try:
         return parse_toml(read_regular(Path(path), MOST_BYTES).decode("utf-8"))
     except OSError as error:
-        raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}") from error
+        raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}{near_file(path)}") from error
     except (ValueError, RecursionError) as error:  # invalid UTF-8 or TOML, and names with a zero byte
         raise KnowledgeError("", f"{path} is not TOML: {error}") from error
 

@@ -39,8 +39,8 @@ def ansi_of(contact: Contact) -> str:
     return f"38;5;{16 + 36 * red + 6 * green + blue}"
 
 
-_GEOMETRY: Final = "the object's element (body frame) on the surroundings' (world frame)"
-CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
+GEOMETRY_TITLE: Final = "the object's element (body frame) on the surroundings' (world frame)"
+CHANGES_HEADER: Final = f"  time s  contact     p   since s  {GEOMETRY_TITLE}"
 SURE_PROBABILITY: Final = 0.9
 SAME_NS: Final = 1_000_000_000
 """Largest change of a further contact's estimated onset from belief to belief (ns)."""
@@ -50,7 +50,7 @@ JOINT: Final = "= "
 OPEN_OFFSET: Final = "offset not known"
 """Of a face: where it is along its normal."""
 _ORIGIN: Final = "the body's origin"
-TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
+TABLE_HEADER: Final = f" start s     end s  contact     p  {GEOMETRY_TITLE}"
 
 
 def is_settled(belief: Belief) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, NoTruth, printable
+from contact_tracker.files import near_file
 from contact_tracker.ground_truth import UNSCORED, CoarseLabel, Truth, TruthInterval
 from contact_tracker.recording.bytestream import is_regular
 from contact_tracker.recording.decoding import MessageDecoder, Undecodable
@@ -155,7 +156,7 @@ def read_labels(
         with open(path, encoding="utf-8-sig", errors="replace") as file:
             text = file.read(_BYTES)
     except OSError as error:
-        raise NoTruth(f"{path}: {error.strerror}") from error
+        raise NoTruth(f"{path}: {error.strerror}{near_file(path)}") from error
     rows = sorted(
         _rows_of_json(path, text) if text.lstrip()[:1] in ("[", "{") else _rows_of_table(path, text)
     )

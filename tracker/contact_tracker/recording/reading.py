@@ -12,6 +12,7 @@ from mcap.summary import Summary
 
 from contact_tracker.config.table_reading import AS_NAMED, NO_TABLE, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
+from contact_tracker.files import near_file
 from contact_tracker.recording.bytestream import (
     ZSTD_MAGIC,
     ByteStream,
@@ -55,7 +56,7 @@ def parts_of(path: str) -> list[str]:
     if path == STDIN or not os.path.isdir(path):
         if path != STDIN and not os.path.exists(path):
             hint = _PATTERN if has_magic(path) else ""
-            raise UnreadableRecording(f"{path}: no such file{hint}")
+            raise UnreadableRecording(f"{path}: no such file{hint or near_file(path)}")
         return [path]
     try:
         names = sorted((n for n in os.listdir(path) if n.lower().endswith(_ENDINGS)), key=_natural)

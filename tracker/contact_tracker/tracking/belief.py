@@ -152,15 +152,22 @@ class Belief:
             "contact": self.contact.value,
             "probability": {state.value: float(p) for state, p in zip(STATES, self.probability, strict=True)},
             "onset_ns": int(self.onset_ns),
-            "inseparable": [state.value for state in self.inseparable],
-            "geometry": self.geometry.to_json() if self.geometry else {},
-            "contacts": self.contacts_json,
-            "constraints": self.constraints,
-            "joint": self.joint.to_json() if self.joint else {},
-            "inseparable_names": " ".join(self.inseparable),
-            "object": flat(self.geometry.object if self.geometry else None),
-            "environment": flat(self.geometry.environment if self.geometry else None),
+            **_label_json(self),
         }
+
+
+def _label_json(one: "Belief | Segment") -> dict[str, Any]:
+    """What the JSON objects of a belief and of a segment have in common beside the contact."""
+    return {
+        "inseparable": [state.value for state in one.inseparable],
+        "geometry": one.geometry.to_json() if one.geometry else {},
+        "contacts": one.contacts_json,
+        "constraints": one.constraints,
+        "joint": one.joint.to_json() if one.joint else {},
+        "inseparable_names": " ".join(one.inseparable),
+        "object": flat(one.geometry.object if one.geometry else None),
+        "environment": flat(one.geometry.environment if one.geometry else None),
+    }
 
 
 class SegmentPart(NamedTuple):
@@ -196,6 +203,11 @@ class Segment:
         object.__setattr__(self, "further", beside(self.further, self.probability))
 
     @property
+    def constraints(self) -> int:
+        """Largest number of independent constraints of the contacts that hold at a time."""
+        return max((one.constraints for one in self.further), default=self.contact.codimension)
+
+    @property
     def contacts_json(self) -> list[dict[str, Any]]:
         """All contacts of the segment, ``contact`` first."""
         if self.contact is Contact.FREE:
@@ -225,3 +237,13 @@ class Segment:
     def touching(self) -> tuple[str | None, str | None]:
         """As ``Belief.touching``."""
         return self.geometry.names if self.geometry else (None, None)
+
+    def to_json(self) -> dict[str, Any]:
+        """The JSON object of ``segment -o FILE.jsonl --rows segments``."""
+        return {
+            "start_ns": int(self.start_ns),
+            "end_ns": int(self.end_ns),
+            "contact": self.contact.value,
+            "probability": float(self.probability),
+            **_label_json(self),
+        }

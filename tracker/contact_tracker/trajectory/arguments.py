@@ -15,6 +15,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning, UsageError, printable
+from contact_tracker.files import near_file
 from contact_tracker.motion.real_numbers import real_number
 
 ModelLike = str | os.PathLike[str] | Model
@@ -55,7 +56,8 @@ def errors_as(kind: type[ContactTrackerError], path: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise kind(f"{error.filename or path}: {error.strerror or error}") from error
+        name = error.filename or path
+        raise kind(f"{name}: {error.strerror or error}{near_file(name)}") from error
 
 
 def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations = None) -> Model:

@@ -101,6 +101,7 @@ class Trajectory:
         time_unit: str | None = None,
         euler: str | None = None,
         rotation_vector: bool = False,
+        rate: float | None = None,
     ) -> Self:
         """Poses from arrays.
 
@@ -117,6 +118,7 @@ class Trajectory:
         time_unit : s (the default), ms, us, ns, 100ns, or the rate of frame numbers, as ``200Hz``.
         euler : order and unit of angles, as ``XYZ:deg``: SciPy's letters, of which ``xyz`` are about fixed
             axes. The angles are those about x, y and z.
+        rate : of frames (Hz), if ``stamps`` are numbers of frames (``time_unit="frames"``).
 
         Raises
         ------
@@ -130,7 +132,7 @@ class Trajectory:
         ContactTrackerWarning
             The unit of the stamps is doubtful, or many poses are dropped.
         """
-        reading = stated(unit, time_unit, euler=euler, rotation_vector=rotation_vector)
+        reading = stated(unit, time_unit, euler=euler, rotation_vector=rotation_vector, rate=rate)
         place, turn = positions_and_quaternions(positions_m, quaternions, order, reading)
         time_ns = None if have_own_unit(stamps) else reading.time_ns or TIMES_NS["s"]
         return cls._passed(stamps, time_ns, np.hstack([place * LENGTHS[reading.unit or "m"], turn]), reading)
@@ -148,6 +150,7 @@ class Trajectory:
         rotation_vector: bool = False,
         matrix: str | None = None,
         columns: Mapping[str, str] | None = None,
+        rate: float | None = None,
     ) -> Self:
         """Poses from a table of pandas, polars or Arrow, or any mapping of names to columns.
 
@@ -157,7 +160,7 @@ class Trajectory:
             default they are found by their names, as in files.
         unit, time_unit : of positions and stamps; by default those of their names (``x [mm]``, ``x_mm``,
             ``time [ms]``, ``stamp_ns``), else metres and seconds. Columns of dates have their own.
-        euler, rotation_vector, matrix, columns : what the columns are, as of ``read``.
+        euler, rotation_vector, matrix, columns, rate : what the columns are, as of ``read``.
 
         Raises
         ------
@@ -171,7 +174,7 @@ class Trajectory:
         ContactTrackerWarning
             As ``from_arrays``.
         """
-        kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix}
+        kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
         reading = with_columns(
             table, stated(unit, time_unit, columns=columns, **kind), stamp, position_m, quat_xyzw
         )
@@ -276,6 +279,7 @@ def read(
     matrix: str | None = None,
     columns: Mapping[str, str] | None = None,
     field: str | None = None,
+    rate: float | None = None,
 ) -> Trajectory:
     """The poses of a recording.
 
@@ -294,6 +298,7 @@ def read(
     matrix : rotations in a table are matrices numbered along ``rows`` or ``columns``.
     columns : names of columns by role, as ``{"time": "t", "position": "tcp[0:3]"}`` (docs/formats.md).
     field : path to the poses in messages of other types, as ``tracked.pose`` (docs/formats.md).
+    rate : of frames (Hz), if the times of a table are numbers of frames (``time_unit="frames"``).
 
     Raises
     ------
@@ -316,7 +321,7 @@ def read(
     topic, parent, child, relative_to = (name_from(value, name) for name, value in given)
     if parent is not None and child is None:
         raise UsageError("parent needs child, the frame of the body")
-    kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix}
+    kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
     reading = stated(unit, time_unit, columns=columns, field=field, **kind)
     frame = child if parent is None else f"{parent}->{child}"
     if text == "-":

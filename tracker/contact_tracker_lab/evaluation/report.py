@@ -1,4 +1,4 @@
-"""The report of ``evaluate``: text tables within 100 columns, or JSON; of a result and the user's labels."""
+"""The report of ``evaluate``: text tables within 80 columns, or JSON; of a result and the user's labels."""
 
 import json
 import math
@@ -23,28 +23,34 @@ from contact_tracker_lab.evaluation.scoring import Subset
 from contact_tracker_lab.evaluation.tables import number, table
 
 TOTAL: Final = "total"
-WIDEST_NAME: Final = 24
+WIDEST_NAME: Final = 20
+"""Of a recording beside its numbers; above them it may be as wide as a line."""
+WIDTH: Final = 80
 
 ACCURACY_NOTE: Final = """\
-Share of the time in which the label was right: over all scored frames; over those more than 0.25 s
-from a true change (clear); over those whose motion determines the contact (identifiable), and over
-the others, singular or at rest before the first motion (ambiguous); without the rest at the start
-(moved). F1: mean over the true states. Online: the latest belief up to the stamp of a pose; by
-arrival: the latest that `live` has given out when the pose comes."""
+Share of the time in which the label was right: over all scored frames; over
+those more than 0.25 s from a true change (clear); over those whose motion
+determines the contact (identifiable), and over the others, singular or at rest
+before the first motion (ambiguous); without the rest at the start (moved). F1:
+mean over the true states. Online: the latest belief up to the stamp of a pose;
+by arrival: the latest that `live` has given out when the pose comes."""
 BELIEF_NOTE: Final = """\
-Log-loss in nats; Brier score 0 to 2; ECE: expected calibration error, 15 bins; sure & wrong: share
-of the time with a probability above 0.9 on a wrong state."""
+Log-loss in nats; Brier score 0 to 2; ECE: expected calibration error, 15 bins;
+sure & wrong: share of the time with a probability above 0.9 on a wrong state."""
 CHANGE_NOTE: Final = """\
-Boundary: from a true change to the nearest found one, median and 90 %; missed: share without one.
-Delay: from a true onset until the label is right for 0.3 s; never: share without such a time."""
+Boundary: from a true change to the nearest found one, median and 90 %; missed:
+share without one. Delay: from a true onset until the label is right for 0.3 s;
+never: share without such a time."""
 FURTHER_NOTE: Final = """\
-Further contacts. Right: share of the time with several contacts in which exactly these kinds are
-reported. Open: share in which the true kinds are only listed as inseparable. False: share of the
-time without a further contact in which one is reported."""
+Further contacts. Right: share of the time with several contacts in which
+exactly these kinds are reported. Open: share in which the true kinds are only
+listed as inseparable. False: share of the time without a further contact in
+which one is reported."""
 GEOMETRY_NOTE: Final = """\
-Found: true segments found with geometry. Angle of normals and directions, distance of the true
-element from the found one where they touched, median and 90 %; share of the elements within 3
-standard deviations (sd) of the found covariance."""
+Found: true segments found with geometry. Angle of normals and directions,
+distance of the true element from the found one where they touched, median and
+90 %; share of the elements within 3 standard deviations (sd) of the found
+covariance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,22 +69,22 @@ class Report:
     def to_text(self) -> str:
         """Tables per recording and total, no trailing newline."""
         total = self.total
-        entries = [(_short(name), value) for name, value in self.recordings.items()]
+        entries = [*self.recordings.items()]
         entries += [(TOTAL, total)] if len(entries) > 1 else []
         blocks = [
-            table(_ACCURACY, _mode_rows(entries, _accuracy_cells), left=2),
+            table(_ACCURACY, _mode_rows(entries, _accuracy_cells)),
             ACCURACY_NOTE,
-            table(_BELIEF, _mode_rows(entries, _belief_cells), left=2),
+            table(_BELIEF, _mode_rows(entries, _belief_cells)),
             BELIEF_NOTE,
-            table(_CHANGE, _mode_rows(entries, _change_cells), left=2),
+            table(_CHANGE, _mode_rows(entries, _change_cells)),
             CHANGE_NOTE,
             _confusion_text("offline", total.offline),
             _confusion_text("online", total.online),
         ]
         if total.further_offline.several_s or total.further_offline.false_s or total.further_online.false_s:
-            blocks += [table(_FURTHER, _mode_rows(entries, _further_cells, "further_"), left=2), FURTHER_NOTE]
+            blocks += [table(_FURTHER, _mode_rows(entries, _further_cells, "further_")), FURTHER_NOTE]
         if total.geometry.true_segments:
-            rows = [[name, *_geometry_cells(value.geometry)] for name, value in entries]
+            rows = [[_short(name, WIDEST_NAME), *_geometry_cells(value.geometry)] for name, value in entries]
             kinds = ("plane", "line", "point")
             rows += [[f"  {kind}s", *_geometry_cells(total.geometry.of_kind(kind), False)] for kind in kinds]
             blocks += [table(_GEOMETRY, rows), GEOMETRY_NOTE]
@@ -135,28 +141,31 @@ def evaluate(
     return Report({name: evaluate_segmentation(poses, truth, result.segmentation, answers)})
 
 
-_ACCURACY: Final = ("recording", "", "scored s", *(s.name.lower() for s in Subset), "F1")
-_BELIEF: Final = ("recording", "", "log-loss", "Brier", "ECE", "sure & wrong")
-_CHANGE: Final = ("recording", "", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
-_FURTHER: Final = ("recording", "", "several s", "right", "open", "alone s", "false")
+_ACCURACY: Final = ("recording", "scored s", *(s.name.lower() for s in Subset), "F1")
+_BELIEF: Final = ("recording", "log-loss", "Brier", "ECE", "sure & wrong")
+_CHANGE: Final = ("recording", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
+_FURTHER: Final = ("recording", "several s", "right", "open", "alone s", "false")
 _GEOMETRY: Final = ("recording", "found", "angle deg", "90 %", "distance mm", "90 %", "within 3 sd")
 
 
-def _short(name: str) -> str:
+def _short(name: str, widest: int = WIDTH) -> str:
     name = printable(name)
-    return name if len(name) <= WIDEST_NAME else "…" + name[1 - WIDEST_NAME :]
+    return name if len(name) <= widest else "…" + name[1 - widest :]
 
 
 def _mode_rows(
     entries: list[tuple[str, Evaluation]], cells: Callable[[Any], list[str]], which: str = ""
 ) -> list[list[str]]:
-    """A row for each entry and mode, of the scores whose names begin with ``which``."""
-    return [
-        [name if mode == "offline" else "", mode, *cells(scores)]
-        for name, value in entries
-        for mode in ("offline", "online", "by arrival")
-        if (scores := getattr(value, f"{which}{mode.removeprefix('by ')}", None)) is not None
-    ]
+    """The name of each entry, and below it a row for each mode, of the scores whose names begin with
+    ``which``."""
+    rows = []
+    for name, value in entries:
+        rows.append([_short(name)])
+        for mode in ("offline", "online", "by arrival"):
+            scores = getattr(value, f"{which}{mode.removeprefix('by ')}", None)
+            if scores is not None:
+                rows.append([f"  {mode}", *cells(scores)])
+    return rows
 
 
 def _accuracy_cells(tally: Tally) -> list[str]:
@@ -205,7 +214,7 @@ def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str
 def _confusion_text(mode: str, tally: Tally) -> str:
     rows = zip(tally.rows, tally.confusion_s[Subset.ALL], strict=True)
     cells = [
-        [printable(name), *(number(s, 1) if s > 0 else "." for s in row)]
+        [_short(name, WIDEST_NAME), *(number(s, 1) if s > 0 else "." for s in row)]
         for name, row in rows
         if row.any() or not tally.coarse  # a state that no coarse label names has no row
     ]

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Align columns, the first ``left`` ones to the left, the others to the right; no trailing newline."""
+    """Align columns, the first ``left`` ones to the left, the others to the right; no trailing newline.
+
+    A row of one cell is a title of the rows below it, as wide as it is.
+    """
     lines = [tuple(header), *map(tuple, rows)]
-    widths = [max(len(cell) for cell in column) for column in zip(*lines, strict=True)]
+    widths = [max(map(len, column)) for column in zip(*(one for one in lines if len(one) > 1), strict=True)]
     return "\n".join(
         "  ".join(
             cell.ljust(width) if i < left else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+            for i, (cell, width) in enumerate(zip(line, widths, strict=len(line) > 1))
         ).rstrip()
         for line in lines
     )
