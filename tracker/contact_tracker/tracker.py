@@ -204,7 +204,7 @@ class Tracker:
             sigma,
             filters.body_m,
             filters.is_decided,
-            filters.rest.ticks_at_rest > 0,
+            filters.motion.is_at_rest,
             self.inspection,
         )
 
