@@ -103,7 +103,7 @@ def test_the_gate_continues_after_a_restore(tmp_path: Path, rows: list[tuple[int
                 save(tmp_path / "gate", gate)
                 gate = load(tmp_path / "gate")
             found += gate.admit(pose)
-        return [*found, *gate.finish()], gate.own_counts
+        return [*found, *gate.finish()], gate.counts
 
     assert admitted(restore=True) == admitted(restore=False)
 

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.parameters import Model, Noise
+from contact_tracker.config.parameters import Model
 from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise
@@ -159,15 +159,6 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
         unchanged,
         *(Candidate(one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)),
         *(Candidate(one, LOG_PRIOR_WANDER) for one in correlated),
-    )
-
-
-def has_less_noise(one: Noise, other: Noise) -> bool:
-    """Whether any part of the noise of a tick is less."""
-    return (
-        one.estimate_share < other.estimate_share
-        or one.floor_position_m < other.floor_position_m
-        or one.wander_position_m < other.wander_position_m
     )
 
 

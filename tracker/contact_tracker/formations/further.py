@@ -56,9 +56,9 @@ class KnownContact(NamedTuple):
 
 
 class Further(NamedTuple):
-    """A further contact in ``runs`` of ticks, with ``log_odds`` (nats) against none.
+    """A further contact with ``log_odds`` (nats) against none, in ``runs`` by the numbers of ticks.
 
-    ``inseparable`` are contact kinds that explain the motion as well.
+    ``inseparable`` are contact kinds that the map allows and that explain the motion as well.
     """
 
     known: KnownContact
@@ -79,12 +79,21 @@ class Formation(NamedTuple):
     ``is_open`` : whether the motion keeps more constraints than the contacts found explain.
     """
 
-    further: tuple[Further, ...]
-    is_open: bool
+    further: tuple[Further, ...] = ()
+    is_open: bool = False
     ranks: Ranks = ()
 
+    @property
+    def constraints(self) -> int:
+        """Largest number of constraints of the contacts together; 0 without further ones."""
+        return max((rank for _, rank in self.ranks), default=0)
 
-NO_FORMATION: Final = Formation((), False)
+    def constraints_with(self, number: int) -> int:
+        """Largest number of constraints while a further contact holds."""
+        return max(rank for numbers, rank in self.ranks if number in numbers)
+
+
+NO_FORMATION: Final = Formation()
 
 
 class Candidate(NamedTuple):
@@ -112,6 +121,10 @@ class FormationTicks(NamedTuple):
         """Contact kinds that the map allows."""
         return tuple(filter(self.known_map.allows, CONTACTS))
 
+    def numbered(self, run: Run) -> Run:
+        """A run of rows, by the numbers of ticks."""
+        return Run(int(self.window.index[run.first]), int(self.window.index[run.end - 1]) + 1)
+
     def geometry_of(self, elements: FittedElements) -> ContactGeometry | None:
         """Elements with covariance in the user's frames, named as in the map; None where a complete map
         lacks them."""
@@ -134,14 +147,16 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
         return NO_FORMATION
     free = ConditionalMotion.of(segment.window, segment.scales)
     found, is_open = _further_contacts(segment, first, free)
-    return Formation(tuple(found), is_open, _ranks(free, first, found))
+    return Formation(tuple(found), is_open, _ranks(free, segment.window.index, first, found))
 
 
-def _ranks(motion: ConditionalMotion, first: KnownContact, found: Sequence[Further]) -> Ranks:
+def _ranks(
+    motion: ConditionalMotion, index: NDArray[np.int64], first: KnownContact, found: Sequence[Further]
+) -> Ranks:
     holds = np.zeros((len(motion), len(found)), bool)
     for number, one in enumerate(found):
         for run in one.runs:
-            holds[slice(*run), number] = True
+            holds[(index >= run.first) & (index < run.end), number] = True
     ranks = list[tuple[frozenset[int], int]]()
     for pattern in np.unique(holds, axis=0):
         numbers = np.flatnonzero(pattern).tolist()
@@ -169,13 +184,14 @@ def _further_contacts(
             return found, True
         best, elements = refined
         run = longest_run(best.presence)
-        holding = [first, *(one.known for one in found if any(map(run.overlaps, one.runs)))]
+        holding = [first, *(one.known for one in found if any(map(segment.numbered(run).overlaps, one.runs)))]
         confirmed = confirm(segment, motion, elements, holding, best.known, run)
         if confirmed is None:
             return found, True
         geometry, _, new = confirmed
         others = inseparable_kinds(segment, motion, best, some, run, new)
-        found.append(Further(best.known, geometry, best.presence.runs, best.presence.log_odds, others))
+        runs = tuple(map(segment.numbered, best.presence.runs))
+        found.append(Further(best.known, geometry, runs, best.presence.log_odds, others))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
     return found, False
@@ -334,7 +350,7 @@ def inseparable_kinds(
         if near or fits:
             alike.add(one.known.contact)
     contained = {kind for kind in CONTACTS for one in alike if one.contains(kind) and kind.codimension >= new}
-    return tuple(kind for kind in CONTACTS if kind in contained and kind is not best.known.contact)
+    return tuple(kind for kind in segment.kinds if kind in contained and kind is not best.known.contact)
 
 
 def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:

@@ -14,10 +14,7 @@ from collections.abc import Collection, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from contact_tracker.motion.poses import STEPS_KEPT, Pose, Poses, Step, Steps, reach, step_between
+from contact_tracker.motion.poses import STEPS_KEPT, Pose, Step, reach, step_between
 
 STEPS: Final = 10.0
 """A pose is away from the motion if it is farther than this many usual steps, and not near."""
@@ -83,25 +80,6 @@ class DefaultPoseFilter:
         for pose in waiting:
             self._keep(pose)
         return waiting
-
-    def passes_all(self, steps: Steps) -> bool:
-        """Whether poses that continue from the last one by these steps pass without further checks."""
-        known = len(self._kept) == NEIGHBOURS and not self._dropped
-        return known and steps.are_near
-
-    def pass_all(self, joined: Poses, steps: Steps, repeats: NDArray[np.bool_]) -> None:
-        """Pass on poses that need no further checks.
-
-        Parameters
-        ----------
-        joined : the last pose that was passed on, and these.
-        steps, repeats : steps between them, and whether a pose repeats the one before.
-        """
-        x, y, z = joined.position_m.T
-        at_origin = (x == 0.0) & (y == 0.0) & (z == 0.0)
-        noted = np.flatnonzero(~repeats & (at_origin[1:] == at_origin[:-1]))[-STEPS_KEPT:]
-        self._steps.extend(map(Step, steps.distance_m[noted].tolist(), steps.turn[noted].tolist()))
-        self._kept.extend(joined[1:][-NEIGHBOURS:])
 
     def _keep(self, pose: Pose) -> None:
         if self._kept and self._kept[-1][1:] != pose[1:]:

@@ -15,12 +15,8 @@ from itertools import pairwise
 from statistics import median
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
-
 from contact_tracker.config.quantities import RANGE_NS
-from contact_tracker.motion.poses import Pose, Poses, Step, step_between
+from contact_tracker.motion.poses import Pose, Step, step_between
 
 LONGEST_WAIT_NS: Final = 100_000_000
 """Held poses delay what is said of their time by this much at most."""
@@ -110,24 +106,6 @@ class StampOrder:
         """The held poses that others have followed, or all if there are no others, at the end of the
         stream."""
         return self._release(ended=True)
-
-    def steps_of_all(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.int64] | None:
-        """Intervals (ns) between poses, from the last one on; None if one of them needs further checks."""
-        if self.last_ns is None or self._held or self._offset_ns or stamp_ns[-1] > RANGE_NS:
-            return None
-        steps_ns = np.empty_like(stamp_ns)
-        steps_ns[0] = stamp_ns[0] - self.last_ns
-        np.subtract(stamp_ns[1:], stamp_ns[:-1], out=steps_ns[1:])
-        if steps_ns.min() <= 0 or steps_ns.max() > GAP_NS or self._periods.lead_among(steps_ns):
-            return None
-        return steps_ns
-
-    def pass_all(self, poses: Poses, steps_ns: NDArray[np.int64]) -> None:
-        """Pass on poses that need no further checks."""
-        self._periods.extend(steps_ns[-PERIODS_KEPT:].tolist())
-        self._backward = None
-        self._latest.extend(poses[-LATEST:])
-        self.last_ns, self._follows_other = int(poses.stamp_ns[-1]), False
 
     def _release(self, ended: bool) -> Sequence[Ordered]:
         """Pass on the held poses that have been confirmed, and drop those that contradict them."""
@@ -267,19 +245,3 @@ class Periods:
         insort(in_order, period_ns)
         self.known, self.median_ns = True, in_order[len(in_order) // 2]
         self.lead_ns = LEAD_PERIODS * self.median_ns
-
-    def extend(self, periods_ns: Sequence[int]) -> None:
-        """``append`` for several."""
-        self._recent.extend(periods_ns[:-1])
-        self._sorted = sorted(self._recent)
-        self.append(periods_ns[-1])
-
-    def lead_among(self, periods_ns: NDArray[np.int64]) -> bool:
-        """Whether one of the next intervals is of a leading stamp; also True while the period is unknown."""
-        if len(self._recent) < PERIODS_KEPT:
-            return True
-        if periods_ns.max() <= LEAD_PERIODS * min(self._sorted[0], int(periods_ns.min())):
-            return False
-        before = np.concatenate([self._recent, periods_ns[:-1]])
-        medians = np.median(sliding_window_view(before, PERIODS_KEPT), axis=1)
-        return bool((periods_ns > LEAD_PERIODS * medians).any())

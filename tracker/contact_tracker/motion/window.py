@@ -147,20 +147,9 @@ class Window:
         vars(self).update(inverse=inverse, displacement_variance=displacement_variance)
         return self
 
-    def hold(self, count: int, most: int) -> "Window":
-        """The window of at most ``most`` ticks after ``count`` further ones without frames, which repeat the
-        newest."""
-        size, numbers = self.index.size, np.arange(self.index[-1] + 1, self.index[-1] + 1 + count)
-        first = max(size + count - most, 0)
-        rows = np.minimum(np.arange(first, size + count), size - 1)
-        one = self.pick(rows, self.zeta[min(first, size) - 1] if first else self.before)
-        frames = None if self.frames is None else np.append(self.frames, np.zeros(count))[first:]
-        one = replace(one, index=np.append(self.index, numbers)[first:], frames=frames)
-        return one.with_cached(self.inverse[rows], self.displacement_variance[rows])
-
-    def expired_by(self, after: "Window", count: int = 1) -> "Window":
-        """The oldest ticks, which are not in the window ``after`` any more, ``count`` ticks later."""
-        return self.cut(0, max(self.index.size + count - after.index.size, 0))
+    def expired_by(self, after: "Window") -> "Window":
+        """The oldest tick, if it is not in the window ``after`` any more, a tick later."""
+        return self.cut(0, max(self.index.size + 1 - after.index.size, 0))
 
     def cut(self, first: int, end: int | None = None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""

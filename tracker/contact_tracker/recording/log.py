@@ -161,7 +161,7 @@ class PoseLog:
 
         ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped.
         """
-        self.gate, self._counts = gate, gate.own_counts
+        self.gate, self._counts = gate, gate.counts
         self._is_resumed = True
         if is_same_log:
             self.stamping, self._skipped = stamping, taken

@@ -112,10 +112,8 @@ def is_prefix(first: Sequence[Logged]) -> bool:
 
 
 def admitted(gate: PoseGate, stamping: Stamping, logged: Iterable[Logged], counts: Counter[str]) -> Poses:
-    """The valid ones of some poses: in columns if nothing has to be decided for single ones."""
-    stamped = [stamping.stamped(*one, counts) for one in logged]
-    passed = gate.admit_all(Poses.collect(stamped)) if stamped else None
-    return Poses.collect(one for pose in stamped for one in gate.admit(pose)) if passed is None else passed
+    """The valid ones of some poses."""
+    return gate.admit_all(stamping.stamped(*one, counts) for one in logged)
 
 
 def _are_zero(prefix: Sequence[Logged]) -> bool:

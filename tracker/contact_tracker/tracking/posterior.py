@@ -246,14 +246,13 @@ def _reported(state: FilterState, belief: Belief, tick: Tick) -> tuple[FurtherCo
     return tuple(
         FurtherContact(
             one.elements.contact,
-            float(expit(power * one.log_odds)) * ambiguity.most_beside(len(others)),
+            float(expit(power * one.log_odds)) * ambiguity.most_beside(len(one.inseparable)),
             max(tick.start_ns - (now - one.since) * state.model.tick_ns, belief.onset_ns),
             None,
             one.geometry,
-            others,
+            one.inseparable,
             state.formation.constraints,
         )
         for one in state.formation.tracked
-        for others in [tuple(filter(state.known_map.allows, one.inseparable))]
         if one.is_present
     )
