@@ -23,7 +23,7 @@ from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.segmenting import OfflineTracker
-from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, show
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
 from shared_recordings import SHARED_RECORDINGS
 
@@ -84,7 +84,7 @@ def main() -> int:
     rows = [[name, *("reported" if cell else "-" for cell in cells)] for name, cells in found.items()]
     rows.append(["share", *(number(float(share)) for share in np.mean(list(found.values()), axis=0))])
     columns = ("recording", *(f"{error_deg:g} deg off" for error_deg in args.errors))
-    return show(args, directions=Table(columns, rows))
+    return report(args, directions=Table(columns, rows))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,15 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.trajectory.arguments import model_from
-from contact_tracker_lab.benchmark.runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
+from contact_tracker_lab.benchmark.runner import (
+    FIGURES,
+    Table,
+    figures,
+    find_sets,
+    measured,
+    parser_of,
+    report,
+)
 from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from distortions import DISTORTIONS
@@ -89,7 +97,7 @@ def main() -> int:
         for name, found in measured(measure, jobs, args.processes)
         for row in rows_of(name, found, args.oracle)
     ]
-    return show(args, distortions=Table(ORACLE_HEADER if args.oracle else HEADER, rows))
+    return report(args, distortions=Table(ORACLE_HEADER if args.oracle else HEADER, rows))
 
 
 if __name__ == "__main__":

@@ -37,8 +37,8 @@ from contact_tracker_lab.benchmark.runner import (
     median_of_known,
     parser_of,
     recordings_in,
+    report,
     shares_row,
-    show,
 )
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.evaluation.tables import number
@@ -243,7 +243,7 @@ def main() -> int:
         shares_row(name, [(one.seconds, one.false_s, one.false_online_s) for one in found])
         for name, found in measured(measure_file, recordings_in(args.single), args.processes)
     ]
-    return show(args, scenarios=Table(COLUMNS, rows), singles=Table(SINGLE_COLUMNS, singles))
+    return report(args, scenarios=Table(COLUMNS, rows), singles=Table(SINGLE_COLUMNS, singles))
 
 
 if __name__ == "__main__":

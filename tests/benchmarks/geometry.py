@@ -26,7 +26,7 @@ from contact_tracker.recording import need_truth, open_log
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, show
+from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_rao, errors_at_bound
 from contact_tracker_lab.evaluation.geometry_errors import Deviation, ElementError, geometry_errors
 from contact_tracker_lab.evaluation.scoring import Scoring, scoring
@@ -192,7 +192,7 @@ def main() -> int:
     tables = {"simulated": summary(simulated), "covariance": Table(COVARIANCE, rows)}
     if "paper" in by_set:
         tables["paper"] = Table(AGAINST_PAPER, list(paper_rows(by_set["paper"])))
-    return show(args, **tables)
+    return report(args, **tables)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from contact_tracker.tracking.informative_motion import (
     InformativeMotion,
     informative_motions,
 )
-from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, show
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
 
 Array = NDArray[np.float64]
@@ -158,7 +158,7 @@ def main() -> int:
         ]
         for (name, strategy), times_s in found.items()
     ]
-    return show(args, informative=Table(COLUMNS, rows))
+    return report(args, informative=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -39,8 +39,8 @@ from contact_tracker_lab.benchmark.runner import (
     median_of_known,
     parser_of,
     recordings_in,
+    report,
     shares_row,
-    show,
 )
 from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation, distance_m, places
 from contact_tracker_lab.evaluation.tables import number
@@ -181,7 +181,7 @@ def main() -> int:
     without = [*measured(measure_alone, by_hand, args.processes)]
     without += measured(measure_file, recordings_in(args.single), args.processes)
     false_rows = [shares_row(name, found) for name, found in without]
-    return show(args, joints=Table(COLUMNS, rows), false=Table(FALSE_COLUMNS, false_rows))
+    return report(args, joints=Table(COLUMNS, rows), false=Table(FALSE_COLUMNS, false_rows))
 
 
 if __name__ == "__main__":

@@ -39,7 +39,15 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import vertices_from_metadata
-from contact_tracker_lab.benchmark.runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
+from contact_tracker_lab.benchmark.runner import (
+    FIGURES,
+    Table,
+    figures,
+    find_sets,
+    measured,
+    parser_of,
+    report,
+)
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from shared_recordings import SHARED_RECORDINGS
@@ -163,7 +171,7 @@ def main() -> int:
     for case, found in measured(measure, jobs, args.processes):
         warned = number(float(np.mean([one.is_warned for one in found])))
         rows.append([*case, *figures([one.evaluation for one in found]), warned])
-    return show(args, known=Table(COLUMNS, rows))
+    return report(args, known=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

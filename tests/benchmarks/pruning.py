@@ -26,7 +26,7 @@ from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import forward, ticks_of
-from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, show
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
 from shared_recordings import ROOT
 
@@ -87,7 +87,7 @@ def main() -> int:
     jobs = {path: [(path, model, args.margins)] for path in args.logs}
     rows = [one for _, (some,) in measured(measure, jobs, args.processes) for one in some]
     print(f"relative to {model.search.margin_nats:g} nats:")
-    return show(args, pruning=Table(COLUMNS, rows))
+    return report(args, pruning=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -225,16 +225,18 @@ def main() -> int:
     add("--journal", type=Path, default=Path("sensitivity.jsonl"), help="outcomes, to go on with later")
     add("--variant", nargs=3, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    from contact_tracker.cli.terminal import show
+
     if arguments.variant:
         module, name, factor = arguments.variant
         constant = (module, name, float(factor)) if module else None
-        print(json.dumps(run_variant(constant, arguments.logs, arguments.seconds)))
+        show(json.dumps(run_variant(constant, arguments.logs, arguments.seconds)))
         return 0
     import contact_tracker
 
     constants = list(tuned_constants(Path(contact_tracker.__file__).parent))
     found = run_all(constants, arguments.logs, arguments.seconds, arguments.journal, arguments.jobs)
-    print("\n".join(table(constants, found)))
+    show("\n".join(table(constants, found)))
     return 0
 
 

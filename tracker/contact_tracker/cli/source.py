@@ -53,7 +53,6 @@ class Source:
         self.late = 0
         self._read_ns: int | None = None  # until when, after the first pose
         self._news = News()
-        self._told: str | None = None
 
     def __iter__(self) -> Iterator[Pose]:
         return (pose for poses in self.batches() for pose in poses)
@@ -78,7 +77,7 @@ class Source:
         """What each measured pose of the interval brings, with less delay; raises as ``batches``."""
         late = 0
         for count, arrival in enumerate(self._log.arrivals(), 1):
-            if count % _POSES_PER_LOOK == 0 and self._told is None:
+            if count % _POSES_PER_LOOK == 0:
                 self._warn_of(self._log.loss)
             rows, has_ended = self._cut([pose.stamp_ns for pose in arrival.poses])
             late = self._warn_of_late(late)
@@ -182,9 +181,8 @@ class Source:
         self._warn_of(self._log.damage)
 
     def _warn_of(self, damage: str | None) -> None:
-        if damage not in (None, self._told):
-            warn(f"{self.name}: {damage}")
-            self._told = damage
+        for line in self._news.of(filter(None, [damage])):
+            warn(f"{self.name}: {line}")
 
     def warn_of_news(self, adapted: "Report | None") -> None:
         """Warn of the problems of the stream of which it was not warned before."""

@@ -27,7 +27,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker_lab.benchmark import bic, fixed_windows, others, tracked
 from contact_tracker_lab.benchmark.fixed_windows import Recorded, Windows
-from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, show
+from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores, total
 from contact_tracker_lab.evaluation.metrics import quantile
 from contact_tracker_lab.evaluation.scoring import scoring
@@ -228,4 +228,4 @@ def run(args: argparse.Namespace) -> int:
     results = dict(measured(measure, jobs, args.processes))
     found = {name: some for (name, is_scored), some in results.items() if is_scored}
     tuning = {name: some for (name, is_scored), some in results.items() if not is_scored}
-    return show(args, benchmark=summary(with_hmm(found, tuning, args.model)))
+    return report(args, benchmark=summary(with_hmm(found, tuning, args.model)))

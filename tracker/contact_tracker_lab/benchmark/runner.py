@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 import numpy as np
 from tqdm import tqdm
 
+from contact_tracker.cli.terminal import show
 from contact_tracker_lab.evaluation.evaluate import Evaluation
 from contact_tracker_lab.evaluation.tables import number, table
 
@@ -119,9 +120,9 @@ def shares_row(name: str, recordings: Sequence[tuple[float, ...]]) -> list[str]:
     return [name, f"{seconds:.0f}", *(number(part / seconds) for part in parts)]
 
 
-def show(args: argparse.Namespace, **tables: Table) -> int:
+def report(args: argparse.Namespace, **tables: Table) -> int:
     """Print the tables, and keep them if asked; returns the exit code."""
-    print("\n\n".join(table(*one) for one in tables.values() if one.rows))
+    show("\n\n".join(table(*one) for one in tables.values() if one.rows))
     if args.tables:
         keep(args.tables, typed_command(getattr(args, "folder", None)), tables)
     return 0
