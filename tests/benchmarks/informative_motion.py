@@ -5,7 +5,7 @@
 A simulated hand keeps an object in contact and moves it, a second for each move, along the freedom that the
 contact leaves: at first for three seconds to and fro in one direction, which leaves the contact open, then by
 the suggestion of most expected evidence, as far as the contact allows it, or in random directions. Both go up
-to 15 deg and 30 mm. Motion capture at 100 Hz, 0.3 mm and 0.15 deg. A contact is decided once
+to 15 deg and 26 mm. Motion capture at 100 Hz, 0.3 mm and 0.15 deg. A contact is decided once
 the label is right and the motion leaves no other state open: ``decided`` is the share of the runs in which it
 is within the time, the others are the median and mean time of all runs.
 """
@@ -23,9 +23,9 @@ from contact_tracker.geometry.rotation import from_rotation_vectors, matrices, p
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.window import LEVER_M
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.informative_motion import (
-    LEVER_M,
     SHIFT_M,
     InformativeMotion,
     informative_motions,

@@ -11,8 +11,9 @@ from command_line import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.window import LEVER_M
 from contact_tracker.states import Contact
-from contact_tracker.tracking.informative_motion import LEVER_M, SHIFT_M, informative_motions
+from contact_tracker.tracking.informative_motion import SHIFT_M, informative_motions
 from informative_motion import Held, poses_of, suggested
 from pose_filter import PoseFilter
 

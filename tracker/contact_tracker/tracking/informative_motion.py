@@ -23,7 +23,7 @@ from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.gauss_newton import per_metre
 from contact_tracker.hypotheses.observability import information_spectrum, perturbed_rows
 from contact_tracker.motion.lifted_pose import R, T, lift
-from contact_tracker.motion.window import STRIDE_TICKS, twist_power
+from contact_tracker.motion.window import LEVER_M, STRIDE_TICKS, twist_power
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.state import FilterState
@@ -31,10 +31,9 @@ from contact_tracker.tracking.state import FilterState
 Array = NDArray[np.float64]
 
 TURN_RAD: Final = radians(15.0)
-SHIFT_M: Final = 0.03
-"""A motion is proposed up to the first of these: small enough to be made by hand without leaving contact."""
-LEVER_M: Final = SHIFT_M / TURN_RAD
-"""Length at which a turn counts as much as a shift."""
+"""A motion is proposed up to this turn, or a shift as long as it turns ``LEVER_M``: small enough to be made
+by hand without leaving contact. With 5 deg v-f is not told from e-e (4 nats a move)."""
+SHIFT_M: Final = TURN_RAD * LEVER_M
 PROJECTIONS: Final = 3
 """Newton steps by which a motion along the tangent is brought back into the contact that allows it."""
 
@@ -199,11 +198,11 @@ def _within_limits(twist: Array) -> Array:
 def _reached(zeta: Array, twist: Array, allows: _Fit | None) -> tuple[Array, Array]:
     """The lifted pose (25,) after a twist, and the twist, both brought back into the contact."""
     moved = _moved(zeta, twist)
-    for _ in range(PROJECTIONS if allows is not None else 0):
-        assert allows is not None
-        jacobian = allows.jacobian(moved)
-        aim = allows.residual(zeta)  # what noise leaves at the pose stays
-        twist = twist - np.linalg.pinv(jacobian) @ (allows.residual(moved) - aim)
+    if allows is None:
+        return moved, twist
+    aim = allows.residual(zeta)  # what noise leaves at the pose stays
+    for _ in range(PROJECTIONS):
+        twist = twist - np.linalg.pinv(allows.jacobian(moved)) @ (allows.residual(moved) - aim)
         moved = _moved(zeta, twist)
     return moved, twist
 
