@@ -24,6 +24,7 @@ from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
+from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory, vertices_from_metadata
 from contact_tracker.viewer import canvas, scene
@@ -263,6 +264,25 @@ def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
             view.pose(pose)
             while due and due[0].stamp_ns <= pose.stamp_ns:
                 view.belief(due.pop(0))
+
+
+def test_what_to_move_next_is_drawn_live(tmp_path: Path, poses: Poses) -> None:
+    """A turn as its axis and the arc about it, until there is nothing to suggest."""
+    pair, turn = (Contact.EF, Contact.VF), np.array([0.0, 0.25, 0.0])
+    motion = InformativeMotion(*pair, turn, turn, *np.array([[0.1, 0.2, 0.3]] * 2), *np.zeros((2, 3)), 9.0)
+    path = tmp_path / "live.rrd"
+    with LiveViewer(CUBE_M, to_file(path)) as view:
+        view.pose(next(iter(poses)))
+        view.suggest(int(poses.stamp_ns[0]), motion)
+        view.suggest(int(poses.stamp_ns[1]), None)
+    (_, (vector,)), (_, gone) = rows(path, canvas.SUGGESTED, "Arrows3D:vectors")
+    assert vector[1] > 0.0
+    assert not len(gone)
+    (_, (strip,)), _ = rows(path, f"{canvas.SUGGESTED}/arc", "LineStrips3D:strips")
+    arms = np.array(strip) - [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(arms[:, 1], 0.0, atol=1e-6)
+    cosine = arms[0] @ arms[-1] / np.linalg.norm(arms[0]) ** 2
+    assert np.arccos(cosine) == pytest.approx(0.25, abs=1e-3)
 
 
 def test_a_settled_contact_is_reported_live(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.map.map import Map
     from contact_tracker.tracking.belief import Belief
-    from contact_tracker.tracking.state import FilterState
+    from contact_tracker.tracking.informative_motion import InformativeMotion
     from contact_tracker.viewer.live import LiveViewer
     from contact_tracker.viewer.sinks import Sink
 
@@ -137,10 +137,20 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
                 source.warn_of_news(tracker.report_so_far)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
-                    printer.show(belief, tracker.best)
+                    found = suggested()
+                    printer.show(belief, found)
                     if viewer is not None:
                         viewer.belief(belief, None if tracker.best is None else tracker.best.map)
+                        if args.suggest:
+                            viewer.suggest(belief.stamp_ns, next(iter(found), None))
                     write([belief])
+
+        def suggested() -> "tuple[InformativeMotion, ...]":
+            if not args.suggest or tracker.best is None:
+                return ()
+            from contact_tracker.tracking.informative_motion import informative_motions
+
+            return informative_motions(tracker.best)
 
         def has_to_end() -> bool:
             return saved is not None and saved.signal > 0
@@ -210,7 +220,7 @@ class _Printer:
         self._suggests = suggests
         self._suggested_ns = 0
 
-    def show(self, belief: "Belief", state: "FilterState | None") -> None:
+    def show(self, belief: "Belief", found: "tuple[InformativeMotion, ...]") -> None:
         from contact_tracker.exports.formats import json_line
         from contact_tracker.outputs.text import (
             CHANGES_HEADER,
@@ -222,13 +232,8 @@ class _Printer:
 
         is_first = self.changes.label is None
         is_news, joins, leaves = self.changes.update(belief)
-        found = None
-        if self._suggests and state is not None:
-            from contact_tracker.tracking.informative_motion import informative_motions
-
-            found = informative_motions(state)
         if self._as_json:
-            more = {} if found is None else {"suggestions": [one.to_json() for one in found]}
+            more = {"suggestions": [one.to_json() for one in found]} if self._suggests else {}
             self._status.print(json_line(belief, more))
         elif is_news:
             if is_first:
