@@ -179,7 +179,7 @@ class Reading:
     ChoiceError
         The file cannot be followed, or ``table`` does not fit.
     AmbiguousSource
-        A folder of separate recordings.
+        A folder of separate recordings, whose messages are read.
     """
 
     def __init__(
@@ -190,7 +190,7 @@ class Reading:
         table: TableReading = AS_NAMED,
     ) -> None:
         path = recording_of(path)
-        if follow is None:
+        if follow is None and wanted is not None:
             _refuse_unrelated(path, parts_of(path))
         if table.is_of_table and not is_table_file(path):
             raise ChoiceError(f"{_shown(path)}: {NO_TABLE}")
