@@ -12,10 +12,10 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
-from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, assumption_text
+from contact_tracker.recording.decoding import LoggedPose, assumption_text
 from contact_tracker.recording.items import ROWS, Attachment, Item, Metadata, PoseSource, RawMessage, Rows
 from contact_tracker.recording.log import PoseLog
-from contact_tracker.recording.reading import Reading, is_table_file
+from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import Logged, Stamping, admitted, is_prefix
 
 SOURCES_KEPT: Final = 256
@@ -121,13 +121,12 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
             yield item
 
     reading = Reading(path, lambda channel: True, table=table)
-    decoder = MessageDecoder(reading.budget, table.field)
-    logged, is_table = decoder.poses(noted(reading)), is_table_file(path)
-    sources, undecodable, more_sources = _summaries(logged, decoder.assumed, is_table)
+    logged, assumed = reading.decoder.poses(noted(reading)), reading.decoder.assumed
+    sources, undecodable, more_sources = _summaries(logged, assumed, reading.is_table)
     assumptions = [
         f"{one.source.topic}: {assumption_text(one.observed, one.source.type, why)}"
         for one in sources
-        if (why := decoder.assumed.get((one.source.topic, one.source.type))) is not None
+        if (why := assumed.get((one.source.topic, one.source.type))) is not None
     ]
     return RecordingSummary(
         sources,
