@@ -200,7 +200,7 @@ def _counting(counted: list[float]) -> Callable[[WorkBudget, float], None]:
 
 def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
     """No real recording has a higher compression ratio."""
-    count, path = 30_000, tmp_path / "rest.mcap"
+    count, path = 60_000, tmp_path / "rest.mcap"
     stamps = START_NS + 5_000_000 * np.arange(count)
     rest = Poses(stamps, np.tile([0.1, 0.2, 0.3], (count, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
     write_recording(str(path), rest, None, {})
