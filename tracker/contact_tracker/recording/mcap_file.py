@@ -3,8 +3,7 @@
 The loop reads messages, attachments and metadata of a stream in the order of the file. It serves files that
 are complete, truncated, without index, unchunked, growing or piped, and holds one record at a time. A damaged
 chunk is left out; where the framing of records is lost, the loop continues at the next chunk of the index, if
-there is one. The index is not read by the mcap library, which also decompresses chunks in it, whatever their
-size.
+there is one. Chunks in the index are not decompressed.
 """
 
 import os
@@ -14,13 +13,14 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from io import BytesIO
 from itertools import chain, pairwise
-from typing import IO, Any, Final, NamedTuple, cast
+from typing import IO, Final, NamedTuple, cast
 
 import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
 from contact_tracker.errors import UnreadableRecording
@@ -124,14 +124,6 @@ def payload_stream(payload: bytes) -> ReadDataStream:
 
 _FOOTER: Final = struct.Struct("<BQQQI")
 """Footer record: opcode, length, start of the index, start of the offsets in it, checksum."""
-_OF_INDEX: Final[Mapping[int, Any]] = {
-    Opcode.STATISTICS: records.Statistics,
-    Opcode.SCHEMA: records.Schema,
-    Opcode.CHANNEL: records.Channel,
-    Opcode.CHUNK_INDEX: records.ChunkIndex,
-    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex,
-    Opcode.METADATA_INDEX: records.MetadataIndex,
-}
 
 
 class Place(NamedTuple):
@@ -191,17 +183,9 @@ def _read(file: IO[bytes]) -> Summary | None:
     if opcode != Opcode.FOOTER or file.read() != MAGIC or not 0 < start <= end <= start + RECORD_LIMIT:
         return None
     file.seek(start)
-    data, at, summary = file.read(end - start), 0, Summary()
-    while at < len(data):
-        opcode, length = RECORD_HEAD.unpack_from(data, at)
-        at += RECORD_HEAD.size + length
-        if at > len(data):
-            raise ValueError("a record is longer than its file")
-        if opcode == Opcode.SUMMARY_OFFSET or opcode >= FIRST_UNKNOWN:
-            continue
-        if opcode not in _OF_INDEX:
-            return None
-        match record := _OF_INDEX[opcode].read(payload_stream(data[at - length : at])):
+    summary = Summary()
+    for record in StreamReader(BytesIO(file.read()), skip_magic=True, emit_chunks=True).records:
+        match record:
             case records.Statistics():
                 summary.statistics = record
             case records.Schema():
@@ -214,6 +198,10 @@ def _read(file: IO[bytes]) -> Summary | None:
                 summary.attachment_indexes.append(record)
             case records.MetadataIndex():
                 summary.metadata_indexes.append(record)
+            case records.SummaryOffset() | records.Footer():
+                pass
+            case _:
+                return None
     return summary
 
 
