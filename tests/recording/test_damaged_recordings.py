@@ -85,7 +85,7 @@ def test_a_recording_cut_anywhere_gives_what_is_before_the_cut(
     whole = write_log(tmp_path / "whole.mcap", [poses_topic(poses)], **options).read_bytes()
     cut = tmp_path / "cut.mcap"
     counts: list[int] = []
-    for length in [*range(0, len(whole), 31), len(whole) - 1]:
+    for length in [*range(0, len(whole), 97), len(whole) - 1]:
         cut.write_bytes(whole[:length])
         found, damage = read(cut)
         counts.append(len(found))
@@ -420,7 +420,7 @@ def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path
     path = write_log(
         tmp_path / "a.mcap", [poses_topic(smooth_poses(12_000))], chunk_size=16_384, **INDEX_LESS
     )
-    assert sum(1 for _ in open_log(str(path))) == 12_000  # caches of the libraries are filled
+    next(iter(open_log(str(path))))  # caches of the libraries are filled
     tracemalloc.start()
     try:
         assert sum(1 for _ in open_log(str(path))) == 12_000

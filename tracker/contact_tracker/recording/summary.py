@@ -192,22 +192,15 @@ class _Tally:
     """Running figures of one source, of which ``observed`` poses were published."""
 
     def __init__(self, is_stamped: bool) -> None:
-        self._is_stamped = is_stamped
         self.counts: Counter[str] = Counter()
-        self.observed = 0
+        self.observed = self._poses = self._kept = self._first_ns = 0
         self._gate = PoseGate(self.counts)
-        self._waiting: list[Logged] = []
-        self._stamping: Stamping | None = None
-        self._poses = 0
-        self._kept = 0
-        self._beginning: list[Poses] = []
-        self._first_ns = 0
+        self._stamping = Stamping() if is_stamped else None
+        self._waiting, self._beginning = list[Logged](), list[Poses]()
         self._last = NO_POSES
-        self._steps_ns = _Sample()
-        self._offsets_ns = _Sample()
+        self._steps_ns, self._offsets_ns = _Sample(), _Sample()
         self._path_m = 0.0
-        self._low_m = np.full(3, np.inf)
-        self._high_m = np.full(3, -np.inf)
+        self._low_m, self._high_m = np.full(3, np.inf), np.full(3, -np.inf)
 
     def add(self, pose: Pose, log_time_ns: int, keep: bool) -> int:
         """Add a pose; the first are buffered until their stamping is determined. Returns how many poses were
@@ -218,14 +211,11 @@ class _Tally:
         return self._admit(keep) if is_enough else 0
 
     def _admit(self, keep: bool) -> int:
-        stamps, log_times_ns = zip(
-            *((pose.stamp_ns, time_ns) for pose, time_ns in self._waiting), strict=True
-        )
+        waiting, self._waiting = self._waiting, []
+        self._stamping = self._stamping or Stamping.by(waiting)
+        stamps, log_times_ns = zip(*((pose.stamp_ns, time_ns) for pose, time_ns in waiting), strict=True)
         self._offsets_ns.add(_clipped(log_times_ns) - _clipped(stamps))
-        if self._stamping is None:
-            self._stamping = Stamping() if self._is_stamped else Stamping.by(self._waiting)
-        passed, self._waiting = admitted(self._gate, self._stamping, self._waiting, self.counts), []
-        return self._note(passed, keep)
+        return self._note(admitted(self._gate, self._stamping, waiting, self.counts), keep)
 
     def _note(self, poses: Poses, keep: bool) -> int:
         """Add valid poses; returns how many were kept."""
