@@ -4,7 +4,6 @@ import builtins
 import struct
 import time
 from collections.abc import Callable, Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.writer import Writer
-from test_message_formats import NAME, POSES, RULE, assert_read, cdr_pose, write_raw
+from test_message_formats import POSES, RULE, assert_read
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Pose, Poses
@@ -20,34 +19,21 @@ from contact_tracker.recording import open_log, summarise
 from contact_tracker.recording.definitions import known_definition, parse_definition
 from contact_tracker.recording.mcap_file import inflate_zstd
 from mcap_logs import SCHEMAS
+from pose_files import POSE_TYPE, ROS1_TEXT, cdr_pose, ros1_pose, types_of_ros1, write_raw
 
 rosbags = pytest.importorskip("rosbags.typesys")
-ROS1 = SCHEMAS[NAME].replace("std_msgs/Header header", "Header header")
-ROS1 = ROS1.replace("builtin_interfaces/Time stamp", "uint32 seq\ntime stamp")
-
-
-@cache
-def noetic() -> Any:
-    return rosbags.get_typestore(rosbags.Stores.ROS1_NOETIC)
-
-
-def ros1_pose(number: int) -> bytes:
-    pose = list(POSES)[number]
-    sec, nanosec = divmod(pose.stamp_ns, 10**9)
-    head = struct.pack("<IIII5s", number, sec, nanosec, 5, b"world")
-    return head + struct.pack("<7d", *pose.position_m, *pose.quat_xyzw)
 
 
 def write(path: Path, encoding: str, text: str) -> Path:
     """A log of poses with this definition of their type."""
     if encoding == "ros1msg":
-        rows = [(pose.stamp_ns, ros1_pose(i)) for i, pose in enumerate(POSES)]
+        rows = [(pose.stamp_ns, ros1_pose(i, pose)) for i, pose in enumerate(POSES)]
         return write_raw(path, "geometry_msgs/PoseStamped", "ros1", encoding, text.encode(), rows)
     rows = [(pose.stamp_ns, cdr_pose(pose)) for pose in POSES]
-    return write_raw(path, NAME, "cdr", encoding, text.encode(), rows)
+    return write_raw(path, POSE_TYPE, "cdr", encoding, text.encode(), rows)
 
 
-SOUND = {"ros1msg": ROS1, "ros2msg": SCHEMAS[NAME]}
+SOUND = {"ros1msg": ROS1_TEXT, "ros2msg": SCHEMAS[POSE_TYPE]}
 
 
 @pytest.mark.parametrize("encoding", SOUND)
@@ -157,7 +143,7 @@ def test_definitions_equal_those_of_rosbags(kind: str) -> None:
 
 def ros1_message(kind: str, number: int, pose: Pose) -> bytes:
     """A message of a type with this pose."""
-    store = noetic()
+    store = types_of_ros1()
     types = store.types
     header = types["std_msgs/msg/Header"](
         number, types["builtin_interfaces/msg/Time"](*divmod(pose.stamp_ns, 10**9)), "world"
@@ -203,7 +189,7 @@ def ros1_message(kind: str, number: int, pose: Pose) -> bytes:
 def test_types_of_ros1(tmp_path: Path, kind: str) -> None:
     """Each as rosbags defines and encodes it; a message that is cut off or too long is counted."""
     rows = [(pose.stamp_ns, ros1_message(kind, i, pose)) for i, pose in enumerate(POSES)]
-    text = noetic().generate_msgdef(kind, ros_version=1)[0].encode()
+    text = types_of_ros1().generate_msgdef(kind, ros_version=1)[0].encode()
     name = kind.replace("/msg/", "/")
     assert_read(write_raw(tmp_path / "a.mcap", name, "ros1", "ros1msg", text, rows))
     odd = [*rows, (rows[-1][0], rows[-1][1][:-1]), (rows[-1][0], rows[-1][1] + b"x")]
@@ -218,7 +204,7 @@ def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
     rows = [
         (pose.stamp_ns, struct.pack("<I", 1) + ros1_message(one, i, pose)) for i, pose in enumerate(POSES)
     ]
-    text, _ = noetic().generate_msgdef(one, ros_version=1)
+    text, _ = types_of_ros1().generate_msgdef(one, ros_version=1)
     own, rule, parts = text.partition(RULE)
     whole = f"geometry_msgs/TransformStamped[] transforms\n{RULE}MSG: geometry_msgs/TransformStamped\n{own}"
     path = write_raw(tmp_path / "a.mcap", kind, "ros1", "ros1msg", (whole + rule + parts).encode(), rows)
@@ -228,7 +214,7 @@ def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
 
 def nested(extra: str, types: Mapping[str, str]) -> str:
     """The definition of poses with further fields at the end, and their types."""
-    own, _, rest = SCHEMAS[NAME].partition("=" * 80)
+    own, _, rest = SCHEMAS[POSE_TYPE].partition("=" * 80)
     parts = "".join(f"{'=' * 80}\nMSG: p/{name}\n{body}\n" for name, body in types.items())
     return f"{own.rstrip()}\n{extra}\n{'=' * 80}{rest.rstrip()}\n{parts}"
 
@@ -243,7 +229,7 @@ def write_many(path: Path, definition: str, after: bytes, count: int, channels: 
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        schema = writer.register_schema(NAME, "ros2msg", definition.encode())
+        schema = writer.register_schema(POSE_TYPE, "ros2msg", definition.encode())
         topics = [writer.register_channel(f"/p{i}", "cdr", schema) for i in range(channels)]
         for i in range(count):
             pose = POSES[i % len(POSES) : i % len(POSES) + 1]
@@ -256,7 +242,7 @@ def write_zeros(path: Path) -> Path:
     """Messages of zeros, each compressed by itself."""
     packed = zstandard.ZstdCompressor().compress(bytes(2**22))
     rows = [(i, packed) for i in range(20_000)]
-    return write_raw(path, NAME, "cdr", "ros2msg", SCHEMAS[NAME].encode(), rows)
+    return write_raw(path, POSE_TYPE, "cdr", "ros2msg", SCHEMAS[POSE_TYPE].encode(), rows)
 
 
 SLOW: Mapping[str, tuple[Callable[[Path], Path], int, int]] = {
@@ -309,7 +295,7 @@ def test_many_definitions_take_no_longer_than_their_bytes_explain(
         writer = Writer(file)
         writer.start()
         for i in range(many):
-            schema = writer.register_schema(NAME, "ros2msg", definition.format(i).encode())
+            schema = writer.register_schema(POSE_TYPE, "ros2msg", definition.format(i).encode())
             channel = writer.register_channel(f"/p{i}", "cdr", schema)
             writer.add_message(channel, i, cdr_pose(next(iter(POSES))), i)
         writer.finish()
@@ -328,7 +314,7 @@ def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) ->
         writer = Writer(file)
         writer.start()
         channel = writer.register_channel(
-            "/p", "cdr", writer.register_schema(NAME, "ros2msg", definition.encode())
+            "/p", "cdr", writer.register_schema(POSE_TYPE, "ros2msg", definition.encode())
         )
         for i, pose in enumerate(POSES):
             many = 1_000_000 if i % 2 else 3

@@ -407,7 +407,7 @@ def test_endless_meaningless_lines_are_refused(line: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("dictionary"), [pytest.param(20_000_000, True, marks=pytest.mark.long), (3_000_000, False)]
+    ("rows", "dictionary"), [pytest.param(20_000_000, True, marks=pytest.mark.long), (3_000_000, False)]
 )
 def test_the_decompressed_size_of_parquet_is_limited(tmp_path: Path, rows: int, dictionary: bool) -> None:
     column = pyarrow.array(np.zeros(rows))

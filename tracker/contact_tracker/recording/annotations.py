@@ -12,7 +12,7 @@ from contact_tracker.errors import ChoiceError, NoTruth, printable
 from contact_tracker.files import near_file
 from contact_tracker.ground_truth import UNSCORED, CoarseLabel, Truth, TruthInterval
 from contact_tracker.recording.bytestream import is_regular
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable
+from contact_tracker.recording.decoding import Undecodable
 from contact_tracker.recording.items import Attachment, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.mcap_file import summary_of
@@ -98,13 +98,12 @@ def _from_messages(path: str) -> Truth | None:
     if not any(s is None or any(c.topic == TRUTH_TOPIC for c in s.channels.values()) for s in summaries):
         return None
     changes, end_ns, reading = list[tuple[int, str]](), 0, Reading(path, lambda channel: True)
-    decoder = MessageDecoder(reading.budget)
     for item in reading:
         if isinstance(item, RawMessage):
             end_ns = max(end_ns, item.log_time_ns)
             if (item.channel.topic, item.channel.type) == (TRUTH_TOPIC, TRUTH_TYPE):
                 try:
-                    changes.append((item.log_time_ns, str(decoder.decode(item).data)))
+                    changes.append((item.log_time_ns, str(reading.decoder.decode(item).data)))
                 except (Undecodable, AttributeError) as error:
                     raise NoTruth(f"a truth message cannot be decoded: {error}") from error
     if not changes:

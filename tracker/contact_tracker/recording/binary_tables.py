@@ -189,13 +189,13 @@ def _check_pages(about: FileMetaData, path: str, names: Set[str], bodies: int, b
     try:
         with open(path, "rb") as file:
             for group in map(about.row_group, range(about.num_row_groups)):
-                budget.spend(SHARE_OF_RECORD * group.num_rows * bodies)
+                budget.spend(SHARE_OF_RECORD * max(group.num_rows, 0) * bodies)
                 pages = list[tuple[int, int]]()
                 for column in map(group.column, range(group.num_columns)):
                     if not any(f"{column.path_in_schema}.".startswith(f"{name}.") for name in names):
                         continue
                     if "." in column.path_in_schema:  # lists have more values than there are rows
-                        budget.spend(SHARE_OF_RECORD * column.num_values / _VALUES_PER_ROW)
+                        budget.spend(SHARE_OF_RECORD * max(column.num_values, 0) / _VALUES_PER_ROW)
                     for page in _pages(file, column):
                         budget.spend(1)  # several columns may name the same pages
                         pages.append(page)

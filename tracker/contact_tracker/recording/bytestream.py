@@ -179,8 +179,9 @@ class ByteStream:
 
     def skip(self, count: int) -> bool:
         """Skip ``count`` bytes; returns whether there were that many."""
-        if self._size is not None:
-            return self.may_have(count) and self.seek(self.position + count)
+        if self._size is not None and self.may_have(count) and self.seek(self.position + count):
+            self.budget.bytes_read += count
+            return True
         while count and (got := len(self.read(min(count, _BLOCK)))):
             count -= got
         return count == 0

@@ -21,7 +21,7 @@ from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, assumption_text
 from contact_tracker.recording.items import BUFFER_BYTES, PoseSource, RawMessage, Rows
-from contact_tracker.recording.reading import STDIN, Reading, is_table_file, size_budget
+from contact_tracker.recording.reading import STDIN, Reading, size_budget
 from contact_tracker.recording.sources import (
     ChannelFilter,
     Logged,
@@ -85,27 +85,25 @@ class PoseLog:
         self,
         source: PoseSource,
         reading: Reading,
-        decoder: MessageDecoder,
         logged: Iterator[LoggedPose | None],
         prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
         composer: Composer | None = None,
         note: str | None = None,
-        is_table: bool = False,
     ) -> None:
         self.source = source
         self.note = note
         self.first = prefix[0]
         self.late_sources: tuple[PoseSource, ...] = ()
         self.stamping = Stamping.by(prefix)
-        self.is_stamped = is_table or composer is not None
+        self.is_stamped = reading.is_table or composer is not None
         self._counts: Counter[str] = Counter()
         self.gate = PoseGate(self._counts)
         self._taken = self._skipped = 0
         self._is_resumed = False
         self._reading, self._composer, self._logged = reading, composer, logged
-        self._assumed = decoder.assumed
+        self._assumed = reading.decoder.assumed
         self._frame, self._count_late = frame, count_late
         self._arrivals = self._arrive()
 
@@ -267,8 +265,7 @@ def open_log(
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
     wanted = ChannelFilter(topic, table, is_chain, relative_to)
     reading = Reading(path, wanted, follow, table)
-    decoder, is_table = MessageDecoder(reading.budget, table.field), is_table_file(path)
-    items = iter(reading)
+    decoder, items = reading.decoder, iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
     count_late = count_late or follow is not None
     all_known = dict(known)
@@ -283,16 +280,16 @@ def open_log(
                 source = replace(source, messages=messages_by_topic(path).get(source.topic))
             note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
             prefix = known[source]
-            return PoseLog(source, reading, decoder, logged, prefix, frame, count_late, None, note, is_table)
+            return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
         found = _chain(path, all_known, fitting, frame, relative_to)
         if found is not None:
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
             composer = Composer(steps, steps.body, source, decoder.assumed, at_once)
-            if not is_table:
+            if not reading.is_table:
                 composer.learn(all_known)
             prefix, logged = all_known[steps[steps.body].source], composer.compose(logged)
-            return PoseLog(source, reading, decoder, logged, prefix, None, count_late, composer)
+            return PoseLog(source, reading, logged, prefix, None, count_late, composer)
         more = take_prefix(items)
         head = [*head, *more] if is_chain else more
         if is_chain:

@@ -21,6 +21,7 @@ from contact_tracker.recording.bytestream import (
     is_regular,
     open_stream,
 )
+from contact_tracker.recording.decoding import MessageDecoder
 from contact_tracker.recording.items import Channel, DamageReport, Item, RawMessage, in_log_order
 from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, place_of, summary_of
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
@@ -172,6 +173,8 @@ class Reading:
     Attributes
     ----------
     assumption : one line on what was assumed about a table, or None.
+    is_table : whether it is a table, which has poses and nothing else.
+    decoder : of the messages, with the work that the bytes read explain.
 
     Raises
     ------
@@ -180,7 +183,7 @@ class Reading:
     ChoiceError
         The file cannot be followed, or ``table`` does not fit.
     AmbiguousSource
-        A folder of separate recordings.
+        A folder of separate recordings, whose messages are read.
     """
 
     def __init__(
@@ -191,11 +194,12 @@ class Reading:
         table: TableReading = AS_NAMED,
     ) -> None:
         path = recording_of(path)
-        if follow is None:
+        if follow is None and wanted is not None:
             _refuse_unrelated(path, parts_of(path))
-        if table.is_of_table and not is_table_file(path):
+        self.is_table = is_table_file(path)
+        if table.is_of_table and not self.is_table:
             raise ChoiceError(f"{_shown(path)}: {NO_TABLE}")
-        if table.field is not None and is_table_file(path):
+        if table.field is not None and self.is_table:
             raise ChoiceError(
                 f"{_shown(path)}: it is a table: say which columns the poses are in by --columns"
             )
@@ -206,6 +210,7 @@ class Reading:
         self.assumption: str | None = None
         self._damage = DamageReport()
         self.budget = WorkBudget()
+        self.decoder = MessageDecoder(self.budget, table.field)
 
     @property
     def is_folder(self) -> bool:

@@ -365,7 +365,8 @@ class _Columns:
                 return [numbered[number] for number in wanted_numbers]
         elif is_group and (numbered := self.numbered(name)):
             return list(numbered.values())
-        what = f"s {name}" if is_group else f" {name!r}"
+        group = f"s {name}" if part is not None else f"s {name}[0], {name}[1], ..."
+        what = group if is_group else f" {name!r}"
         raise ChoiceError(
             f"no column{what}{suggestion(name, self.names) or f'; there are {_listed(self.names)}'}"
         )

@@ -317,9 +317,11 @@ class Composer:
                 good &= known
             part = _inverse(part) if inverted else part
             whole = part if whole is None else _product(whole, part)
-        self._forget()
         assert whole is not None
-        self._count_lost(poses.stamp_ns[~good])
+        for stamp_ns in poses.stamp_ns[~good].tolist():
+            is_gap = all(track.spans(stamp_ns) for track in self._parents)
+            self.counts["parent_gap" if is_gap else "no_parent"] += 1
+        self._forget()
         positions, rotations = whole
         # A quaternion keeps its norm, so that the pose gate validates it as published.
         quats = rotations.as_quat() * np.where(usable, norms, np.nan)[:, None]
@@ -333,13 +335,6 @@ class Composer:
         for track in self._parents:
             track.forget(min(ends_ns) - _KEPT_NS)
 
-    def _count_lost(self, stamps_ns: NDArray[np.int64]) -> None:
-        for stamp_ns in stamps_ns.tolist():
-            if all(track.spans(stamp_ns) for track in self._parents):
-                self.counts["parent_gap"] += 1
-            else:
-                self.counts["no_parent"] += 1
-
 
 class _Track:
     """Samples of one transform of a chain, as long as pending poses need them."""
@@ -348,7 +343,6 @@ class _Track:
         self._counts = counts
         self._static = static
         self._samples: deque[Pose] = deque()
-        self._first_ns: int | None = None
 
     @property
     def until_ns(self) -> int:
@@ -359,7 +353,8 @@ class _Track:
 
     def spans(self, stamp_ns: int) -> bool:
         """Whether there are samples before and after a stamp."""
-        return self._first_ns is not None and self._first_ns <= stamp_ns <= self.until_ns
+        has_begun = bool(self._samples) and (self._static or self._samples[0].stamp_ns <= stamp_ns)
+        return has_begun and stamp_ns <= self.until_ns
 
     def add(self, pose: Pose) -> None:
         norm = float(np.linalg.norm(pose.quat_xyzw))
@@ -369,24 +364,16 @@ class _Track:
             return
         if self._static:
             self._samples.clear()
-        elif self._samples and pose.stamp_ns <= self._samples[-1].stamp_ns:
-            if pose.stamp_ns > self._samples[-1].stamp_ns - _BACK_NS:
-                self._counts["bad_parent"] += pose.stamp_ns < self._samples[-1].stamp_ns
+        elif self._samples:
+            step_ns = pose.stamp_ns - self._samples[-1].stamp_ns
+            if -_BACK_NS < step_ns <= 0:
+                self._counts["bad_parent"] += step_ns < 0
                 return
-            self._start_anew()
-        elif self._samples and pose.stamp_ns > self._samples[-1].stamp_ns + _FORWARD_NS:
-            self._start_anew()
-        if self._static:
-            self._first_ns = -(2**63)
-        elif self._first_ns is None:
-            self._first_ns = pose.stamp_ns
+            if not 0 < step_ns <= _FORWARD_NS:
+                self._samples.clear()
         self._samples.append(pose)
         if len(self._samples) > _MOST_KEPT:
             self._samples.popleft()
-
-    def _start_anew(self) -> None:
-        self._samples.clear()
-        self._first_ns = None
 
     def forget(self, stamp_ns: int) -> None:
         """Drop the samples before the last one up to a stamp."""

@@ -13,7 +13,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ChoiceError, InputError
 from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import BATCH, Pose, Poses
-from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, Undecodable, is_readable
+from contact_tracker.recording.decoding import LoggedPose, Undecodable, is_readable
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import Channel, PoseSource, RawMessage
 from contact_tracker.recording.log import PoseLog
@@ -155,10 +155,10 @@ def _about_body(
     if frame_name(frame_id) == frame_name(parent):
         return about_body(found, poses), f"in the frame {frame_id}, that of the poses", 0
     reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
-    decoder, items, known = MessageDecoder(reading.budget), iter(reading), dict[PoseSource, list[Logged]]()
+    items, known = iter(reading), dict[PoseSource, list[Logged]]()
     steps, in_object, is_in_tree = Chain(), False, False
     while not steps and (more := take_prefix(items)):
-        known = {**poses_by_source(more, decoder), **known}
+        known = {**poses_by_source(more, reading.decoder), **known}
         steps, in_object, is_in_tree = _chain(known, frame_id, source)
     if not steps:
         if body or is_in_tree:
@@ -208,14 +208,13 @@ def _frame_poses(
     what was counted."""
     wrench = PoseSource("", _WRENCH, "", _WRENCH)
     reading = Reading(path, lambda channel: channel.topic in steps.topics and is_readable(channel))
-    decoder = MessageDecoder(reading.budget)
-    composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, decoder.assumed, BATCH)
+    composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, reading.decoder.assumed, BATCH)
     composer.learn(known)
     origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     order = logged_ns.argsort(kind="stable")  # stamps may be in another order
     stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
     wrenches = ((wrench, Pose(at_ns, *origin), ns) for at_ns, ns in zip(stamps_ns, times_ns, strict=True))
-    transforms = (one for one in decoder.poses(reading) if one is not None)
+    transforms = (one for one in reading.decoder.poses(reading) if one is not None)
     merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda one: one[2])
     poses = Poses.collect(one[1] for one in composer.compose(merged) if one is not None)
     return poses[poses.stamp_ns.argsort(kind="stable")], composer.counts
@@ -223,12 +222,11 @@ def _frame_poses(
 
 def _decoded(reading: Reading) -> Iterator[tuple[RawMessage, tuple[str, int, tuple[float, ...]] | None]]:
     """Each message with its frame, stamp and numbers; None if it is not what its schema promises."""
-    decoder = MessageDecoder(reading.budget)
     for item in reading:
         if not isinstance(item, RawMessage):
             continue
         try:
-            decoded = decoder.decode(item)
+            decoded = reading.decoder.decode(item)
             header, force, moment = decoded.header, decoded.wrench.force, decoded.wrench.torque
             stamp_ns = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
             numbers = (force.x, force.y, force.z, moment.x, moment.y, moment.z)
