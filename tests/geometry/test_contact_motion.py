@@ -150,10 +150,12 @@ def test_the_result_does_not_depend_on_the_frames(contact: str, way: str, seed: 
     other = contact_motion(moved, stamps, TIME_S, there_turned.as_quat(), there, variance)
     assert here is not None
     assert other is not None
-    np.testing.assert_allclose(turn.apply(here.slip_m_per_s), other.slip_m_per_s, atol=1e-6)
-    np.testing.assert_allclose(here.roll_rad_per_s, other.roll_rad_per_s, atol=1e-6)
-    np.testing.assert_allclose(here.spin_rad_per_s, other.spin_rad_per_s, atol=1e-6)
-    np.testing.assert_allclose(here.p_value, other.p_value, atol=1e-3)
+    assert here.kinds == other.kinds  # and to what the search for the jerk's strength leaves
+    slip_off = np.abs(turn.apply(here.slip_m_per_s) - other.slip_m_per_s)
+    np.testing.assert_array_less(slip_off, 0.2 * here.slip_sd_m_per_s[:, None])
+    for name in ("roll_rad_per_s", "spin_rad_per_s"):
+        off = np.abs(getattr(here, name) - getattr(other, name))
+        np.testing.assert_array_less(off, 0.2 * here.turn_sd_rad_per_s)
 
 
 def in_frame(element: Any, turn: Rotation, shift_m: Array) -> Any:

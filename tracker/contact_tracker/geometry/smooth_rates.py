@@ -3,6 +3,7 @@
 from typing import Final
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyfit, polyval
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 
@@ -25,7 +26,9 @@ def smooth_rates(time_s: Array, values: Array, variance: Array) -> tuple[Array, 
     """
     unit_s, unit = float(np.median(np.diff(time_s))), float(np.sqrt(np.median(variance)))
     steps, weights = np.diff(time_s) / unit_s, unit**2 / variance
-    scaled = (values - values.mean(axis=0)) / unit
+    since = (time_s - time_s[0]) / (time_s[-1] - time_s[0])
+    parabola = polyfit(since, values, 2)  # which costs no jerk: without it, sums of squares keep their digits
+    scaled = (values - polyval(since, parabola).T) / unit
     jerk, right = _information_of_unit_jerk(steps), np.zeros((3 * len(scaled), 3))
     right[0::3] = weights[:, None] * scaled
 
@@ -47,7 +50,8 @@ def smooth_rates(time_s: Array, values: Array, variance: Array) -> tuple[Array, 
         ones = np.zeros((len(right), len(rows)))
         ones[rows, np.arange(len(rows))] = 1.0
         spread[rows // 3] = cho_solve_banded((root, True), ones)[rows, np.arange(len(rows))]
-    return rates * unit / unit_s, spread * (unit / unit_s) ** 2
+    slope = polyval(since, polyder(parabola)).T / (time_s[-1] - time_s[0])
+    return slope + rates * unit / unit_s, spread * (unit / unit_s) ** 2
 
 
 def _information_of_unit_jerk(steps: Array) -> Array:
