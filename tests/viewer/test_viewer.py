@@ -225,7 +225,7 @@ def test_the_blueprint_is_in_the_file(written: Path) -> None:
         if "ViewBlueprint:class_identifier" in batch.schema.names
         for value in batch.column("ViewBlueprint:class_identifier").to_pylist()
     ]
-    assert sorted(classes) == ["3D", "StateTimeline", "TextDocument", "TextLog", *["TimeSeries"] * 4]
+    assert sorted(classes) == ["3D", "StateTimeline", "TextDocument", "TextLog", *["TimeSeries"] * 5]
 
 
 def test_without_truth_curves_and_hull_the_rest_is_there(

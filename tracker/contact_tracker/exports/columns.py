@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from contact_tracker.errors import extra
+from contact_tracker.geometry.contact_motion import MEANS, ContactMotion
 from contact_tracker.geometry.elements import NONE, VERTEX, ContactGeometry, flat
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
@@ -50,7 +51,8 @@ _NUMBER: Final[Kind] = "number"
 _POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
 _DECIDED: Final[dict[str, Kind]] = {"decided": "text"}
 BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
-SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
+_MOTION: Final[dict[str, Kind]] = {"motion": "text", **dict.fromkeys(MEANS, _NUMBER)}
+SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED | _MOTION
 OPEN: Final = "open"
 
 
@@ -70,7 +72,7 @@ def segment_columns(segments: Iterable[Segment]) -> Columns:
     rows = _Rows(SEGMENT_COLUMNS)
     for one in segments:
         times = {"start_ns": one.start_ns, "end_ns": one.end_ns}
-        rows.add(times | _contact_cells(one, one.probability), one.geometry)
+        rows.add(times | _contact_cells(one, one.probability) | _motion_cells(one.motion), one.geometry)
     return rows.columns
 
 
@@ -122,6 +124,12 @@ def _joint_cells(joint: Joint | None) -> dict[str, Any]:
     cells |= {f"joint_point_{axis}_m": value for axis, value in zip(_AXES, values["point_m"], strict=True)}
     cells |= {"joint": joint.kind.value, "joint_probability": float(joint.probability)}
     return cells | {"joint_pitch_m_per_rad": joint.pitch_m_per_rad}
+
+
+def _motion_cells(motion: ContactMotion | None) -> dict[str, Any]:
+    if motion is None:
+        return dict.fromkeys(_MOTION)
+    return {"motion": ", ".join(motion.kinds), **motion.means}
 
 
 def decided(one: Belief | Segment) -> str:

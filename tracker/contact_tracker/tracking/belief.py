@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry.contact_motion import ContactMotion
 from contact_tracker.geometry.elements import ContactGeometry, flat
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
@@ -187,7 +188,7 @@ class Segment:
     A rest has a row of its own (``motion.window``). ``probability`` is the smoothed posterior of ``contact``,
     averaged over the segment; ``inseparable`` are the states that the segment's motion does not distinguish
     from ``contact``; ``further`` contacts hold for all of the segment or a part; ``joint`` is the joint in
-    which the object moves, if any.
+    which the object moves, if any; ``motion`` is the object's at the touching point of ``contact``.
     """
 
     start_ns: int
@@ -198,6 +199,7 @@ class Segment:
     inseparable: tuple[Contact, ...] = ()
     further: tuple[FurtherContact, ...] = ()
     joint: Joint | None = None
+    motion: ContactMotion | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "further", beside(self.further, self.probability))
@@ -246,4 +248,5 @@ class Segment:
             "contact": self.contact.value,
             "probability": float(self.probability),
             **_label_json(self),
+            "motion": {} if self.motion is None else {"kinds": [*self.motion.kinds], **self.motion.means},
         }

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from contact_tracker.config.parameters import Model
@@ -19,7 +20,8 @@ from contact_tracker.formations.further import (
     Ranks,
     find_formation,
 )
-from contact_tracker.geometry.elements import ContactGeometry, Origins, pack
+from contact_tracker.geometry.contact_motion import ContactMotion, contact_motion
+from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
 from contact_tracker.hypotheses.births import Frame, named, propose_births, propose_measured
@@ -32,7 +34,7 @@ from contact_tracker.map.pairs import named_pairs
 from contact_tracker.map.same_element import is_same_element
 from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.free_motion import NOW_TICKS
-from contact_tracker.motion.lifted_pose import T
+from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
@@ -259,6 +261,7 @@ class FinishedSegment(NamedTuple):
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
         contacts = tuple(one for _, one in further)
         changes = [*np.flatnonzero(np.diff(resting)) + 1, len(resting)]
+        motion = self._motion(fit.geometry)
         segments = tuple(
             Segment(
                 *self._span(first, end),
@@ -268,12 +271,25 @@ class FinishedSegment(NamedTuple):
                 open_at_rest if resting[first] else fit.inseparable,
                 _within(contacts, *self._span(first, end)),
                 None if resting[first] else fit.joint,
+                None if motion is None else motion[first:end],
             )
             for first, end in pairwise([0, *changes])
         )
         geometries = [] if fit.geometry is None else [pack(fit.geometry)]
         joints = [] if fit.joint is None else [fit.joint]
         return segments, Beliefs(beliefs, geometries, formations, joints)
+
+    def _motion(self, geometry: ContactGeometry | None) -> ContactMotion | None:
+        """How the object moves at the touching point."""
+        if geometry is None:
+            return None
+        ticks, (world_m, body_m) = self.ticks, self.ticks.origins.reversed
+        local = ContactGeometry(shifted(geometry.object, body_m), shifted(geometry.environment, world_m))
+        zeta = ticks.window.zeta
+        time_s = np.multiply(ticks.window.index, ticks.model.tick_s, dtype=np.float64)
+        quat_xyzw = np.asarray(Rotation.from_matrix(zeta[:, R].reshape(-1, 3, 3)).as_quat(), float)
+        stamp_ns, variance = self.rows["stamp_ns"], ticks.window.variance
+        return contact_motion(local, stamp_ns, time_s, quat_xyzw, zeta[:, T], variance)
 
     def _rests(self) -> NDArray[np.bool_]:
         """Which ticks (n,) are at rest; motion too short to be told from the end of a rest belongs to it."""

@@ -1,6 +1,6 @@
 """Entities of the views and their rows for rerun: many at once offline, one at a time live."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 from uuid import uuid4
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.text import COLOUR, COLOURS, OPEN_OFFSET, alternatives, describe
+from contact_tracker.outputs.text import COLOUR, COLOURS, OPEN_OFFSET, Colour, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.tracking.informative_motion import InformativeMotion
@@ -40,6 +40,14 @@ P_SMOOTHED: Final = "probability/smoothed"
 P_FILTERED: Final = "probability/filtered"
 RESIDUAL: Final = "minima/residual"
 PAPER: Final = "minima/paper"
+MOTION: Final = "motion"
+MOTION_SERIES: Final = {
+    "slip (m/s)": COLOUR[Contact.FV],
+    "its standard deviation": COLOUR[Contact.FREE],
+    "roll (rad/s)": COLOUR[Contact.EE],
+    "spin (rad/s)": COLOUR[Contact.VF],
+}
+"""Colours of the speeds at the touching point."""
 EVENTS: Final = "events"
 
 NOTHING: Final = (EMPTY,) * 4
@@ -108,9 +116,10 @@ class Canvas:
         for entity in (TRUTH, SMOOTHED, FILTERED):
             self._lane(entity)
         for entity in (P_SMOOTHED, P_FILTERED):
-            self._lines(entity, STATES)
+            self._lines(entity, {state.value: COLOUR[state] for state in STATES})
         for entity in (RESIDUAL, PAPER):
-            self._lines(entity, CONTACTS)
+            self._lines(entity, {contact.value: COLOUR[contact] for contact in CONTACTS})
+        self._lines(MOTION, MOTION_SERIES)
         self._static(LEGEND, rr.TextDocument(_LEGEND, media_type=rr.MediaType.MARKDOWN))
         self.most_further = 0
         self._labelled: set[str] = set()
@@ -265,10 +274,10 @@ class Canvas:
     def _shade(self, entity: str, stamp_ns: Stamps, rgba: NDArray[np.uint8]) -> None:
         self._send(entity, stamp_ns, lambda rows: rr.Mesh3D.columns(albedo_factor=rgba[rows]))
 
-    def _lines(self, entity: str, contacts: Sequence[Contact]) -> None:
-        names = [contact.value for contact in contacts]
-        colours = [COLOUR[contact] for contact in contacts]
-        self._static(entity, rr.SeriesLines(colors=colours, names=names, widths=[1.6] * len(names)))
+    def _lines(self, entity: str, colours: Mapping[str, Colour]) -> None:
+        widths = [1.6] * len(colours)
+        lines = rr.SeriesLines(colors=[*colours.values()], names=[*colours], widths=widths)
+        self._static(entity, lines)
 
     def _lane(self, entity: str) -> None:
         names = [state.value for state in STATES]

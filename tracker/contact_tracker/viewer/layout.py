@@ -15,6 +15,7 @@ BACKGROUND = (25, 28, 33)
 TRAIL_S = 4.0
 LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
+_MOTION = "Speed at the touching point"
 _PAPER = "Paper's objectives, windows of 500 poses (normalised)"
 
 
@@ -25,7 +26,8 @@ def offline(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
     filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, 1.05)
     residual = _plot(canvas.RESIDUAL, _RESIDUAL, everything, 3.0, legend=True)
     paper = _plot(canvas.PAPER, _PAPER, everything, 1.0, legend=True)
-    views = _states(everything), smoothed, filtered, rrb.Tabs(residual, paper)
+    motion = _plot(canvas.MOTION, _MOTION, everything, None, legend=True)
+    views = _states(everything), smoothed, filtered, rrb.Tabs(residual, motion, paper)
     over_time = rrb.Vertical(*views, row_shares=[15, 14, 7, 12])
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE)
     return _blueprint(eye, over_time, panel, "expanded" if is_one_of_several else "collapsed")
@@ -106,11 +108,13 @@ def _states(time_range: rr.TimeRange) -> rrb.View:
     return rrb.StateTimelineView(origin="state", name="Contact", **options)
 
 
-def _plot(entity: str, name: str, time_range: rr.TimeRange, top: float, legend: bool = False) -> rrb.View:
+def _plot(
+    entity: str, name: str, time_range: rr.TimeRange, top: float | None, legend: bool = False
+) -> rrb.View:
     return rrb.TimeSeriesView(
         origin=entity,
         name=name,
         axis_x=rrb.TimeAxis(view_range=time_range),
-        axis_y=rrb.ScalarAxis(range=(0.0, top)),
+        axis_y=rrb.ScalarAxis(range=None if top is None else (0.0, top)),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
     )

@@ -94,6 +94,7 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
         sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
         _Segments(sheet, outcome, known, upward).draw(spans)
         _draw_trail(sheet, outcome)
+        _draw_motion(sheet, outcome)
     if (truth := outcome.truth) is not None:
         changes = truth.between(int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])).changes()
         starts = np.array([start_ns for start_ns, _ in changes], np.int64)
@@ -114,6 +115,14 @@ def _draw_trail(sheet: Canvas, outcome: Outcome) -> None:
     long = [i for i, strip in enumerate(strips) if len(strip) > 1]
     contacts = beliefs.contacts
     sheet.trail(beliefs.stamp_ns[long], [strips[i] for i in long], [contacts[i] for i in long])
+
+
+def _draw_motion(sheet: Canvas, outcome: Outcome) -> None:
+    """Draw the speeds at the touching point, with a gap after each segment."""
+    for motion in (one.motion for one in outcome.segments if one.motion is not None):
+        speeds = (motion.speed_m_per_s, motion.slip_sd_m_per_s, motion.roll_rad_per_s, motion.spin_rad_per_s)
+        values = np.vstack([np.stack(speeds, axis=1), np.full((1, len(speeds)), np.nan)])
+        sheet.scalars(canvas.MOTION, np.append(motion.stamp_ns, motion.stamp_ns[-1] + 1), values)
 
 
 class _Segments:
