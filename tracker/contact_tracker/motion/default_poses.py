@@ -104,7 +104,7 @@ class DefaultPoseFilter:
         """Add a step to the usual steps of the motion; steps from or to the origin do not count."""
         if (pose.position_m == _ORIGIN) == (before.position_m == _ORIGIN):
             frames = 1 + self._dropped
-            self._steps.append(Step(step.distance_m / frames, step.turn / frames))
+            self._steps.append(step if frames == 1 else Step(step.distance_m / frames, step.turn / frames))
 
     def _is_default(self, pose: Pose) -> bool:
         """Whether a pose away from the motion is a default pose; it is remembered."""
