@@ -267,17 +267,21 @@ class TickGrid:
         return self.origin_ns is not None and stamp_ns < self._end_ns
 
     @property
-    def _end_ns(self) -> int:
-        """When the current tick ends."""
+    def begin_ns(self) -> int:
+        """When the current tick begins."""
         assert self.origin_ns is not None
-        return self.origin_ns + (self.number + 1) * self.model.tick_ns
+        return self.origin_ns + self.number * self.model.tick_ns
+
+    @property
+    def _end_ns(self) -> int:
+        return self.begin_ns + self.model.tick_ns
 
     def is_late(self, stamp_ns: int) -> bool:
         """Whether a pose is more than a tick before the current one, or before its end if it was closed
         early."""
         if self.origin_ns is None:
             return False
-        begin_ns = self.origin_ns + self.number * self.model.tick_ns
+        begin_ns = self.begin_ns
         return stamp_ns < begin_ns and (self._has_closed_early or stamp_ns < begin_ns - self.model.tick_ns)
 
     def add(self, poses: Poses) -> list[Tick]:
@@ -343,7 +347,7 @@ class TickGrid:
         """Whether the current tick is the rest of one that was closed early."""
         if self.last is None or self.origin_ns is None:
             return False
-        return self.last.stamp_ns >= self.origin_ns + self.number * self.model.tick_ns
+        return self.last.stamp_ns >= self.begin_ns
 
     def _pass_to(self, stamp_ns: int, is_closed: bool) -> list[Tick]:
         """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether
