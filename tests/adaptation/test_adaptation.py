@@ -182,6 +182,20 @@ def test_a_stream_may_end_before_its_rate_is_known_and_continue_after_its_end() 
     assert as_values.start(MODEL).report is None
 
 
+@pytest.mark.parametrize("lag_s", [0.0, 0.2])
+def test_no_tick_is_answered_twice_where_the_other_filters_begin(lag_s: float) -> None:
+    """Ticks that were complete before their last pose was used are closed already."""
+    poses = recorded(FACE_TO_EDGE).poses
+    for count in (20, 40, RATIO_POSES - 1, RATIO_POSES + 10):
+        gate, state, beliefs = PoseGate(), Tracker.start(MODEL, lag_s), list[Belief]()
+        for pose in poses[:count]:
+            beliefs += state.update(gate.arrive(pose))
+        beliefs += [*state.update(gate.end()), *state.finish()]
+        stamps_ns = [one.stamp_ns for one in beliefs]
+        assert stamps_ns == sorted(set(stamps_ns))
+        assert stamps_ns[-1] == poses.stamp_ns[count - 1]
+
+
 def test_evidence_is_that_of_all_paths() -> None:
     """As by smoothing over all hypotheses, except for those that were pruned."""
     whole = RecordedPass.over(forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL))

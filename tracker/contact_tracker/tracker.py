@@ -247,7 +247,7 @@ class Tracker:
         filters, best = self.filters, self.best
         if best is None or filters.grid is None or filters.grid.stream is None:
             return None
-        found = *self.checks.findings(self.stream, is_end=is_end), *map_findings(best.map)
+        found = *self.checks.findings(self.stream._replace(is_end=is_end)), *map_findings(best.map)
         frames = filters.filters[0].state.window.frames  # others may wait
         assert frames is not None
         report = report_of(

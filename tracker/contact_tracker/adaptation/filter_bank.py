@@ -268,7 +268,11 @@ class FilterBank:
             self.body_m = independent_point(self.pending)
         chosen = candidates(self.filters[0].state.model, self.pending.of_point(self.body_m))
         self.log_weight = self.log_prior = np.array([one.log_prior for one in chosen])
+        assert self.grid is not None
+        begin_ns = self.grid.begin_ns
         self._begin([one.model for one in chosen], detail)  # the beliefs were reported already
+        for _ in range(2):  # also of ticks that were closed early, or empty
+            self._update(self.grid.pass_time(begin_ns), detail)
         self.pending = None
 
     def _begin(self, models: Sequence[Model], detail: Detail) -> list[Belief]:

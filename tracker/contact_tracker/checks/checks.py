@@ -53,11 +53,9 @@ class Checks(NamedTuple):
         """Whether there may soon be a finding that makes labels unreliable."""
         return any(one.is_likely(stream) for one in self)
 
-    def findings(self, stream: Stream, is_end: bool = False) -> tuple[Finding, ...]:
-        """Findings so far, or at the end of the stream."""
+    def findings(self, stream: Stream) -> tuple[Finding, ...]:
+        """Findings so far."""
         found = list(findings(stream.inspection, self.conventions.fitting_units))
         for one in self:
             found += one.findings(stream, found)
-            if is_end:
-                found += one.final_findings(stream, found)
         return tuple(found)

@@ -150,20 +150,21 @@ class Clearance(Check):
             misfits.append(
                 "all vertices given of the object are behind every face (normals must point to the free side)"
             )
-        return [
+        found = [
             Finding("knowledge", f"what is given does not fit the poses: {misfit}: {CHECK}", True)
             for misfit in misfits
         ]
+        return found + self._stayed_off(stream.map) if stream.is_end else found
 
-    def final_findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+    def _stayed_off(self, known_map: Map) -> list[Finding]:
         """That the object came near none of the faces of the map.
 
         Not if other vertices of the object may have, nor if bodies are known, whose edges and vertices it may
         touch.
         """
-        bodies = any(one.solid is not None for one in stream.map.environment)
+        bodies = any(one.solid is not None for one in known_map.environment)
         gap_m, face = self.nearest
-        if not stream.map.object_complete or bodies or not 0.0 < gap_m < inf:
+        if not known_map.object_complete or bodies or not 0.0 < gap_m < inf:
             return []
         text = (
             f"the object as given stays more than {1e3 * gap_m:.0f} mm off {face}, the nearest face that is "

@@ -71,12 +71,13 @@ class StampOrder:
         self._held: list[Pose] = []
         self._latest: deque[Pose] = deque(maxlen=LATEST)
         self._follows_other = False
-        self._periods = Periods()
+        self._periods: deque[int] = deque(maxlen=PERIODS_KEPT)
+        self._in_order: list[int] = []
 
     @property
     def period_ns(self) -> int:
-        """The usual time between poses; zero while it is unknown."""
-        return self._periods.median_ns if self._periods.known else 0
+        """The usual time between poses, the median of the latest; zero while it is unknown."""
+        return self._in_order[len(self._in_order) // 2] if self._in_order else 0
 
     @property
     def shift_ns(self) -> int:
@@ -97,7 +98,7 @@ class StampOrder:
                 return self._consider_other(pose)
             if step_ns < 0:
                 return self._consider_reset(pose)
-            if not self._held and step_ns <= self._periods.lead_ns:
+            if not self._held and step_ns <= LEAD_PERIODS * self.period_ns:
                 return (self._accept(pose),)
         self._held.append(pose)
         return self._release(ended=False)
@@ -117,7 +118,7 @@ class StampOrder:
                 if not ended:
                     break
                 # one stamp contradicts all before it; at the start there is nothing to contradict
-                if len(run) == 1 and self.last_ns is not None and self._periods.known:
+                if len(run) == 1 and self.last_ns is not None and self._periods:
                     self._counts["leading_stamp"] += len(self._held)
                     self._held = []
                     break
@@ -142,7 +143,7 @@ class StampOrder:
         if self.last_ns is None:
             return followers > 0
         lead_ns = run_ns[0] - self.last_ns
-        if lead_ns <= self._periods.lead_ns:
+        if lead_ns <= LEAD_PERIODS * self.period_ns:
             return True
         slow = followers >= SLOW_FOLLOWERS and run_ns[-1] - run_ns[0] >= SLOW_RUN_NS
         return slow or followers >= min(1 + lead_ns // LEAD_PER_FOLLOWER_NS, FOLLOWERS)
@@ -180,7 +181,7 @@ class StampOrder:
             return ()
         released = self.finish()
         assert self.last_ns is not None
-        shift_ns = self.last_ns + self._periods.median_ns - first_ns
+        shift_ns = self.last_ns + max(self.period_ns, 1) - first_ns
         self._offset_ns += shift_ns
         self._counts["clock_reset"] += 1
         return (
@@ -192,15 +193,21 @@ class StampOrder:
         continues = self.last_ns is not None
         if self.last_ns is not None:
             step_ns = pose.stamp_ns - self.last_ns
-            if step_ns > GAP_NS and self._periods.known and step_ns > GAP_PERIODS * self._periods.median_ns:
+            if step_ns > GAP_NS and self._periods and step_ns > GAP_PERIODS * self.period_ns:
                 self._counts["gap"] += 1
                 continues = False
             else:
-                self._periods.append(step_ns)
+                self._note_period(step_ns)
         self._backward = None
         self._latest.append(pose)
         self.last_ns, self._follows_other = pose.stamp_ns, False
         return Ordered(pose, continues)
+
+    def _note_period(self, period_ns: int) -> None:
+        if len(self._periods) == PERIODS_KEPT:
+            del self._in_order[bisect_left(self._in_order, self._periods[0])]
+        self._periods.append(period_ns)
+        insort(self._in_order, period_ns)
 
 
 def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
@@ -225,23 +232,3 @@ def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
     while (last := runs[last][2]) >= 0:
         indices.append(last)
     return indices[::-1]
-
-
-class Periods:
-    """The last times between poses, and their median."""
-
-    def __init__(self) -> None:
-        self._recent: deque[int] = deque(maxlen=PERIODS_KEPT)
-        self._sorted: list[int] = []
-        self.known = False
-        self.median_ns = 1
-        self.lead_ns = 0
-
-    def append(self, period_ns: int) -> None:
-        recent, in_order = self._recent, self._sorted
-        if len(recent) == PERIODS_KEPT:
-            del in_order[bisect_left(in_order, recent[0])]
-        recent.append(period_ns)
-        insort(in_order, period_ns)
-        self.known, self.median_ns = True, in_order[len(in_order) // 2]
-        self.lead_ns = LEAD_PERIODS * self.median_ns

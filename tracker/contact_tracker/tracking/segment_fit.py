@@ -114,7 +114,7 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         return fit
     probability = float(expit(segment.model.certainty.posterior_power * found.log_odds))
     near_m = window.zeta[:, T].mean(axis=0)
-    fit = replace(fit, joint=joint_of(found.fitted, probability, near_m, segment.origins))
+    fit = replace(fit, joint=joint_of(found, probability, near_m, segment.origins))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
     others = tuple(other for other in STATES if other is not fit.contact and segment.known_map.allows(other))
