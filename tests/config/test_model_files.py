@@ -16,7 +16,6 @@ from contact_tracker.config.loading import MAY_BE_ZERO, load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ModelError, UsageError
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking.posterior import label_geometry
 from contact_tracker_lab.calibration.parameters import model_text
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
@@ -81,6 +80,13 @@ def refused(tmp_path, text):
     return caught.value
 
 
+EVERYWHERE = [
+    (True, "must be a number, not bool"),
+    ([1.0], "must be a number, not list"),
+    (float("inf"), "must be more than"),
+    (10**400, "must be more than"),
+]
+"""As one check sees all numbers, tried with one of them."""
 each_number = pytest.mark.parametrize(
     ("section", "key"), numbers(), ids=[".".join(filter(None, row)) for row in numbers()]
 )
@@ -150,13 +156,10 @@ def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
     for value, reason in (
         *needed,
         ("fast", "must be a number, not str"),
-        (True, "must be a number, not bool"),
-        ([1.0], "must be a number, not list"),
         *([] if name in MAY_BE_ZERO else [(0.0, "must be more than")]),
         (-1.0, "must be more than"),
         (float("nan"), "must be more than"),
-        (float("inf"), "must be more than"),
-        (10**400, "must be more than"),
+        *(EVERYWHERE if key == "tick_s" else []),
     ):
         error = refused(tmp_path, toml(changed(section, key, value)))
         assert error.key == name
@@ -219,7 +222,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
             load_model(str(binary))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(text=st.text(max_size=200))
 def test_any_text_is_a_model_or_an_error_in_one_line(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("models") / "any.toml"
@@ -268,14 +271,10 @@ def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
 
 
 def banks_of(poses, model):
-    return state_after(poses, model).banks
-
-
-def state_after(poses, model):
     one = PoseFilter(model)
     for pose in poses:
         one.update(pose)
-    return one.state
+    return one.state.banks
 
 
 def test_optional_keys_have_defaults(tmp_path):
@@ -303,7 +302,7 @@ def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path: Path, k
     assert time.process_time() - begin_s < 2.0, "the parser would take minutes"
 
 
-@pytest.mark.parametrize("filling", ["\n", " ", "\t", "{", ",", '"', "'", ", ", "a.", ",a", '{"'])
+@pytest.mark.parametrize("filling", ["\n", "{", "'", "a.", ",a", '{"'])
 def test_the_search_for_such_keys_is_linear(tmp_path: Path, filling: str) -> None:
     path = tmp_path / "m.toml"
     path.write_text("x = 1 # " + "." * 100 + "\n!" + filling * (900_000 // len(filling)))
@@ -328,10 +327,3 @@ def test_the_search_for_such_keys_is_linear(tmp_path: Path, filling: str) -> Non
 )
 def test_impossible_values_are_out_of_range(tmp_path, section, key, value):
     assert refused(tmp_path, toml(changed(section, key, value))).key.endswith(key)
-
-
-def test_contact_error_increases_the_uncertainty_of_the_geometry():
-    state = state_after(simulate(Scenario((Phase(Contact.VF, 3.0),)), 0).poses, load_model())
-    loose = state._replace(model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
-    plain, off = (label_geometry(one, Contact.VF).object.covariance.trace() for one in (state, loose))
-    assert off > 1.01 * plain
