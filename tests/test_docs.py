@@ -131,6 +131,11 @@ def counted_kinds() -> set[str]:
                     | ast.Subscript(value=ast.Attribute(attr="_counts" | "counts"), slice=ast.Constant(kind))
                 ):
                     kinds.add(str(kind))
+                case ast.Subscript(
+                    value=ast.Attribute(attr="counts"),
+                    slice=ast.IfExp(body=ast.Constant(one), orelse=ast.Constant(other)),
+                ):
+                    kinds |= {str(one), str(other)}
     return kinds
 
 

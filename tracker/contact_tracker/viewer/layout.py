@@ -115,6 +115,6 @@ def _plot(
         origin=entity,
         name=name,
         axis_x=rrb.TimeAxis(view_range=time_range),
-        axis_y=rrb.ScalarAxis(range=None if top is None else (0.0, top)),
+        axis_y=None if top is None else rrb.ScalarAxis(range=(0.0, top)),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
     )
