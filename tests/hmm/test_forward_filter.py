@@ -240,18 +240,6 @@ def test_the_smallest_weights_stay_finite():
         assert frontier.probability.sum() == pytest.approx(1.0)
 
 
-def test_states_without_predecessor_have_no_origin():
-    """The first tick has no predecessor, and a state without path to it has no best one."""
-    forward, only = hmm.ForwardFilter(np.log([0.5, 0.25, 0.25])), np.full((3, 3), -np.inf)
-    step = forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), only)
-    assert forward.frontier.origin.tolist() == [-1, -1]
-    assert step.best.tolist() == [[0, 0, -1], [-1, -1, -1]]
-    only[1, 2] = 0.0
-    step = forward.advance(np.array([0, 2]), np.array([0, 1]), np.zeros(2), only)
-    assert forward.frontier.origin.tolist() == [-1, 1]
-    assert step.best.tolist() == [[0, -1, 1], [-1, -1, 1]]
-
-
 EVERY = [np.arange(tick + 1) for tick in range(60)]
 FIRST_ROW = [np.zeros(1, np.int64), *(np.arange(1, tick + 1) for tick in range(1, 18)), np.arange(3, 19)]
 FIRST_ROW[10:18] = [np.delete(onsets, 1) for onsets in FIRST_ROW[10:18]]
@@ -303,8 +291,6 @@ def test_weights_may_have_any_common_factor():
 
 
 # --- invalid input of the forward filter, and the memory of open ticks ---
-
-
 CHANGE = np.log(np.full((2, 2), 0.5))
 
 

@@ -98,19 +98,6 @@ def test_slsqp_finds_nothing_lower(model):
 
 
 @each_model
-def test_true_contacts_fit_at_the_noise(model):
-    rotation, position = window(model.contact, 2)
-    found, best = fit(model, rotation, position)
-    assert found.converged[best]
-    measured = model.measure(found.x[best : best + 1], lifted_pose.lift(rotation, position))
-    sigma_sq = NOISE_M**2 + NOISE_RAD**2 * measured.lever_sq[0]
-    rms = np.sqrt(np.mean(measured.residual[0, -1] ** 2 / sigma_sq))
-    assert 0.8 < rms < 1.2
-    for angle in measured.residual[0, :-1]:
-        assert np.sqrt(np.mean(angle**2)) < 1.2 * NOISE_RAD
-
-
-@each_model
 def test_hessian_is_the_curvature_of_the_cost(model):
     """The Gauss-Newton Hessian, at the noise the curvature along every observable direction."""
     rng = np.random.default_rng(7)
