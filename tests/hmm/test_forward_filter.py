@@ -1,7 +1,5 @@
 """Incremental Viterbi and smoothing against those of the whole recording, and in long streams."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -340,24 +338,3 @@ def test_open_ticks_count_kept_and_released_rows() -> None:
     assert (ticks.size, len(ticks), ticks.first) == (few, 1, 2)
     ticks.drop(1)
     assert (ticks.size, len(ticks), ticks.first) == (few, 0, 3)  # ticks may be skipped after the last step
-
-
-def test_skipped_ticks_count_for_the_memory_and_can_be_released() -> None:
-    ticks = OpenTicks()
-    for tick in (0, 4, 5, 9):
-        ticks.append(message(1, tick))
-        for _ in range(3 if tick in (0, 5) else 0):
-            ticks.skip()
-    assert len(ticks) == 10
-    step, skipped = OpenTicks(), ticks.size
-    step.append(message(1))
-    skipped -= 4 * step.size
-    assert skipped > 0
-    sizes = []
-    for _ in range(10):
-        ticks.drop(1)
-        sizes.append(ticks.size)
-    assert len(ticks) == 0
-    assert sizes[-1] <= step.size  # the last step is kept: ticks may be skipped after it
-    assert all(after <= before for before, after in pairwise(sizes))
-    assert sizes[2] - sizes[1] == pytest.approx(-skipped / 6)

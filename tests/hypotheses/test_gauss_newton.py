@@ -118,23 +118,6 @@ def test_hessian_is_the_curvature_of_the_cost(model):
         assert direction @ information @ direction == pytest.approx(curvature, rel=1e-3, abs=1e-6)
 
 
-@each_model
-@pytest.mark.parametrize("steps", [1, 4])
-def test_the_hessian_is_evaluated_at_the_begin_of_the_last_step(model, steps):
-    rotation, position = window(model.contact, 11)
-    moments = moments_of(model, rotation, position)[None]
-    x = model.family.normalise(np.random.default_rng(11).normal(size=(1, model.family.SIZE)), ANCHORS)
-    weight, anchors = np.full((1, model.family.ROWS), 1e6), ANCHORS[None]
-    given_ = model.family, moments, weight, no_prior(model, 1), anchors, x, steps
-    found = minimise(*given_)
-    before = minimise(*given_[:-1], steps - 1)
-    np.testing.assert_array_equal(found.at, before.x)
-    there = minimise(*given_[:-2], before.x, 0)
-    np.testing.assert_allclose(
-        found.hessian, there.hessian, rtol=1e-6, atol=1e-9 * np.abs(there.hessian).max()
-    )
-
-
 # --- status, not exception --------------------------------------------------------------------------------
 
 

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.contacts.family import directions
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import gauss_newton, global_search, observability
 from contact_tracker.hypotheses.bank import blank
@@ -166,22 +165,6 @@ def tracked_ticks(name="nothing known"):
 def states():
     """The state of the tracker after some ticks."""
     return [tracked_ticks()[k].state for k in (4, 12, 30)]
-
-
-@each_model
-@settings(max_examples=3, deadline=None)
-@given(seed=seeds)
-def test_relaxed_problems_have_the_same_solutions(model, seed):
-    """For any moments with distinct solutions, up to signs."""
-    columns = len(model.family.COLUMNS)
-    roots = np.random.default_rng(seed).normal(size=(COUNT, columns, 3 * columns))
-    moments = roots @ np.swapaxes(roots, 1, 2)
-    family, numpy, (kernel, many) = model.family, model.family.starts(moments), kernels.starts(model, moments)
-    assert (many == numpy.shape[1]).all()
-    columns = directions(family.FORM).reshape(-1, 3)
-    assert not np.delete(kernel, columns.ravel(), axis=2).any()
-    cosine = np.einsum("bnds,bnds->bnd", numpy[..., columns], kernel[..., columns])
-    np.testing.assert_allclose(np.abs(cosine), 1.0, atol=1e-6)
 
 
 @each_model
