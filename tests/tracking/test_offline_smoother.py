@@ -176,6 +176,7 @@ def test_pieces_together_are_the_whole(monkeypatch):
     assert len(found.segments) == 8
 
 
+@pytest.mark.long
 def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch):
     """Intermediate segments use the noise of the ticks so far, not of pending ones."""
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)

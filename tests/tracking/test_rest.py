@@ -196,6 +196,7 @@ def test_neither_with_a_lag_nor_with_known_elements_is_a_gap_passed_in_one_step(
             assert not one.can_hold
 
 
+@pytest.mark.long
 def test_trackers_side_by_side_take_little_memory_in_gaps():
     """Poses of one batch close up to 50 ticks each, in several trackers."""
     poses = with_gaps(100, 5.0, steady=14)
