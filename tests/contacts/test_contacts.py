@@ -271,20 +271,6 @@ def test_starts_do_not_change_with_the_number_of_poses(contact):
     np.testing.assert_allclose(np.abs(few[:, directions]), np.abs(many[:, directions]), atol=1e-6)
 
 
-@pytest.mark.parametrize("contact", [Contact.EE, Contact.VF, Contact.FV])
-def test_starts_of_an_exact_motion_include_the_truth(contact):
-    """Within 3 degrees: the ridge is far below the information of the motion."""
-    model = CONTACT_MODELS[contact.column]
-    for seed in range(3):
-        t = touching(contact, np.random.default_rng(seed))
-        zeta = model.lifted(lifted_pose.lift(t.rotation, t.position_m))
-        starts = model.family.starts((zeta.T @ zeta)[None])[0]
-        directions = layout.directions(model.family.FORM)
-        true = x_of(contact, t.object, t.environment)[directions].reshape(-1, 3)
-        cosine = np.abs(np.einsum("nds,ds->nd", starts[:, directions].reshape(len(starts), -1, 3), true))
-        assert cosine.min(axis=1).max() > np.cos(np.radians(3.0))
-
-
 def test_an_edge_is_the_same_wherever_on_it_its_point_is():
     model, rng = CONTACT_MODELS[Contact.EE.column], np.random.default_rng(2)
     zeta, x = lifted_pose.lift(*random_poses(rng)), random_x(model, rng)

@@ -57,8 +57,6 @@ def test_half_a_turn_has_one_of_its_two_vectors(axis):
 
 
 # --- direct calls of lapack, against numpy and scipy ---
-
-
 RNG = np.random.default_rng(0)
 ROOT = RNG.normal(size=(2, 6, 6))
 SYMMETRIC, AGAINST = ROOT[0] + ROOT[0].T, ROOT[1] @ ROOT[1].T + np.eye(6)

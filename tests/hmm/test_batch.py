@@ -96,8 +96,6 @@ def test_log_sum_exp_of_impossible_states_is_minus_infinity():
 
 
 # --- fixed lag: lag histories of hypotheses against enumeration of all paths of the chain ---
-
-
 TICKS, STATES, LAG = 6, 3, 3
 Array = np.ndarray
 

@@ -1,7 +1,5 @@
 """Incremental Viterbi and smoothing against those of the whole recording, and in long streams."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -240,18 +238,6 @@ def test_the_smallest_weights_stay_finite():
         assert frontier.probability.sum() == pytest.approx(1.0)
 
 
-def test_states_without_predecessor_have_no_origin():
-    """The first tick has no predecessor, and a state without path to it has no best one."""
-    forward, only = hmm.ForwardFilter(np.log([0.5, 0.25, 0.25])), np.full((3, 3), -np.inf)
-    step = forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), only)
-    assert forward.frontier.origin.tolist() == [-1, -1]
-    assert step.best.tolist() == [[0, 0, -1], [-1, -1, -1]]
-    only[1, 2] = 0.0
-    step = forward.advance(np.array([0, 2]), np.array([0, 1]), np.zeros(2), only)
-    assert forward.frontier.origin.tolist() == [-1, 1]
-    assert step.best.tolist() == [[0, -1, 1], [-1, -1, 1]]
-
-
 EVERY = [np.arange(tick + 1) for tick in range(60)]
 FIRST_ROW = [np.zeros(1, np.int64), *(np.arange(1, tick + 1) for tick in range(1, 18)), np.arange(3, 19)]
 FIRST_ROW[10:18] = [np.delete(onsets, 1) for onsets in FIRST_ROW[10:18]]
@@ -303,8 +289,6 @@ def test_weights_may_have_any_common_factor():
 
 
 # --- invalid input of the forward filter, and the memory of open ticks ---
-
-
 CHANGE = np.log(np.full((2, 2), 0.5))
 
 
@@ -354,24 +338,3 @@ def test_open_ticks_count_kept_and_released_rows() -> None:
     assert (ticks.size, len(ticks), ticks.first) == (few, 1, 2)
     ticks.drop(1)
     assert (ticks.size, len(ticks), ticks.first) == (few, 0, 3)  # ticks may be skipped after the last step
-
-
-def test_skipped_ticks_count_for_the_memory_and_can_be_released() -> None:
-    ticks = OpenTicks()
-    for tick in (0, 4, 5, 9):
-        ticks.append(message(1, tick))
-        for _ in range(3 if tick in (0, 5) else 0):
-            ticks.skip()
-    assert len(ticks) == 10
-    step, skipped = OpenTicks(), ticks.size
-    step.append(message(1))
-    skipped -= 4 * step.size
-    assert skipped > 0
-    sizes = []
-    for _ in range(10):
-        ticks.drop(1)
-        sizes.append(ticks.size)
-    assert len(ticks) == 0
-    assert sizes[-1] <= step.size  # the last step is kept: ticks may be skipped after it
-    assert all(after <= before for before, after in pairwise(sizes))
-    assert sizes[2] - sizes[1] == pytest.approx(-skipped / 6)

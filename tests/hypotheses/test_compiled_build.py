@@ -58,18 +58,13 @@ def test_missing_kernels_are_reported_in_one_line(monkeypatch, capsys):
     assert compiled.described().startswith("numpy: no kernels were built")
 
 
-def test_an_unrelated_folder_of_the_same_name_is_ignored(tmp_path, monkeypatch):
-    (tmp_path / "__init__.py").write_text("")
+def test_kernels_of_other_sources_are_not_used(tmp_path, monkeypatch):
+    """In a work tree that has changed since the installation; an unrelated folder of that name is ignored."""
     monkeypatch.setattr(compiled, "SOURCES", tmp_path)
     assert compiled.fault.__wrapped__() == compiled.fault()
-
-
-def test_kernels_of_other_sources_are_not_used(tmp_path, monkeypatch):
-    """In a work tree that has changed since the installation."""
     (tmp_path / "python").mkdir()
     (tmp_path / "CMakeLists.txt").write_text("")
     (tmp_path / "python" / "module.cpp").write_text("// another algorithm")
-    monkeypatch.setattr(compiled, "SOURCES", tmp_path)
     fault = compiled.fault.__wrapped__()
     assert fault == "their sources have changed since, install the package again"
     monkeypatch.setattr(compiled, "fault", lambda: fault)
@@ -78,20 +73,16 @@ def test_kernels_of_other_sources_are_not_used(tmp_path, monkeypatch):
     assert compiled.described() == f"numpy: {fault}"
 
 
-def test_kernels_that_cannot_be_loaded_are_not_used(monkeypatch):
-    def broken(name):
-        raise ImportError("another\nPython")
-
-    monkeypatch.setattr(compiled, "import_module", broken)
-    assert compiled.fault.__wrapped__() == "they cannot be loaded, another Python"
-
-
-def test_an_interrupt_while_kernels_load_is_one(monkeypatch):
+@pytest.mark.parametrize("reason", [None, SystemExit(143)])
+def test_kernels_that_cannot_be_loaded_are_not_used_and_an_interrupt_meanwhile_is_one(monkeypatch, reason):
     """Whatever error the interrupt causes during the import."""
 
     def load(name):
-        raise ImportError("initialization failed") from SystemExit(143)
+        raise ImportError("another\nPython") from reason
 
     monkeypatch.setattr(compiled, "import_module", load)
+    if reason is None:
+        assert compiled.fault.__wrapped__() == "they cannot be loaded, another Python"
+        return
     with pytest.raises(SystemExit):
         compiled.fault.__wrapped__()

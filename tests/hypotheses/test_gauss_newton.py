@@ -98,19 +98,6 @@ def test_slsqp_finds_nothing_lower(model):
 
 
 @each_model
-def test_true_contacts_fit_at_the_noise(model):
-    rotation, position = window(model.contact, 2)
-    found, best = fit(model, rotation, position)
-    assert found.converged[best]
-    measured = model.measure(found.x[best : best + 1], lifted_pose.lift(rotation, position))
-    sigma_sq = NOISE_M**2 + NOISE_RAD**2 * measured.lever_sq[0]
-    rms = np.sqrt(np.mean(measured.residual[0, -1] ** 2 / sigma_sq))
-    assert 0.8 < rms < 1.2
-    for angle in measured.residual[0, :-1]:
-        assert np.sqrt(np.mean(angle**2)) < 1.2 * NOISE_RAD
-
-
-@each_model
 def test_hessian_is_the_curvature_of_the_cost(model):
     """The Gauss-Newton Hessian, at the noise the curvature along every observable direction."""
     rng = np.random.default_rng(7)
@@ -129,23 +116,6 @@ def test_hessian_is_the_curvature_of_the_cost(model):
         curvature = (ahead + behind - 2.0 * found.cost[best]) / step**2
         information = found.hessian[best].sum(axis=0)
         assert direction @ information @ direction == pytest.approx(curvature, rel=1e-3, abs=1e-6)
-
-
-@each_model
-@pytest.mark.parametrize("steps", [1, 4])
-def test_the_hessian_is_evaluated_at_the_begin_of_the_last_step(model, steps):
-    rotation, position = window(model.contact, 11)
-    moments = moments_of(model, rotation, position)[None]
-    x = model.family.normalise(np.random.default_rng(11).normal(size=(1, model.family.SIZE)), ANCHORS)
-    weight, anchors = np.full((1, model.family.ROWS), 1e6), ANCHORS[None]
-    given_ = model.family, moments, weight, no_prior(model, 1), anchors, x, steps
-    found = minimise(*given_)
-    before = minimise(*given_[:-1], steps - 1)
-    np.testing.assert_array_equal(found.at, before.x)
-    there = minimise(*given_[:-2], before.x, 0)
-    np.testing.assert_allclose(
-        found.hessian, there.hessian, rtol=1e-6, atol=1e-9 * np.abs(there.hessian).max()
-    )
 
 
 # --- status, not exception --------------------------------------------------------------------------------

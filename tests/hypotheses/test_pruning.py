@@ -17,12 +17,7 @@ from contact_tracker.hypotheses import compiled, global_search
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.births import Birth, Frame, add, propose_births, uninformed_proposal
-from contact_tracker.hypotheses.global_search import (
-    is_due,
-    prune,
-    select_for_search,
-    within_far_margin,
-)
+from contact_tracker.hypotheses.global_search import is_due, prune, select_for_search, within_far_margin
 from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
 from contact_tracker.hypotheses.schedule import (
     DEFER_NATS,
@@ -160,8 +155,6 @@ def test_young_hypotheses_are_pruned_only_after_a_search():
 
 
 # --- the search of several hypotheses in batches ---
-
-
 def test_batches_of_a_search_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an edge of a box on unknown edges: a hypothesis for each of its twelve edges."""
     rng = np.random.default_rng(0)

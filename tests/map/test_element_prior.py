@@ -23,7 +23,7 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.births import Birth, Frame, add, propose_births
-from contact_tracker.map.element_prior import PairPrior, by_feet, pair_priors
+from contact_tracker.map.element_prior import PairPrior, pair_priors
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, known_to
 from contact_tracker.map.pairs import UNLISTED, named_pairs
 from contact_tracker.map.same_element import is_same_element
@@ -202,23 +202,6 @@ def test_a_line_is_recognised_wherever_along_it_its_point_is():
         simulated.poses, load_model(), known_map=Map(environment=(NamedElement("rail", moved),))
     )
     assert last.belief.geometry.environment.name == "rail"
-
-
-on_edges = pytest.mark.parametrize("model", [m for m in CONTACT_MODELS if m.contact.value.endswith("e")])
-
-
-@on_edges
-def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model):
-    _, ours, theirs = touching(model.contact)
-    near_m = np.array([0.4, -0.3, 0.8])
-    unknown = None, None
-    known = pair_priors(model, [(ours, theirs), (None, theirs), unknown])
-    expected = pair_priors(model, [(ours, by_foot(theirs, near_m)), (None, by_foot(theirs, near_m)), unknown])
-    moved = by_feet(model, known, near_m)
-    np.testing.assert_allclose(moved.mean, expected.mean, atol=1e-14)
-    np.testing.assert_allclose(moved.line_points_m, expected.line_points_m, atol=1e-14)
-    scale = np.abs(expected.information).max()
-    np.testing.assert_allclose(moved.information, expected.information, atol=1e-9 * scale)
 
 
 # --- whether two estimated elements may be the same ---

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.map.association import CONCENTRATION, log_prior_of_new, log_probabilities_of_new
-from contact_tracker.map.elements import MapElement, kinds_of, split, stacked
+from contact_tracker.map.elements import MapElement, kinds_of, stacked
 from contact_tracker.map.pairs import learned_pairs
 from contact_tracker.map.sighting import ElementEstimate, Sighting
 from contact_tracker.map.view import MapView
@@ -74,14 +74,6 @@ def test_derivative_of_a_pair(model: ContactModel, seed: int) -> None:
             for sign in (1.0, -1.0)
         ]
         np.testing.assert_allclose(derivative[:, column], (moved[0] - moved[1]) / 2e-6, atol=1e-8)
-
-
-@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-def test_a_pair_is_that_of_its_parameters(model: ContactModel) -> None:
-    rng = np.random.default_rng(1)
-    x = model.family.normalise(rng.normal(size=(1, model.family.SIZE)), np.zeros(6))[0]
-    again, _ = stacked(model, split(model, x), np.zeros(6), np.ones(2), 1.0)
-    np.testing.assert_allclose(again, x, atol=1e-12)
 
 
 def test_contacts_of_one_face_share_it() -> None:

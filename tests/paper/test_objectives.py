@@ -167,6 +167,11 @@ def test_erratum_21_columns_for_rows():
     np.testing.assert_allclose(rows(Contact.EE, rotation[None], p[None])[0, 0], completed_21(rotation.T, p))
 
 
+def test_erratum_21_the_third_block_is_incomplete():
+    rotation, p, o, e = one_touching_pose(Contact.EE)
+    assert len(printed_21(rotation, p)) == len(np.kron(e, o)) - 3
+
+
 # --- minimisation --------------------------------------------------------------------------------------
 
 

@@ -31,7 +31,7 @@ from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
-from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, segmented
+from short_recordings import MODEL
 
 SCALES = scales_of(MODEL)
 SIGMA_M, SIGMA_RAD = 1e-4, 1e-3
@@ -92,7 +92,7 @@ def ways(element, how):
 
 
 @given(seeds)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_perturbations_are_the_derivative_of_the_lift(seed):
     rng = np.random.default_rng(seed)
     rotation, position = Rotation.random(random_state=rng), rng.normal(size=3)
@@ -127,11 +127,13 @@ def test_the_information_of_noise_is_as_predicted(contact):
 
 
 @each_contact
-@pytest.mark.parametrize("seed", [1, 2])
-def test_with_motion_in_all_directions_everything_is_observed(contact, seed):
-    true = touching(contact, np.random.default_rng(seed))
+def test_with_motion_in_all_directions_everything_is_observed_and_at_rest_nothing(contact):
+    true = touching(contact, np.random.default_rng(1))
     geometry = found(contact, ticks(true.rotation, true.position_m))
     assert geometry.object.unobserved == geometry.environment.unobserved == ()
+    if contact is Contact.VF:
+        geometry = found(contact, ticks(np.tile(np.eye(3), (TICKS, 1, 1)), np.zeros((TICKS, 3))))
+        assert len(geometry.object.unobserved) == len(geometry.environment.unobserved) == 3
 
 
 def test_translation_determines_the_normal_of_the_plane_but_not_the_edge():
@@ -163,7 +165,7 @@ def test_faces_that_slide_along_one_line_may_be_tilted_about_it():
     assert geometry.object.unobserved == geometry.environment.unobserved == ()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_hinge_determines_the_vertex_except_along_the_axis(seed):
     """The vertex is correct up to its unobserved directions; the tilt of the plane is unobserved."""
     rng = np.random.default_rng(seed)
@@ -177,17 +179,7 @@ def test_a_hinge_determines_the_vertex_except_along_the_axis(seed):
     assert len(ways(geometry.environment, "turns_about")) >= 1
 
 
-def test_rest_has_no_information_on_vertex_and_face():
-    geometry = found(Contact.VF, ticks(np.tile(np.eye(3), (TICKS, 1, 1)), np.zeros((TICKS, 3))))
-    assert len(geometry.object.unobserved) == len(geometry.environment.unobserved) == 3
-
-
 # --- contacts ----------------------------------------------------------------------------------------------
-
-
-def slightly_rotated(rotation, four):
-    """The rotation with small errors of about 0.3 deg about other axes."""
-    return rotation @ Rotation.from_rotvec(0.005 * four[:, 2:5]).as_matrix()
 
 
 def kinds_of_motion():
@@ -201,7 +193,12 @@ def kinds_of_motion():
         "line": (1, eye, 0.1 * four[:, :1] * axis),
         "hinge": (1, hinge, -hinge @ arm),
         "screw": (1, hinge, -hinge @ arm + 0.05 * four[:, :1] * axis),
-        "loose hinge": (1, slightly_rotated(hinge, four), -hinge @ arm + 0.002 * four[:, 2:5]),
+        # with small errors of about 0.3 deg about other axes
+        "loose hinge": (
+            1,
+            hinge @ Rotation.from_rotvec(0.005 * four[:, 2:5]).as_matrix(),
+            -hinge @ arm + 0.002 * four[:, 2:5],
+        ),
         "plane": (2, eye, plane),
         "cylinder": (2, hinge, -hinge @ arm + 0.1 * four[:, 1:2] * axis),
         "faces": (3, hinge, plane),
@@ -211,7 +208,7 @@ def kinds_of_motion():
 
 @pytest.mark.parametrize("kind", kinds_of_motion())
 @given(seed=seeds)
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=3, deadline=None)
 def test_the_directions_that_a_motion_uses_are_counted_in_any_frame(kind, seed):
     used, rotation, position = kinds_of_motion()[kind]
     rng = np.random.default_rng(seed)
@@ -229,12 +226,6 @@ def rivals(**nats):
     )
 
 
-def test_evidence_of_twenty_to_one_separates():
-    window = ticks(*kinds_of_motion()["all"][1:])
-    competing = rivals(ff=50.0, ef=50.0 - 2.9, vf=50.0 - 3.1, ee=51.0)
-    assert indistinguishable(Contact.FF, competing, window, older=False) == (Contact.EF, Contact.EE)
-
-
 def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
     """For each onset the best one, without negligible ones, also at the onset of the rival."""
     onsets = np.array([0, 0, 1, 2, 2])
@@ -249,27 +240,32 @@ def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
     assert competing.evidence[Contact.FF.column] == -np.inf
 
 
-def test_with_unused_freedom_contained_contacts_are_indistinguishable():
-    competing = rivals(ef=50.0, fe=49.0)
-    for kind, expected in (
-        ("all", "f-e"),
-        ("faces", "f-e v-f f-v e-e free"),
-        ("hinge", "f-f f-e v-f f-v e-e free"),
-    ):
-        window = ticks(*kinds_of_motion()[kind][1:])
-        assert " ".join(indistinguishable(Contact.EF, competing, window, older=False)) == expected
-    faces = ticks(*kinds_of_motion()["faces"][1:])
-    assert indistinguishable(Contact.FF, rivals(ff=50.0), faces, older=False) == ()
+@pytest.mark.parametrize(
+    ("label", "nats", "kind", "expected"),
+    [
+        # evidence of twenty to one separates
+        (Contact.FF, {"ff": 50.0, "ef": 50.0 - 2.9, "vf": 50.0 - 3.1, "ee": 51.0}, "all", "e-f e-e"),
+        # with unused freedom contained contacts are indistinguishable
+        (Contact.EF, {"ef": 50.0, "fe": 49.0}, "all", "f-e"),
+        (Contact.EF, {"ef": 50.0, "fe": 49.0}, "faces", "f-e v-f f-v e-e free"),
+        (Contact.EF, {"ef": 50.0, "fe": 49.0}, "hinge", "f-f f-e v-f f-v e-e free"),
+        (Contact.FF, {"ff": 50.0}, "faces", ""),
+        # even with high evidence of f-v: an object that only slides may also have an edge on a face
+        (Contact.FV, {"fv": 50.0, "ef": 20.0}, "plane", "e-f v-f e-e free"),
+        (Contact.FV, {"fv": 50.0, "ef": 20.0}, "all", ""),
+    ],
+)
+def test_what_evidence_and_freedom_do_not_separate_is_indistinguishable(label, nats, kind, expected):
+    window = ticks(*kinds_of_motion()[kind][1:])
+    others = indistinguishable(label, rivals(**nats), window, older=False)
+    assert " ".join(other.value for other in others) == expected
 
 
-def test_with_unused_freedom_all_fitting_contacts_are_indistinguishable():
-    """Even with high evidence of f-v: an object that only slides may also have an edge on a face."""
-    competing = rivals(fv=50.0, ef=20.0)
-    window = ticks(*kinds_of_motion()["plane"][1:])
-    found_states = indistinguishable(Contact.FV, competing, window, older=False)
-    assert " ".join(found_states) == "e-f v-f e-e free"
-    window = ticks(*kinds_of_motion()["all"][1:])
-    assert indistinguishable(Contact.FV, competing, window, older=False) == ()
+@pytest.mark.parametrize(("older", "others"), [(True, ()), (False, (Contact.FREE,))])
+def test_rest_keeps_the_information_of_earlier_motion(older, others):
+    rest = ticks(*kinds_of_motion()["rest"][1:])
+    rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.innovation_excess)
+    assert indistinguishable(Contact.VF, rivals(vf=50.0), rest, older) == others
 
 
 @pytest.mark.parametrize(
@@ -283,27 +279,11 @@ def test_residuals_below_the_noise_fit_equally_well(label_rms, rival_rms, fits):
     assert (Contact.FV in found_states) == fits
 
 
-def test_rest_keeps_the_information_of_earlier_motion():
-    rest = ticks(*kinds_of_motion()["rest"][1:])
-    rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.innovation_excess)
-    competing = rivals(vf=50.0)
-    assert indistinguishable(Contact.VF, competing, rest, older=True) == ()
-    assert indistinguishable(Contact.VF, competing, rest, older=False) == (Contact.FREE,)
-
-
-@pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
-def test_contacts_observed_in_all_directions_are_not_ambiguous(contacts):
-    done = segmented(contacts)
-    for one in (*done.segments, done.filtered[-1]):
-        assert one.inseparable == ()
-        assert one.geometry.object.unobserved == one.geometry.environment.unobserved == ()
-
-
 @pytest.mark.parametrize(("contact", "motion"), [(Contact.EF, "one-axis"), (Contact.FE, "translation")])
 def test_the_true_contact_is_among_the_indistinguishable_ones(contact, motion):
-    simulated = simulate(Scenario((Phase(contact, 4.0, motion),)), 1)
+    simulated = simulate(Scenario((Phase(contact, 3.0, motion),)), 1)
     done = segment(simulated.poses, MODEL)
-    for one in (*(s for s in done.segments if s.end_ns - s.start_ns > 2e9), *done.filtered[-10:]):
+    for one in (*(s for s in done.segments if s.end_ns - s.start_ns > 1.5e9), *done.filtered[-10:]):
         assert contact in (one.contact, *one.inseparable)
         assert len(one.inseparable) >= 4
     assert json.loads(json_line(done.filtered[-1]))["inseparable"] == list(done.filtered[-1].inseparable)
@@ -316,31 +296,25 @@ SHIFTS, TURNS = Unobserved("shifts_along", UP), Unobserved("turns_about", UP)
 PARTLY = ContactGeometry(Point(np.zeros(3), None, (SHIFTS,)), Plane(UP, 0.25, None, (TURNS,)))
 
 
-def test_text_names_the_indistinguishable_contacts():
+def test_outputs_name_the_indistinguishable_contacts():
     assert describe(PARTLY, (Contact.FREE,)) == (
         "vertex (0.000 0.000 0.000) m (unobserved: shift along (0.00 0.00 1.00)) on "
         "face normal (0.00 0.00 1.00) at 0.250 m (unobserved: turn about (0.00 0.00 1.00)); or free"
     )
     nothing = ContactGeometry(Line(UP, np.zeros(3), None, (TURNS, TURNS, SHIFTS, SHIFTS)), Plane(UP, 0.0))
     assert describe(nothing).startswith("edge (unobserved) on face normal")
-    assert describe(None, CONTACTS) == "or any other"
-    segments = [Segment(0, 2 * 10**9, Contact.VF, 0.4, PARTLY, (Contact.EF,))]
+    segments = [Segment(0, 2 * 10**9, Contact.VF, 0.4, PARTLY, (Contact.EF, Contact.FREE))]
     segments += [Segment(2 * 10**9, 6 * 10**9, Contact.FREE, 0.4, None)]
     assert list(table(segments, 0))[-1] == "The motion leaves the contact open for 2.00 of 6.00 s."
     *_, both = table(segments, 0, with_wrenches=True)
     assert both == "Motion and wrenches leave the contact open for 2.00 of 6.00 s."
     assert len(list(table(segments[1:], 0))) == 2
-
-
-def test_json_names_the_indistinguishable_contacts():
-    assert PARTLY.to_json()["object"]["unobserved"] == [{"shifts_along": [0.0, 0.0, 1.0]}]
-    assert PARTLY.to_json()["environment"]["unobserved"] == [{"turns_about": [0.0, 0.0, 1.0]}]
     file = io.StringIO(newline="")
     with open_csv(file, "segments", lambda: 0) as append:
-        append([Segment(0, 1, Contact.VF, 0.4, PARTLY, (Contact.EF, Contact.FREE))])
-    (row,) = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
+        append(segments)
+    row, _ = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
     assert row["inseparable"].split() == ["e-f", "free"]
-    assert json.loads(row["geometry"]) == PARTLY.to_json()
+    assert json.loads(row["geometry"])["object"]["unobserved"] == [{"shifts_along": [0.0, 0.0, 1.0]}]
 
 
 def exact_inverse(matrix):
@@ -356,7 +330,7 @@ def exact_inverse(matrix):
     return np.array([row[size:] for row in rows])
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.lists(st.floats(-3.0, 18.0), min_size=5, max_size=5))
 def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digits):
     """Against the inverse of the sum in exact arithmetic."""

@@ -1,22 +1,22 @@
 """Motion along a curved surface is none of the six contacts, and is not reported as free."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from contact_tracker.geometry.elements import Plane
+from contact_tracker.geometry.elements import Origins, Plane
 from contact_tracker.hypotheses import compiled
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking import ambiguity, offline_smoother, segment_fit
+from contact_tracker.tracking import ambiguity, segment_fit
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
-from pose_filter import PoseFilter
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
+from pose_filter import forward
 from restricted_motions import MOTIONS, poses_of
 from short_recordings import MODEL
 
@@ -25,75 +25,55 @@ needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in nu
 
 
 @needs_kernels
-@pytest.mark.parametrize("name", ["vertex on a sphere of 0.2 m", "edge across a cylinder of 0.1 m"])
-def test_curved_contact_is_any_other(name):
-    found = segment(gate(poses_of(MOTIONS[name], np.random.default_rng(1), 10.0)), MODEL)
-    longest = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
-    assert longest.contact is Contact.FREE
-    assert set(longest.inseparable) == set(CONTACTS)
-    assert longest.probability < 0.5
-    assert found.filtered.probability[-20:, FREE].max() < 0.9
-    assert found.beliefs.probability.sum(axis=1) == pytest.approx(1.0)
-
-
-@needs_kernels
 def test_a_rolling_disc_is_not_surely_free():
     """The rim is hard to find in most pieces of the motion; one found in a piece is used in others."""
-    poses = gate(poses_of(MOTIONS["disc of 0.1 m that rolls on a face"], np.random.default_rng(1)))
+    poses = gate(poses_of(MOTIONS["disc of 0.1 m that rolls on a face"], np.random.default_rng(1), 12.0))
     found = segment(poses, MODEL)
     assert np.mean(found.beliefs.probability[20:, FREE] > 0.9) < 0.15
     assert any(set(one.inseparable) == set(CONTACTS) for one in found.segments)
 
 
 @needs_kernels
-def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others():
+def test_curved_motion_is_tested_before_wrenches_decide(monkeypatch):
+    monkeypatch.setattr(segment_fit, "curved_probabilities", lambda window, *_: np.full(len(window), 0.99))
+    poses = gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 3.0))
+    window = RecordedPass.over(list(forward(poses, MODEL))).window(MODEL)
+
+    def fitted(*nats):
+        """With this log evidence of wrenches by state."""
+        evidence = WindowEvidence(np.array(nats), {}) if nats else None
+        ticks = SegmentTicks(window, Contact.FREE, MODEL, EMPTY_MAP, Origins.zero(), evidence)
+        return fit_segments([ticks])[0]
+
+    assert set(fitted().inseparable) == set(CONTACTS)
+    touching = fitted(0.0, 0.0, 0.0, 40.0, 39.0, 0.0, -40.0)
+    assert touching.contact is Contact.VF
+    assert touching.inseparable == (Contact.FV,)
+    assert touching.geometry is None
+    apart = fitted(*[-40.0] * 6, 0.0)
+    assert apart.contact is Contact.FREE
+    assert apart.inseparable == ()
+    assert apart.share[FREE] > 0.9
+
+
+@needs_kernels
+@pytest.mark.parametrize("with_map", [False, True])
+def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(with_map):
     """With one face as surroundings, free motion is as uncertain as without a map."""
     face = known_to(Plane(np.array([0.0, 0.0, 1.0]), -0.6), Accuracy())
-    known_map = Map((NamedElement("table", face),), environment_complete=True)
-    possible = {Contact.FF, Contact.EF, Contact.VF}
-    assert set(known_map.allowed) == possible
-    poses = gate(poses_of(MOTIONS["vertex on a sphere of 0.2 m"], np.random.default_rng(1), 10.0))
+    known_map = Map((NamedElement("table", face),), environment_complete=True) if with_map else EMPTY_MAP
+    possible = {Contact.FF, Contact.EF, Contact.VF} if with_map else set(CONTACTS)
+    assert not with_map or set(known_map.allowed) == possible
+    poses = gate(poses_of(MOTIONS["vertex on a sphere of 0.2 m"], np.random.default_rng(1), 8.0))
     found = segment(poses, MODEL, known_map=known_map)
     longest = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
     assert longest.contact is Contact.FREE
     assert set(longest.inseparable) == possible
     assert longest.probability < 0.5
-    assert found.filtered.probability[-20:, FREE].max() < 0.9
-    one, beliefs = PoseFilter(MODEL, 0.5, known_map), []
-    for pose in poses:
-        beliefs += one.update(pose)
-    assert max(belief.probability[FREE] for belief in beliefs[-20:]) < 0.5
+    assert found.filtered.probability[-20:, FREE].max() < (0.5 if with_map else 0.9)
+    assert found.beliefs.probability.sum(axis=1) == pytest.approx(1.0)
     impossible = [contact.column for contact in CONTACTS if contact not in possible]
     assert not found.beliefs.probability[:, impossible].any()
-
-
-def curved_segment(monkeypatch, wrenches):
-    """The fit of a segment of curved motion with this log evidence of wrenches by state."""
-    poses = gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 4.0))
-    monkeypatch.setattr(segment_fit, "curved_probabilities", lambda window, *_: np.full(len(window), 0.99))
-    evidence = None if wrenches is None else WindowEvidence(np.array(wrenches), {})
-    fits = segment_fit.fit_segments
-
-    def fitted(segments):
-        return fits([replace(one, wrenches=evidence) for one in segments])
-
-    monkeypatch.setattr(offline_smoother, "fit_segments", fitted)
-    found = segment(poses, MODEL)
-    return max(found.segments, key=lambda one: one.end_ns - one.start_ns)
-
-
-@needs_kernels
-def test_curved_motion_is_tested_before_wrenches_decide(monkeypatch):
-    without_evidence = curved_segment(monkeypatch, None)
-    assert set(without_evidence.inseparable) == set(CONTACTS)
-    touching = curved_segment(monkeypatch, [0.0, 0.0, 0.0, 40.0, 39.0, 0.0, -40.0])
-    assert touching.contact is Contact.VF
-    assert touching.inseparable == (Contact.FV,)
-    assert touching.geometry is None
-    apart = curved_segment(monkeypatch, [-40.0] * 6 + [0.0])
-    assert apart.contact is Contact.FREE
-    assert apart.inseparable == ()
-    assert apart.probability > 0.9
 
 
 @needs_kernels

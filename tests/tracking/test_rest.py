@@ -1,19 +1,25 @@
-"""An object at rest: no information, no change of the hypotheses, any contact open, little computation."""
+"""An object at rest and gaps in a stream: no information, any contact open, little computation and memory."""
 
+import tracemalloc
 from functools import cache
 
 import numpy as np
 import pytest
 
-from contact_tracker import hmm
+import as_values
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
+from contact_tracker.map.file import map_from
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid, empty_tick
 from contact_tracker.motion.window import rest_ticks
-from contact_tracker.states import STATES
+from contact_tracker.saved_state import is_same
+from contact_tracker.tracking import forward_pass
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import FilteredTick
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.transition_model import FREE, hazard_exposure, log_initial, tick_transitions
+from contact_tracker.tracking.transition_model import hazard_exposure
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from pose_filter import after as after_tick
 from pose_filter import forward
@@ -114,32 +120,6 @@ def test_a_rest_in_the_middle_is_a_row_of_its_own_and_shows_no_contact():
     assert longer_ns == pytest.approx(rest_s * 1e9, abs=0.3e9)
 
 
-def test_withheld_poses_at_the_end_do_not_change_earlier_beliefs():
-    """Exposure at the last boundary, even of an hour, changes neither earlier posteriors nor the evidence."""
-    ticks = seen(5.0)
-    recorded_pass = RecordedPass.over(ticks[: still(ticks)[-1] + 1])
-    trellis, steps, initial = recorded_pass.trellis, np.array(recorded_pass.change), log_initial(MODEL)
-    posterior, _, evidence = hmm.expect(trellis, initial, steps)
-    withheld = 3600.0 / MODEL.tick_s * hazard_exposure(0.0)
-    steps[-1] = tick_transitions(MODEL, withheld).log_transition
-    # contacts may have lasted, all states may begin, and no data distinguish them
-    *alive, last = trellis.alive
-    *log_likelihood, known = trellis.log_likelihood
-    contact = trellis.state[last] != FREE
-    lasted = (known + tick_transitions(MODEL, withheld).log_survival[trellis.state[last]])[contact]
-    states, count = np.arange(len(STATES)), len(trellis.state)
-    spent = hmm.Trellis(
-        np.append(trellis.state, states),
-        np.append(trellis.onset, np.full_like(states, len(steps) - 1)),
-        [*alive, np.append(last[contact], count + states)],
-        [*log_likelihood, np.append(lasted, np.zeros(len(STATES)))],
-    )
-    loosened, _, same = hmm.expect(spent, initial, steps)
-    assert same == pytest.approx(evidence, abs=1e-9)
-    np.testing.assert_allclose(loosened[:-1], posterior[:-1], atol=1e-9)
-    assert np.abs(loosened[-1] - posterior[-1]).max() > 0.1
-
-
 def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():
     ticks = seen(5.0)
     assert still(ticks)
@@ -150,3 +130,80 @@ def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():
         ):
             np.testing.assert_array_equal(found, expected)
         np.testing.assert_array_equal(state.best_rows, [bank.best_row for bank in state.banks])
+
+
+# --- gaps in a stream: each is tracked for some seconds, tick by tick, in little time and memory ---
+SECOND = 1_000_000_000
+
+
+def with_gaps(count: int, gap_s: float, steady: int = 0) -> Poses:
+    """Poses with a gap before each except the first ``steady`` ones."""
+    poses = recorded(FACE_TO_EDGE).poses[: 10 * count : 10]
+    periods_ns = np.where(np.arange(count) < steady, SECOND // 20, int(gap_s * SECOND))
+    return Poses(np.cumsum(periods_ns), poses.position_m, poses.quat_xyzw)
+
+
+def test_thousands_of_gaps_are_not_all_filled() -> None:
+    """A pair of poses every 5 s: a file of hours, nearly all of whose ticks are empty."""
+    count = 600
+    stamp_ns = (np.arange(count) // 2 * 5 * SECOND) + np.arange(count) % 2 * (SECOND // 50)
+    position_m = 1e-3 * np.cumsum(np.random.default_rng(1).normal(size=(count, 3)), axis=0)
+    poses = Poses(stamp_ns, position_m, np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    ticks = TickGrid(MODEL).add(poses)
+    filled, used = sum(not tick.count for tick in ticks), sum(tick.count > 0 for tick in ticks)
+    assert used == count // 2 - 1
+    assert EMPTY_TICKS < filled <= EMPTY_TICKS + EMPTY_PER_TICK * used
+    whole = TickGrid(MODEL).add(poses[:40])
+    assert sum(not tick.count for tick in whole) == 19 * 49  # the gaps of an ordinary recording are filled
+    grid, one_by_one = TickGrid(MODEL), list[int]()
+    for row in range(count):
+        one_by_one += [tick.stamp_ns for tick in grid.add(poses[row : row + 1])]
+    assert one_by_one == [tick.stamp_ns for tick in ticks]
+
+
+@pytest.mark.parametrize("count", [1, 40, 299, 300, 301])
+def test_a_gap_in_one_step_is_the_same_as_tick_by_tick(count):
+    poses = with_gaps(20, 0.15)
+    ticks = TickGrid(MODEL).add(poses)
+    empty = [
+        empty_tick(ticks[-1], ticks[-1].stamp_ns + i * SECOND // 10, ticks[-1].stamp_ns + i * SECOND // 10)
+        for i in range(1, count + 4)
+    ]
+    one = ContactFilter.start(MODEL)
+    expected = [seen.state for seen in forward_pass.forward([*ticks, *empty], one, Detail.WEIGHTS)]
+    before = expected[-count - 1]
+    assert before.window.innovation_excess.any()
+    holding = ContactFilter(before)
+    assert holding.can_hold
+    holding.hold(count)
+    held, last = holding.state, expected[-1]
+    assert last.deferred_exposure == pytest.approx(held.deferred_exposure)
+    for one, other in zip(held.banks, last.banks, strict=True):  # sums in another order
+        np.testing.assert_allclose(one.words, other.words, rtol=1e-9, atol=1e-9)
+    other_fields = {"banks": (), "belief": None, "deferred_exposure": 0.0}
+    assert is_same(held._replace(**other_fields), last._replace(**other_fields))
+    for name in ("inverse", "displacement_variance"):
+        np.testing.assert_array_equal(getattr(held.window, name), getattr(last.window, name))
+
+
+def test_neither_with_a_lag_nor_with_known_elements_is_a_gap_passed_in_one_step():
+    given = map_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
+    poses = with_gaps(20, 0.15)
+    ticks = TickGrid(MODEL).add(poses)
+    for one in (ContactFilter.start(MODEL, lag_s=0.5), ContactFilter.start(MODEL, known_map=given)):
+        for tick in ticks:
+            one.update(tick)
+            assert not one.can_hold
+
+
+@pytest.mark.long
+def test_trackers_side_by_side_take_little_memory_in_gaps():
+    """Poses of one batch close up to 50 ticks each, in several trackers."""
+    poses = with_gaps(100, 5.0, steady=14)
+    state, _ = as_values.advance(as_values.start(MODEL), poses[:80])
+    assert len(state.filters.filters) > 3
+    tracemalloc.start()
+    as_values.advance(state, poses[80:], Detail.WEIGHTS)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 20e6
