@@ -331,7 +331,9 @@ def test_body_frame_is_rigid_and_random() -> None:
     np.testing.assert_allclose(np.ptp(OBJECTS["cube"], axis=0), 0.2)
 
 
-@pytest.mark.parametrize(("object_name", "surroundings"), zip(OBJECTS, [*SURROUNDINGS, "desk"], strict=True))
+@pytest.mark.parametrize(
+    ("object_name", "surroundings"), [*zip(OBJECTS, [*SURROUNDINGS, "desk"], strict=True)]
+)
 def test_every_shape_can_do_every_contact(object_name: str, surroundings: str) -> None:
     order = (Contact.FF, Contact.FE, Contact.FV, Contact.FE, Contact.EE, Contact.EF, Contact.VF, Contact.FF)
     phases = tuple(Phase(contact, 1.5) for contact in order)
