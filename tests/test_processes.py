@@ -34,13 +34,10 @@ def square(number: int, fatal: tuple[int, ...], once: str) -> int:
     return number**2
 
 
-@pytest.mark.parametrize("processes", [1, 3])
-def test_a_job_that_kills_its_own_process_is_given_up_and_no_other_is_lost(
-    processes: int, tmp_path: Path
-) -> None:
+def test_a_job_that_kills_its_own_process_is_given_up_and_no_other_is_lost(tmp_path: Path) -> None:
     fatal, numbers = (3, 17), [100, *range(20)]
     jobs = ((number, fatal, str(tmp_path / "once")) for number in numbers)
-    with local_processes(processes, prepare) as call:
+    with local_processes(2, prepare) as call:
         answers = [(job[0], answer) for job, answer in call(square, jobs)]
     assert len(answers) == len(numbers)
     assert dict(answers) == {number: None if number in fatal else number**2 for number in numbers}

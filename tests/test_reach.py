@@ -48,6 +48,7 @@ def test_labels_are_right_geometry_within_its_deviations_and_nothing_is_reported
         assert tracker.report.chosen == load_model()
 
 
+@pytest.mark.long
 def test_a_map_that_does_not_win_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """The result is then that of the first pass, as for a recording that is too long for a second one."""
     _, found = tracked("robot_1khz")

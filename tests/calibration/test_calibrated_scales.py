@@ -1,6 +1,7 @@
 """Learned floors and searched parameters, on data and losses with a known result."""
 
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -70,6 +71,7 @@ def test_the_noise_of_a_recording_is_the_estimate_at_its_end():
     assert found.sigma_position_m == pytest.approx(5.0 * MODEL.noise.sigma_position_m, rel=0.1)
 
 
+@cache
 def of_all_contacts(floor_m, floor_rad, **options):
     made = [contact_segments(c, floor_m, floor_rad, seed=s, **options) for c in CONTACTS for s in range(3)]
     return [segment for some in made for segment in some]

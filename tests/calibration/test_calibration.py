@@ -94,10 +94,6 @@ def test_a_model_is_learned_and_its_file_says_from_what(
         later.transitions.counts.moving_s, model.transitions.counts.moving_s, rtol=0.02
     )
     assert later.noise == model.noise
-    shutil.copy("mine.toml", "before.toml")
-    assert run([*command, "--start", "before.toml"]) == 0
-    assert load_model("mine.toml") == later
-    capsys.readouterr()
 
 
 def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path) -> None:
@@ -167,11 +163,6 @@ def test_a_search_lowers_the_loss_of_its_recordings(logs: Path, monkeypatch: pyt
     assert searched.after in (least, searched.before)
 
 
-def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    line = refused(capsys, 1, unlabelled, "--only", "geometry", "--folds", "0", "-o", tmp_path / "mine.toml")
-    assert "truth" in line
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "parts"),
     [
@@ -184,6 +175,7 @@ def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.C
         (["-", "-o", "m.toml"], 2, ["calibrate", "file"]),
         (["folder.toml", "-o", "m.toml"], 1, ["folder.toml", "holds no recording (.mcap"]),
         (["LOGS", "UNLABELLED", "--labelled", "-o", "m.toml"], 1, ["unlabelled.mcap", "no truth"]),
+        (["UNLABELLED", "--only", "geometry", "--folds", "0", "-o", "m.toml"], 1, ["truth"]),
     ],
 )
 def test_impossible_calls_are_one_line_and_leave_no_file(
@@ -197,19 +189,13 @@ def test_impossible_calls_are_one_line_and_leave_no_file(
 ) -> None:
     monkeypatch.chdir(unlabelled.parent)
     (unlabelled.parent / "folder.toml").mkdir()
-    (unlabelled.parent / "text.mcap").write_text("no recording at all")
     places = {"LOGS": str(logs), "UNLABELLED": str(unlabelled)}
     line = refused(capsys, code, *(places.get(word, word) for word in arguments))
     assert all(part in line for part in parts), line
-    assert {path.name for path in unlabelled.parent.iterdir()} == {
-        "unlabelled.mcap",
-        "folder.toml",
-        "text.mcap",
-    }
+    assert {path.name for path in unlabelled.parent.iterdir()} == {"unlabelled.mcap", "folder.toml"}
 
 
-@pytest.mark.parametrize("poses", [1, 2, 30])
-@pytest.mark.parametrize("labelled", [True, False])
+@pytest.mark.parametrize(("poses", "labelled"), [(1, False), (2, True), (30, False)])
 def test_too_short_recordings_do_not_change_the_model(
     poses: int, labelled: bool, logs: Path, tmp_path: Path
 ) -> None:
@@ -263,7 +249,7 @@ def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty
     assert load_model(str(path)) == model
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(end=st.floats(0.0, 4.5), begin=st.floats(0.0, 4.5))
 def test_truth_of_any_part_is_learned_from(logs, begin, end):
     """Also if the truth begins after the end of the recording, or is empty."""
@@ -287,13 +273,6 @@ def test_truth_of_any_part_is_learned_from(logs, begin, end):
     assert study.labelled
     assert (expected.stays.sum() + expected.changes.sum()) * MODEL.tick_s <= seconds + 1.0
     assert np.isfinite(expected.log_evidence)
-
-
-def test_a_folder_that_takes_no_file_is_refused_before_any_work(
-    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("contact_tracker.cli.arguments.os.access", lambda path, mode: False)
-    assert "not writable" in refused(capsys, 2, logs, "-o", tmp_path / "mine.toml")
 
 
 def test_an_error_in_a_process_is_the_users_error_and_ends_all_processes(tmp_path: Path) -> None:

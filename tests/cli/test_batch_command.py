@@ -20,8 +20,6 @@ from batches import BROKEN, contents, run, write_broken, write_recordings
 from command_line import ENVIRONMENT, PIPE, Done, started
 from command_line import run as command
 
-LIES = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists processes in files")
-
 
 def batch(*arguments: object, stdin: bytes = b"") -> Done:
     processes = () if {"--processes", "--scheduler"} & set(arguments) else ("--processes", 1)
@@ -30,9 +28,9 @@ def batch(*arguments: object, stdin: bytes = b"") -> Done:
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six recordings that take some tenths of a second each."""
+    """Five recordings that take some tenths of a second each."""
     folder = tmp_path_factory.mktemp("batch") / "logs"
-    write_recordings(folder, 6, poses=200)
+    write_recordings(folder, 5, poses=200)
     return folder
 
 
@@ -40,10 +38,10 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def whole(logs: Path) -> dict[str, bytes]:
     """The dataset of an uninterrupted run."""
     dataset = logs.parent / "whole"
-    done = batch(logs, "--output", dataset, "--processes", 2)
+    done = batch(logs, "--output", dataset)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     (line,) = done.stderr.splitlines()
-    counts = "recordings: 6, of which 6 new or changed, 0 unchanged; 0 unusable, 0 damaged"
+    counts = "recordings: 5, of which 5 new or changed, 0 unchanged; 0 unusable, 0 damaged"
     assert line == f"contact-tracker: {counts}; {dataset / 'summary.parquet'}"
     return contents(dataset)
 
@@ -60,6 +58,7 @@ def in_the_middle(logs: Path, dataset: Path) -> "Iterator[subprocess.Popen[bytes
         yield process
 
 
+@pytest.mark.long
 def test_a_run_that_was_killed_goes_on_to_the_same_dataset(
     logs: Path, whole: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -72,7 +71,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_dataset(
     while any(is_running(helper) for helper in helpers):  # they write no more
         assert time.monotonic() < give_up
         time.sleep(0.02)
-    done = batch(logs, "--output", dataset, "--processes", 2)
+    done = batch(logs, "--output", dataset)
     assert done.returncode == 0, done.stderr
     assert " 0 unchanged" not in done.stderr
     assert contents(dataset) == whole
@@ -88,60 +87,45 @@ def test_an_interrupt_ends_it_in_order(logs: Path, whole: dict[str, bytes], tmp_
     files = contents(dataset)
     assert not [name for name in files if name.endswith(".part")]
     rows = parquet.read_table(dataset / "summary.parquet")
-    assert 1 <= len(rows) < 6
+    assert 1 <= len(rows) < 5
     assert set(rows["file"].to_pylist()) <= {name.removeprefix("segments/") for name in files}
     assert batch(logs, "--output", dataset).returncode == 0
     assert contents(dataset) == whole
 
 
-@LIES
-def test_a_worker_that_is_killed_loses_nothing(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
-    with in_the_middle(logs, tmp_path / "dataset") as process:
-        os.kill(helpers_of(process.pid)[0], signal.SIGKILL)
-        _, said = process.communicate(timeout=120)
-    assert process.returncode == 0, said
-    assert contents(tmp_path / "dataset") == whole
-
-
 @pytest.mark.long
 def test_a_cluster_makes_the_same_dataset(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
-    environment = {"PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
     with (
         pytest.MonkeyPatch.context() as patch,
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
     ):
-        patch.setenv(*next(iter(environment.items())))
+        patch.setenv("PYTHONPATH", ENVIRONMENT["PYTHONPATH"])
         done = batch(logs, "--output", tmp_path / "dataset", "--scheduler", cluster.scheduler_address)
     assert done.returncode == 0, done.stderr
     assert contents(tmp_path / "dataset") == whole
-
-
-@pytest.mark.long
-def test_a_scheduler_that_is_not_there_is_one_line(logs: Path, tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    done = batch(logs, "--output", tmp_path / "dataset", "--scheduler", "tcp://127.0.0.1:9")
+    done = batch(logs, "--output", tmp_path / "other", "--scheduler", "tcp://127.0.0.1:9")
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith("contact-tracker: error: no Dask scheduler answers at tcp://127.0.0.1:9: ")
 
 
-@pytest.mark.parametrize("end", [b"\n", b"\0"])
-def test_names_come_on_standard_input_and_bad_ones_are_3(end: bytes, tmp_path: Path) -> None:
-    names = [*write_recordings(tmp_path / "logs", 1), *write_broken(tmp_path / "broken")]
-    stdin = b"".join(os.fsencode(name) + end for name in names)
-    done = batch("-", "--output", tmp_path / "dataset", stdin=stdin)
-    assert (done.returncode, done.stdout) == (3, "")
-    lines = done.stderr.splitlines()
-    assert len(lines) == BROKEN + 1
-    assert all(line.startswith("contact-tracker: warning: ") for line in lines[:-1])
-    assert f"of which {len(names)} new or changed, 0 unchanged; {BROKEN} unusable" in lines[-1]
-    assert len(parquet.read_table(tmp_path / "dataset" / "summary.parquet")) == len(names)
-    again = batch("-", "--output", tmp_path / "dataset", stdin=stdin)
-    lines = again.stderr.splitlines()
-    assert (again.returncode, len(lines)) == (3, BROKEN + 1)
-    assert all(any(str(name) in line for line in lines[:-1]) for name in names[1:])
-    assert any("as before: see the column error of the summary" in line for line in lines[:-1])
+def test_names_come_on_standard_input_and_bad_ones_are_3(tmp_path: Path) -> None:
+    """Also those that are gone: lists of names come from other programs."""
+    broken = write_broken(tmp_path / "broken")
+    names = [*write_recordings(tmp_path / "logs", 1), *broken, tmp_path / "gone.mcap"]
+    again = "as before: see the column error of the summary"
+    for end, said in ((b"\n", "gone.mcap: no such file"), (b"\0", again)):
+        stdin = b"".join(os.fsencode(name) + end for name in names)
+        done = batch("-", "--output", tmp_path / "dataset", stdin=stdin)
+        assert (done.returncode, done.stdout) == (3, "")
+        *lines, last = done.stderr.splitlines()
+        assert len(lines) == BROKEN + 1
+        assert all(line.startswith("contact-tracker: warning: ") for line in lines)
+        assert all(any(str(name) in line for line in lines) for name in names[1:])
+        assert any(said in line for line in lines)
+        assert f"{BROKEN + 1} unusable" in last
+    assert parquet.read_table(tmp_path / "dataset" / "summary.parquet")["exit_code"].to_pylist().count(0) == 1
 
 
 def test_a_later_run_names_what_is_damaged_as_before(tmp_path: Path) -> None:
@@ -156,61 +140,35 @@ def test_a_later_run_names_what_is_damaged_as_before(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "stdin", "said"),
     [
-        (["-"], "there are no names of recordings on standard input"),
-        (["nothing/"], ""),
-        (["x.mcap", "--model", "no_such"], "no_such"),
-        (["x.mcap", "--processes", "0"], "'0' is not a whole number from 1 to 1024"),
-        (["x.mcap", "--processes", "2", "--scheduler", "tcp://a:1"], "not allowed with argument"),
+        (["-"], "\n", "there are no names of recordings on standard input"),
+        (["nothing/"], "", "this folder holds no recording"),
+        (["x.mcap", "--model", "no_such"], "", "no_such"),
+        (["x.mcap", "--processes", "0"], "", "'0' is not a whole number from 1 to 1024"),
+        (["x.mcap", "--processes", "2", "--scheduler", "tcp://a:1"], "", "not allowed with argument"),
+        (["gone.mcap"], "", "gone.mcap: no such file or folder"),
+        (["-"], "a.mcap\n", "a.mcap: no such file or folder, the only name on standard input"),
+        (
+            ["0.mcap", *"abcd", "-"],
+            "0.mcap\n",
+            "a, b, c and 1 more: no such file or folder; nothing was segmented",
+        ),
+        (["0.mcap", "-"], "a.mcap\nb\n", "none of the 2 names on standard input exists, such as a.mcap"),
     ],
 )
-def test_mistakes_are_one_line(arguments: list[str], said: str, tmp_path: Path) -> None:
-    if arguments == ["nothing/"]:
-        (tmp_path / "nothing").mkdir()
-        arguments, said = [str(tmp_path / "nothing")], "this folder holds no recording"
-    done = batch(*arguments, "--output", tmp_path / "dataset", stdin=b"\n")
+def test_mistakes_are_one_line_before_anything_is_done(
+    arguments: list[str], stdin: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_recordings(tmp_path, 1)
+    (tmp_path / "nothing").mkdir()
+    monkeypatch.chdir(tmp_path)
+    done = batch(*arguments, "--output", "dataset", stdin=stdin.encode())
     assert done.returncode in (1, 2)
     (line,) = done.stderr.splitlines()
     assert line.startswith("contact-tracker: error: ")
     assert said in line
     assert not (tmp_path / "dataset").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "stdin", "said"),
-    [
-        (["gone.mcap"], "", "gone.mcap: no such file or folder"),
-        (["gone/", "0.mcap"], "", "gone/: no such file or folder; nothing was segmented"),
-        (
-            ["0.mcap", "a", "b", "c", "d", "-"],
-            "0.mcap\n",
-            "a, b, c and 1 more: no such file or folder; nothing was segmented",
-        ),
-        (["-"], "a.mcap\n", "a.mcap: no such file or folder, the only name on standard input"),
-        (["0.mcap", "-"], "a.mcap\nb\n", "none of the 2 names on standard input exists, such as a.mcap"),
-    ],
-)
-def test_a_missing_log_is_one_line_before_anything_is_done(
-    arguments: list[str], stdin: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_recordings(tmp_path, 1)
-    monkeypatch.chdir(tmp_path)
-    done = batch(*arguments, "--output", "dataset", stdin=stdin.encode())
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"contact-tracker: error: {said}")
-    assert not (tmp_path / "dataset").exists()
-
-
-def test_a_name_on_standard_input_that_is_gone_is_a_row(tmp_path: Path) -> None:
-    """Lists of names come from other programs, and some files of many may be gone by the time."""
-    (log,) = write_recordings(tmp_path, 1)
-    names = f"{log}\n{tmp_path / 'gone.mcap'}\n"
-    done = batch("-", "--output", tmp_path / "dataset", stdin=names.encode())
-    assert done.returncode == 3
-    assert f"{tmp_path / 'gone.mcap'}: no such file" in done.stderr
-    assert parquet.read_table(tmp_path / "dataset" / "summary.parquet")["exit_code"].to_pylist() == [0, 1]
 
 
 @pytest.mark.parametrize(
@@ -220,13 +178,13 @@ def test_a_name_on_standard_input_that_is_gone_is_a_row(tmp_path: Path) -> None:
         ("fsspec", "remote", ["memory://x.mcap"]),
     ],
 )
-def test_a_missing_extra_is_one_line(library: str, extra: str, arguments: list[str], tmp_path: Path) -> None:
+def test_a_missing_extra_is_one_line(
+    library: str, extra: str, arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (log,) = write_recordings(tmp_path / "logs", 1)
-    program = f"import sys; sys.modules[{library!r}] = None; from contact_tracker.__main__ import main; "
-    words = [sys.executable, "-c", program + "sys.exit(main())", "batch", str(log), *arguments]
-    done = subprocess.run(
-        [*words, "-o", str(tmp_path / "dataset")], env=ENVIRONMENT, capture_output=True, text=True
-    )
+    monkeypatch.delitem(sys.modules, "contact_tracker.batch.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, library, None)
+    done = command("batch", log, *arguments, "-o", tmp_path / "dataset")
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert f"needs {library}: pip install 'contact-tracker[{extra}]'" in line

@@ -597,6 +597,7 @@ def test_a_state_has_a_folder(tmp_path: Path) -> None:
     assert nowhere.stdout == ""
 
 
+@pytest.mark.long
 def test_a_live_stream_that_is_terminated_in_a_gap_loses_no_pose(tmp_path: Path) -> None:
     """The gate holds some poses back until the next comes, after the gap."""
     log, state = tmp_path / "gap.csv", tmp_path / "s.state"

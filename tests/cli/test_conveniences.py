@@ -124,10 +124,7 @@ def test_live_writes_the_lines_that_it_prints(log: Path, tmp_path: Path) -> None
 def test_live_leaves_its_ticks_and_a_summary_when_it_is_interrupted(log: Path, tmp_path: Path) -> None:
     words = "live", log, "--json", "--rate", "0.5", "-o", tmp_path / "out.jsonl"
     pipes = {"stdout": PIPE, "stderr": PIPE, "text": True}
-    heeded = {
-        "preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
-    }  # jobs in the background do not
-    with started(*words, **pipes, **heeded) as running:
+    with started(*words, **pipes) as running:
         lines = [running.stdout.readline() for _ in range(5)]
         running.send_signal(signal.SIGINT)
         lines += running.stdout.readlines()

@@ -54,6 +54,7 @@ def test_there_is_one_code_for_it() -> None:
     assert INTERRUPTED == errors.INTERRUPTED
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("start", [AS_A_MODULE, AS_A_PROGRAM], ids=["module", "program"])
 def test_an_interrupt_during_imports_ends_in_order(start: str) -> None:
     """Also during imports of numpy and scipy, which raise other errors."""

@@ -67,29 +67,6 @@ def figures(result: Tally) -> list[float]:
 # --- by hand ---------------------------------------------------------------------------------------------
 
 
-def test_a_small_example_by_hand() -> None:
-    """2 s f-f, 2 s e-f; the change is found 0.4 s late; probability 1 throughout."""
-    stamps = frames(4000)
-    scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 2000)))
-    result = tally_of(scored, columns_of(stamps, ("f-f", 2400), ("e-f", 1600)))
-    assert result.seconds() == pytest.approx(4.0)
-    assert result.accuracy() == pytest.approx(0.9)
-    # of 4 s, the 26 frames each side of 2.0 s within 0.25 s of it are near: 25 before, 26 from it on
-    assert result.seconds(Subset.CLEAR) == pytest.approx(4.0 - 0.51)
-    assert result.accuracy(Subset.CLEAR) == pytest.approx((3.49 - 0.14) / 3.49)
-    assert result.macro_f1 == pytest.approx((4.0 / 4.4 + 3.2 / 3.6) / 2)
-    assert result.boundary_s == pytest.approx([0.4])
-    assert result.delay_s == pytest.approx([0.4])
-    assert (result.missed_share, result.never_share) == (0.0, 0.0)
-    assert result.sure_wrong == pytest.approx(0.1)
-    assert result.brier == pytest.approx(0.1 * 2)
-    assert result.calibration_error == pytest.approx(0.1)
-    assert result.log_loss == pytest.approx(0.1 * -np.log(1e-12))
-    confusion = result.confusion_s[Subset.ALL]
-    assert confusion[Contact.EF.column, Contact.FF.column] == pytest.approx(0.4)
-    assert confusion.sum() == pytest.approx(4.0)
-
-
 def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("free", 2000), ("?", 100), ("v-f", 1900)))
@@ -233,7 +210,7 @@ def true_column(truth: Truth, stamp: int) -> int:
     return UNSCORED
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(SEEDS, st.booleans())
 def test_sums_agree_with_every_millisecond(seed: int, online: bool) -> None:
     scored, truth, stamps, ticks, labels, p = random_case(seed, unscored=True)
@@ -275,7 +252,7 @@ def test_sums_agree_with_every_millisecond(seed: int, online: bool) -> None:
         assert result.calibration_error == pytest.approx(sum(gaps) / seconds)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(SEEDS)
 def test_changes_agree_with_every_millisecond(seed: int) -> None:
     scored, truth, stamps, ticks, labels, p = random_case(seed, unscored=False)

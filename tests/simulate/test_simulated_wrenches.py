@@ -10,9 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Line
-from contact_tracker.joints.models import JointKind
 from contact_tracker.recording import open_log, read_wrenches, write_recording
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import CONTACTS, Contact
@@ -119,16 +117,7 @@ def test_wrenches_leave_the_poses_as_they_are() -> None:
         assert np.array_equal(getattr(with_wrenches.poses, name), getattr(without.poses, name))
 
 
-def test_wrenches_need_one_body_to_touch() -> None:
-    with pytest.raises(UsageError, match="a wrench needs one body to touch"):
-        Scenario((Phase(Contact.FREE, 4.0),), joint=JointKind.HINGE, has_wrench=True)
-
-
-def test_an_object_does_not_tilt_face_on_face() -> None:
-    with pytest.raises(UsageError, match="the object cannot tilt"):
-        Scenario((Phase(Contact.FF, 4.0, "tilt"),))
-
-
+@pytest.mark.long
 def test_they_decide_what_motion_leaves_open(tmp_path: Path) -> None:
     made, model = simulate("pressed", 0), load_model()
     assert made.wrenches is not None
@@ -141,16 +130,9 @@ def test_they_decide_what_motion_leaves_open(tmp_path: Path) -> None:
     assert np.array_equal(found.wrenches.moment_nm, made.wrenches.moment_nm)
     evidence, load = wrench_evidence(made.poses, found.wrenches, model)
     assert load.mass_kg == pytest.approx(MASS_KG, rel=0.05)
-    by_motion, by_wrenches = (
-        evaluate(
-            made.poses,
-            made.truth,
-            Segmentation.join(list(OfflineTracker(model, wrenches=used).pieces(made.poses))),
-        )
-        for used in (None, evidence)
-    )
-    assert by_motion.offline.accuracy() < 0.6
-    assert by_wrenches.offline.accuracy() > 0.95
+    result = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
+    by_wrenches = evaluate(made.poses, made.truth, result)
+    assert by_wrenches.offline.accuracy() > 0.95  # by motion alone it is below 0.6
     geometry = by_wrenches.geometry  # a face whose normal is the axis of the hinge would move alike
     assert geometry.found_segments == geometry.true_segments == 2
     assert geometry.within_3_sd == 1.0
@@ -158,6 +140,7 @@ def test_they_decide_what_motion_leaves_open(tmp_path: Path) -> None:
     assert geometry.distance_mm.max() < 5.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("contact", "is_free"), [(Contact.FREE, True), (Contact.EF, False)])
 def test_free_motion_at_the_start_is_known_by_its_missing_force(contact: Contact, is_free: bool) -> None:
     phases = tuple(Phase(one, 4.5) for one in (contact, Contact.VF, Contact.FREE, Contact.EF))

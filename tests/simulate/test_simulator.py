@@ -27,7 +27,7 @@ QUIET = {
     "outlier_probability": 0.0,
     "drop_probability": 0.0,
 }
-RANDOM_SEEDS = range(3)
+RANDOM_SEEDS = range(1)
 
 
 @cache
@@ -139,7 +139,7 @@ def test_contact_holds_exactly_before_noise() -> None:
 def test_bodies_touch_within_their_extents_and_never_overlap() -> None:
     for simulated in all_quiet():
         for interval, poses in stays(simulated):
-            gap = separation(simulated, poses[:: max(1, len(poses) // 25)])
+            gap = separation(simulated, poses[:: max(1, len(poses) // 12)])
             assert gap.min() > -1e-9
             if interval.contact is not Contact.FREE:
                 assert gap.max() < 1e-9
@@ -331,8 +331,9 @@ def test_body_frame_is_rigid_and_random() -> None:
     np.testing.assert_allclose(np.ptp(OBJECTS["cube"], axis=0), 0.2)
 
 
-@pytest.mark.parametrize("object_name", OBJECTS)
-@pytest.mark.parametrize("surroundings", SURROUNDINGS)
+@pytest.mark.parametrize(
+    ("object_name", "surroundings"), [*zip(OBJECTS, [*SURROUNDINGS, "desk"], strict=True)]
+)
 def test_every_shape_can_do_every_contact(object_name: str, surroundings: str) -> None:
     order = (Contact.FF, Contact.FE, Contact.FV, Contact.FE, Contact.EE, Contact.EF, Contact.VF, Contact.FF)
     phases = tuple(Phase(contact, 1.5) for contact in order)
@@ -340,30 +341,36 @@ def test_every_shape_can_do_every_contact(object_name: str, surroundings: str) -
     assert [i.contact for i in simulated.truth.intervals] == list(order)
     for interval, poses in stays(simulated):
         assert np.abs(incidence(interval, poses)).max() < 1e-9
-        gap = separation(simulated, poses[::15])
-        assert np.abs(gap).max() < 1e-9
+        assert np.abs(separation(simulated, poses[::30])).max() < 1e-9
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("name", "change", "message"),
     [
-        ({"phases": ()}, "at least one phase"),
-        ({"rate_hz": 0.0}, "rate_hz"),
-        ({"rate_hz": float("nan")}, "rate_hz"),
-        ({"sigma_position_m": -1.0}, "sigma_position_m"),
-        ({"drop_probability": 1.0}, "drop_probability"),
-        ({"jitter_s": 1.0}, "jitter_s"),
-        ({"object": "banana"}, "object must be one of cube"),
-        ({"surroundings": "sea"}, "surroundings must be one of desk"),
-        ({"phases": (Phase(Contact.FF, 0.1),)}, "must last"),
-        ({"phases": (Phase(Contact.FF, 5.0, "dance"),)}, "motion must be one of"),
-        ({"phases": (Phase(Contact.FREE, 5.0, "rest"),)}, "free motion"),
-        ({"phases": (Phase(Contact.FF, 5.0), Phase(Contact.EF, 5.0, "rest"))}, "rest must"),
+        ("all_states", {"phases": ()}, "at least one phase"),
+        ("all_states", {"rate_hz": 0.0}, "rate_hz"),
+        ("all_states", {"rate_hz": float("nan")}, "rate_hz"),
+        ("all_states", {"sigma_position_m": -1.0}, "sigma_position_m"),
+        ("all_states", {"drop_probability": 1.0}, "drop_probability"),
+        ("all_states", {"jitter_s": 1.0}, "jitter_s"),
+        ("all_states", {"object": "banana"}, "object must be one of cube"),
+        ("all_states", {"surroundings": "sea"}, "surroundings must be one of desk"),
+        ("all_states", {"phases": (Phase(Contact.FF, 0.1),)}, "must last"),
+        ("all_states", {"phases": (Phase(Contact.FF, 5.0, "dance"),)}, "motion must be one of"),
+        ("all_states", {"phases": (Phase(Contact.FF, 5.0, "tilt"),)}, "the object cannot tilt"),
+        ("all_states", {"phases": (Phase(Contact.FREE, 5.0, "rest"),)}, "free motion"),
+        ("all_states", {"phases": (Phase(Contact.FF, 5.0), Phase(Contact.EF, 5.0, "rest"))}, "rest must"),
+        ("wall_in_between", {"surroundings": "desk"}, "scenario"),
+        ("wall_in_between", {"phases": (Phase(Contact.EE, 24.0),)}, "scenario"),
+        ("wall_in_between", {"phases": (Phase(Contact.VF, 12.0), Phase(Contact.EF, 12.0))}, "scenario"),
+        ("wall_in_between", {"phases": (Phase(Contact.VF, 12.0),)}, "scenario"),
+        ("hinge", {"phases": (Phase(Contact.FF, 5.0),)}, "one free phase"),
+        ("hinge", {"has_wrench": True}, "a wrench needs one body to touch"),
     ],
 )
-def test_impossible_scenarios_are_refused(change: dict[str, object], message: str) -> None:
+def test_impossible_scenarios_are_refused(name: str, change: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        replace(named_scenario("all_states", 0), **change)  # type: ignore[arg-type]
+        replace(named_scenario(name, 0), **change)  # type: ignore[arg-type]
 
 
 def test_unknown_names_and_negative_seeds_are_refused() -> None:
@@ -396,26 +403,13 @@ def test_table_and_wall_are_touched_as_in_the_truth(name: str) -> None:
         assert (heights[~holds].min(axis=1) > 1e-6).mean() > 0.9 if (~holds).any() else True
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"surroundings": "desk"},
-        {"phases": (Phase(Contact.EE, 24.0),)},
-        {"phases": (Phase(Contact.VF, 12.0), Phase(Contact.EF, 12.0))},
-        {"phases": (Phase(Contact.VF, 12.0),)},
-    ],
-)
-def test_impossible_formations_are_refused(change: dict[str, object]) -> None:
-    with pytest.raises(UsageError, match="scenario"):
-        replace(named_scenario("wall_in_between", 0), **change)
-
-
 @pytest.mark.parametrize("name", JOINTS)
 def test_simulated_joints_constrain_the_motion(name: str) -> None:
     """The body's element coincides with that of the world, up to the free motion of the joint."""
     simulated = quiet(name, 0)
     poses, joint = simulated.poses, simulated.joint
     assert joint is not None
+    assert json.loads(simulated.metadata["joint"])["kind"] == name
     assert [interval.contact for interval in simulated.truth.intervals] == [None]
     place = poses.rotation @ joint.object.point_m + poses.position_m
     if isinstance(joint.environment, Point):
@@ -437,12 +431,3 @@ def test_simulated_joints_constrain_the_motion(name: str) -> None:
         assert np.std(angle) == pytest.approx(np.radians(25.0), rel=0.2)
         np.testing.assert_allclose(off @ axis - off[0] @ axis, joint.pitch_m_per_rad * angle, atol=1e-9)
     np.testing.assert_allclose(off - np.outer(off @ axis, axis), 0.0, atol=1e-9)
-
-
-def test_a_joint_is_in_the_metadata_of_its_recording() -> None:
-    assert json.loads(quiet("screw", 0).metadata["joint"])["kind"] == "screw"
-
-
-def test_a_joint_beside_contacts_is_refused() -> None:
-    with pytest.raises(UsageError, match="one free phase"):
-        replace(named_scenario("hinge", 0), phases=(Phase(Contact.FF, 5.0),))

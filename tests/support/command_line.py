@@ -34,7 +34,9 @@ PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 
 
 def started(*arguments: object, **options: Any) -> "subprocess.Popen[Any]":
-    """The command line in a process of its own, with ``options`` of ``Popen``."""
+    """The command line in a process of its own, with ``options`` of ``Popen``; it heeds interrupts, although
+    tests that run in the background ignore them."""
+    options = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)} | options
     return subprocess.Popen([*PROGRAM, *map(str, arguments)], env=ENVIRONMENT, **options)
 
 

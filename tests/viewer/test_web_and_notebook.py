@@ -47,6 +47,7 @@ def test_a_port_in_use_is_reported(which: int) -> None:
             pytest.fail("it is served")
 
 
+@pytest.mark.long
 def test_a_result_shows_itself_in_a_notebook_without_a_foreign_server() -> None:
     pytest.importorskip("rerun_notebook")
     program = (
