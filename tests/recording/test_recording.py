@@ -22,7 +22,6 @@ from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import (
-    Follow,
     PoseLog,
     list_sources,
     open_log,
@@ -465,7 +464,7 @@ def test_a_body_whose_parent_changes_is_never_lost_silently(tmp_path: Path) -> N
     path = str(write_log(tmp_path / "x.mcap", [Topic("/tf", TF, rows)]))
     with pytest.raises(AmbiguousSource, match=r"/tf map->box .*; /tf world->box "):
         Poses.collect(open_log(path, frame="box"))
-    log = open_log(path, frame="map->box", follow=Follow())
+    log = open_log(path, frame="map->box", count_late=True)
     assert_same(Poses.collect(log), early)
     assert log.counts == {"other_source": 50}
 
@@ -480,7 +479,7 @@ def test_a_source_that_comes_late_has_to_be_chosen_or_is_counted(tmp_path: Path,
     for read in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
         with pytest.raises(AmbiguousSource, match=r"/p a .*; /p b "):
             read(open_log(path))
-        log = open_log(path, follow=Follow())
+        log = open_log(path, count_late=True)
         assert_same(read(log), early)
         assert log.counts == {"other_source": 50}
         assert [source.frames for source in log.late_sources] == ["b"]

@@ -231,6 +231,7 @@ def open_log(
     topic: str | None = None,
     frame: str | None = None,
     follow: Follow | None = None,
+    count_late: bool = False,
     relative_to: str | None = None,
     table: TableReading = AS_NAMED,
 ) -> PoseLog:
@@ -242,8 +243,9 @@ def open_log(
     topic : take poses from this topic only, ``/topic:TYPE`` where it has several types.
     frame : take poses of this frame only: ``parent->child``, the child, or, for types without child, the
         header's frame. Where nothing is published from parent to child, transforms between them are composed.
-    follow : continue reading while the file grows, until it is finished or ``follow.stop()`` is called. Poses
-        of a matching source that appears later are counted then; else iteration ends with AmbiguousSource.
+    follow : continue reading while the file grows, until it is finished or ``follow.stop()`` is called.
+    count_late : whether poses of a matching source that appears later are counted, as they are with
+        ``follow``; else iteration ends with AmbiguousSource.
     relative_to : a frame, or another body (its topic, or its name in a file of several), in which poses are
         given instead of the header's frame.
     table : what the columns of a table are, or the field of messages with the poses, where names and types do
@@ -264,6 +266,7 @@ def open_log(
     wanted = ChannelFilter(topic, table, is_chain, relative_to)
     reading = Reading(path, wanted, follow, table)
     decoder, items = reading.decoder, iter(reading)
+    count_late = count_late or follow is not None
     known = {} if follow else peek(path, wanted, table.field)
     all_known = dict(known)
     head: list[RawMessage | Rows] = []
@@ -277,7 +280,7 @@ def open_log(
                 source = replace(source, messages=messages_by_topic(path).get(source.topic))
             note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
             prefix = known[source]
-            return PoseLog(source, reading, logged, prefix, frame, follow is not None, None, note)
+            return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
         found = _chain(path, all_known, fitting, frame, relative_to)
         if found is not None:
             steps, source = found
@@ -286,7 +289,7 @@ def open_log(
             if not reading.is_table:
                 composer.learn(all_known)
             prefix, logged = all_known[steps[steps.body].source], composer.compose(logged)
-            return PoseLog(source, reading, logged, prefix, None, follow is not None, composer)
+            return PoseLog(source, reading, logged, prefix, None, count_late, composer)
         more = take_prefix(items)
         head = [*head, *more] if is_chain else more
         if is_chain:
