@@ -19,9 +19,9 @@ from contact_tracker.motion.pose_validation import (
 )
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
-from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, assumption_text
+from contact_tracker.recording.decoding import LoggedPose, assumption_text
 from contact_tracker.recording.items import BUFFER_BYTES, PoseSource, RawMessage, Rows
-from contact_tracker.recording.reading import STDIN, Reading, size_budget
+from contact_tracker.recording.reading import STDIN, Reading
 from contact_tracker.recording.sources import (
     ChannelFilter,
     Logged,
@@ -244,8 +244,8 @@ def open_log(
     frame : take poses of this frame only: ``parent->child``, the child, or, for types without child, the
         header's frame. Where nothing is published from parent to child, transforms between them are composed.
     follow : continue reading while the file grows, until it is finished or ``follow.stop()`` is called.
-    count_late : whether, with ``follow``, poses of a matching source that appears later are counted; else
-        iteration ends with AmbiguousSource.
+    count_late : whether poses of a matching source that appears later are counted, as they are with
+        ``follow``; else iteration ends with AmbiguousSource.
     relative_to : a frame, or another body (its topic, or its name in a file of several), in which poses are
         given instead of the header's frame.
     table : what the columns of a table are, or the field of messages with the poses, where names and types do
@@ -266,8 +266,8 @@ def open_log(
     wanted = ChannelFilter(topic, table, is_chain, relative_to)
     reading = Reading(path, wanted, follow, table)
     decoder, items = reading.decoder, iter(reading)
-    known = {} if follow else poses_by_source(peek(path, wanted), decoder)
     count_late = count_late or follow is not None
+    known = {} if follow else peek(path, wanted, table.field)
     all_known = dict(known)
     head: list[RawMessage | Rows] = []
     head_poses = head_bytes = 0
@@ -333,8 +333,7 @@ def _note(
     sources = set(known)
     if follow is None:
         with suppress(NoPoses, MissingExtra):
-            messages = peek(path, ChannelFilter(None, with_transforms=True))
-            sources |= poses_by_source(messages, MessageDecoder(size_budget(path))).keys()
+            sources |= peek(path, ChannelFilter(None, with_transforms=True)).keys()
     return moving_parent_note(sources, source)
 
 
@@ -348,12 +347,14 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
     """
     wanted = ChannelFilter(None, table)
     try:
-        messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted, table=table)))
+        known = peek(path, wanted, table.field)
     except NoPoses:
         return []
+    if not known:
+        reading = Reading(path, wanted, table=table)
+        known = poses_by_source(take_prefix(iter(reading)), reading.decoder)
     counts = messages_by_topic(path)
-    sources = sorted(poses_by_source(messages, MessageDecoder(size_budget(path), table.field)))
-    return [replace(source, messages=counts.get(source.topic)) for source in sources]
+    return [replace(source, messages=counts.get(source.topic)) for source in sorted(known)]
 
 
 def _explain(

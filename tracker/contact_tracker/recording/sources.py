@@ -44,7 +44,7 @@ from contact_tracker.recording.items import (
     Rows,
 )
 from contact_tracker.recording.mcap_file import RecordLoop, channel_of, place_of, summary_of
-from contact_tracker.recording.reading import parts_of
+from contact_tracker.recording.reading import parts_of, size_budget
 from contact_tracker.suggestions import suggestion
 
 PREFIX_NS: Final = 1_000_000_000
@@ -231,8 +231,9 @@ def may_be_step(channel: Channel, relative_to: str | None) -> bool:
     return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
 
 
-def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
-    """The prefix of each wanted channel in an index; reads only the chunks that have its first messages.
+def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[PoseSource, list[Logged]]:
+    """The sources on the wanted channels of an index, with the poses in the prefix of each; reads only the
+    chunks that have its first messages. ``field`` is the path to poses in messages of other types.
 
     Raises
     ------
@@ -256,7 +257,7 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
         read_channels.update(message.channel for message in found)
     if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
         raise wanted.nothing_found(path)
-    return messages
+    return poses_by_source(messages, MessageDecoder(size_budget(path), field))
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:

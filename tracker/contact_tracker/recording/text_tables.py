@@ -91,7 +91,7 @@ class TextTable:
         return open(self._path, encoding=self._encoding, errors="replace")
 
     def _rows(self) -> Iterator[list[str]]:
-        layout, count, last = self.layout, 0, list[str]()
+        layout, separator, count, last = self.layout, self.layout.separator, 0, list[str]()
         places, width = layout.places, max(layout.places) + 1
         with self._opened() as file:
             for line in islice(_lines(file), layout.skip, None):
@@ -101,7 +101,7 @@ class TextTable:
                     if layout.kind == "Vicon":
                         return  # the end of a section
                     continue
-                cells = self._cells(line)
+                cells = self._json_cells(line) if layout.names else _cells_of(line, separator)
                 if line[-1] != "\n" and len(line) < _LINE and last and _is_cut(last, cells):
                     self.damage = (_CUT_OFF,)
                     return
@@ -117,9 +117,7 @@ class TextTable:
                     count += 1
                     yield row
 
-    def _cells(self, line: str) -> list[str]:
-        if not self.layout.names:
-            return _cells_of(line, self.layout.separator)
+    def _json_cells(self, line: str) -> list[str]:
         try:
             fields = _fields_of(line)
         except ValueError:
