@@ -15,7 +15,7 @@ BACKGROUND = (25, 28, 33)
 TRAIL_S = 4.0
 LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
-_MOTION = "Speed at the touching point"
+_MOTION = "Slip at the touching point (m/s)"
 _PAPER = "Paper's objectives, windows of 500 poses (normalised)"
 
 
@@ -115,6 +115,6 @@ def _plot(
         origin=entity,
         name=name,
         axis_x=rrb.TimeAxis(view_range=time_range),
-        axis_y=rrb.ScalarAxis(range=None if top is None else (0.0, top)),
+        axis_y=None if top is None else rrb.ScalarAxis(range=(0.0, top)),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
     )
