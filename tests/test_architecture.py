@@ -40,7 +40,12 @@ LAYERS = (
     ("batch",),
     ("cli", "api"),
 )
-LAB_LAYERS = (("simulate", "evaluation"), ("calibration",), ("cli", "trace_tick"))
+LAB_LAYERS = (
+    ("simulate", "evaluation"),
+    ("calibration",),
+    ("benchmark",),
+    ("cli", "trace_tick", "sensitivity"),
+)
 """Of the second package, which imports any of the first one; the first one imports none of it."""
 FIRST_EDGE_LAYER = LAYERS.index(("with_wrenches",)) + 1
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
@@ -63,8 +68,9 @@ SINGLE_IMPORTER = {
     "plotly": "exports/report_html.py",
     "pyarrow": ("exports/parquet.py", "recording/binary_tables.py"),  # output and input
     "shtab": "cli/main.py",
-    "tqdm": "cli",
-    "argparse": "cli",
+    "ruptures": "benchmark/bic.py",
+    "tqdm": ("cli", "benchmark/runner.py"),
+    "argparse": ("cli", "benchmark/runner.py", "benchmark/benchmark.py", "sensitivity.py"),
     "distributed": "batch/cluster.py",
     "fsspec": "batch/remote.py",
 }

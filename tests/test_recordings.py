@@ -9,7 +9,9 @@ import pytest
 from contact_tracker.cli.main import run
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_metadata, read_truth
+from contact_tracker.recording import open_log, read_metadata, read_truth, write_recording
+from long_logs import write_long_log
+from mcap_logs import smooth_poses
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
 COMMAND = re.compile(r"^contact-tracker (simulate (\w+) +--seed \d+ -o) recordings/(\w+\.mcap)$", re.M)
@@ -72,3 +74,17 @@ def test_committed_recordings_are_reproduced_by_their_commands(name: str, tmp_pa
     described = read_metadata(str(committed))["recording"]
     assert described["scenario"] == name.removesuffix(".mcap")
     assert set(described) == set(read_metadata(str(made))["recording"])
+
+
+def test_a_long_log_plays_forward_and_backward_at_the_same_rate(tmp_path: Path) -> None:
+    """As the benchmark of speed takes it."""
+    write_recording(str(tmp_path / "short.mcap"), smooth_poses(60, rate_hz=100.0), None, {})
+    short = poses_of(tmp_path / "short.mcap")
+    opened = open_log(str(write_long_log(tmp_path / "short.mcap", 3.0, tmp_path / "long.mcap")))
+    long = Poses.collect(opened)
+    assert len(long) == 300
+    assert not opened.counts
+    assert set(np.diff(long.stamp_ns)) == {10_000_000}
+    row = np.abs((np.arange(300) + 59) % 118 - 59)
+    np.testing.assert_array_equal(long.position_m, short.position_m[row])
+    np.testing.assert_array_equal(long.quat_xyzw, short.quat_xyzw[row])

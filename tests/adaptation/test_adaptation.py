@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 import as_values
 from contact_tracker import hmm, segmenting
@@ -21,8 +22,7 @@ from contact_tracker.adaptation.comparison import (
     mixture,
     relative_evidence,
 )
-from contact_tracker.adaptation.filter_bank import RATIO_POSES
-from contact_tracker.adaptation.rest import LASTING_TICKS, SPAN_TICKS, is_moving
+from contact_tracker.adaptation.filter_bank import LASTING_TICKS, RATIO_POSES, SPAN_TICKS, is_moving
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.lifted_pose import T, lift
@@ -180,6 +180,20 @@ def test_a_stream_may_end_before_its_rate_is_known_and_continue_after_its_end() 
         assert min(b.stamp_ns for b in more) > poses.stamp_ns[count - 1]
     assert as_values.finish(as_values.start(MODEL))[1] == []
     assert as_values.start(MODEL).report is None
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.2])
+def test_no_tick_is_answered_twice_where_the_other_filters_begin(lag_s: float) -> None:
+    """Ticks that were complete before their last pose was used are closed already."""
+    poses = recorded(FACE_TO_EDGE).poses
+    for count in (20, 40, RATIO_POSES - 1, RATIO_POSES + 10):
+        gate, state, beliefs = PoseGate(), Tracker.start(MODEL, lag_s), list[Belief]()
+        for pose in poses[:count]:
+            beliefs += state.update(gate.arrive(pose))
+        beliefs += [*state.update(gate.end()), *state.finish()]
+        stamps_ns = [one.stamp_ns for one in beliefs]
+        assert stamps_ns == sorted(set(stamps_ns))
+        assert stamps_ns[-1] == poses.stamp_ns[count - 1]
 
 
 def test_evidence_is_that_of_all_paths() -> None:
@@ -447,3 +461,37 @@ def test_ticks_go_out_in_time_while_poses_are_held() -> None:
     assert counts.count(0.0) >= 18
     assert gate.counts["excursion"] == 200
     assert gate.counts["long_excursion"] == 1
+
+
+@pytest.mark.long
+@needs_kernels
+def test_in_bursts_of_poses_the_noise_is_decided_as_well() -> None:
+    """Most ticks are in gaps there; those with frames show the motion."""
+    rng, time_s = np.random.default_rng(3), np.cumsum(np.tile([0.05, 0.05, 1.0], 220))
+    still = np.zeros_like(time_s)
+    place = 0.1 * np.array([np.sin(0.5 * time_s), np.cos(0.3 * time_s), 0.2 * np.sin(0.2 * time_s)]).T
+    turn = np.array([still, 0.2 * np.sin(0.4 * time_s), 0.3 * np.sin(0.3 * time_s)]).T
+    off = 2e-4 * rng.normal(size=(2, len(time_s), 3))
+    quat = Rotation.from_rotvec(turn) * Rotation.from_rotvec(off[1])
+    poses = Poses((time_s * 1e9).astype(np.int64), place + off[0], quat.as_quat())
+    state, _ = as_values.advance(as_values.start(MODEL), poses[:100])
+    assert len(state.filters.filters) > 3
+    state, _ = as_values.advance(state, poses[100:])
+    assert len(state.filters.filters) < 3
+    assert state.filters.moved_s > 5.0
+
+
+@needs_kernels
+def test_poses_too_far_apart_for_any_evidence_are_followed_by_one_tracker() -> None:
+    """Hours of poses five seconds apart fit in a small file; none of them decides between trackers."""
+
+    def slow(position_m: np.ndarray, period_s: float) -> Poses:
+        stamp_ns = np.arange(len(position_m)) * int(1e9 * period_s)
+        return Poses(stamp_ns, position_m, np.tile([0.0, 0.0, 0.0, 1.0], (len(position_m), 1)))
+
+    steps = np.random.default_rng(4).normal(size=(300, 3))
+    state, _ = as_values.advance(as_values.start(MODEL), slow(0.01 * np.cumsum(steps, axis=0), 5.0))
+    assert state.is_decided
+    assert not state.checks.conventions.found
+    state, _ = as_values.advance(as_values.start(MODEL), slow(np.zeros((100, 3)), 1.25))
+    assert len(state.filters.filters) > 3

@@ -16,7 +16,6 @@ from contact_tracker import ContactTrackerWarning, Trajectory
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import (
     AmbiguousSource,
-    InvalidPose,
     KnowledgeError,
     MissingExtra,
     ModelError,
@@ -25,11 +24,9 @@ from contact_tracker.errors import (
     UnreadableRecording,
     UsageError,
 )
-from contact_tracker.motion.pose_validation import PoseGate, gate
+from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import WRENCH_TYPE, write_recording
-from contact_tracker.segmenting import segment as segment_inside
-from contact_tracker.with_wrenches import NoLoad
 from contact_tracker.wrenches.wrenches import Wrenches
 from mcap_logs import Topic, header, poses_topic, smooth_poses, transform, wrench_stamped, write_log
 from short_recordings import FACE_TO_EDGE, recorded
@@ -85,25 +82,32 @@ def test_a_recording_is_read_as_the_command_reads_it(log: Path, poses: Poses) ->
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1)])
-def test_stamps_may_have_any_unit(poses: Poses, unit: str, factor: int) -> None:
-    whole = (poses.stamp_ns - poses.stamp_ns[0]) / factor
-    trajectory = Trajectory.from_arrays(whole, poses.position_m, poses.quat_xyzw, unit=unit)
-    np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns - poses.stamp_ns[0])
+def test_stamps_may_have_any_unit(unit: str, factor: int) -> None:
+    few = smooth_poses(30)
+    whole = (few.stamp_ns - few.stamp_ns[0]) / factor
+    trajectory = Trajectory.from_arrays(whole, few.position_m, few.quat_xyzw, unit=unit)
+    np.testing.assert_array_equal(trajectory.stamp_ns, few.stamp_ns - few.stamp_ns[0])
 
 
-def test_quaternions_may_start_with_w_and_dates_are_stamps(poses: Poses) -> None:
-    dates = poses.stamp_ns.astype("datetime64[ns]")
-    trajectory = Trajectory.from_arrays(dates, poses.position_m, poses.quat_xyzw[:, WXYZ], order="wxyz")
-    np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns)
-    np.testing.assert_allclose(trajectory.quat_xyzw, poses.quat_xyzw, atol=1e-15)
-
-
-def test_durations_are_stamps_and_text_is_none(poses: Poses) -> None:
-    since_us = (poses.stamp_ns - poses.stamp_ns[0]) // 1000
-    trajectory = Trajectory.from_arrays(since_us.astype("timedelta64[us]"), poses.position_m, poses.quat_xyzw)
-    np.testing.assert_array_equal(trajectory.stamp_ns, 1000 * since_us)
+def test_dates_and_durations_are_stamps_and_quaternions_may_start_with_w() -> None:
+    few = smooth_poses(30)
+    dates = pandas.date_range("2026-01-01", periods=30, freq="10ms", tz="Europe/Berlin")
+    of_numpy = dates.tz_convert(None).to_numpy("datetime64[ns]")
+    utc_ns = of_numpy.astype(np.int64)
+    durations = (utc_ns // 1000).astype("timedelta64[us]")
+    with_zone = [date.to_pydatetime() for date in dates]
+    for stamps in (dates, pandas.Series(dates), list(dates), with_zone, of_numpy, durations):
+        wxyz = few.quat_xyzw[:, WXYZ]
+        found = Trajectory.from_arrays(stamps, few.position_m, wxyz, order="wxyz")
+        np.testing.assert_array_equal(found.poses.stamp_ns, utc_ns)
+        np.testing.assert_allclose(found.quat_xyzw, few.quat_xyzw, atol=1e-15)
+        assert not found.notes
+    table = pandas.DataFrame(np.hstack([few.position_m, few.quat_xyzw]), columns=[*"xyzabcd"])
+    table["time"] = dates
+    trajectory = Trajectory.from_dataframe(table, "time", quat_xyzw=("a", "b", "c", "d"))
+    np.testing.assert_array_equal(trajectory.stamp_ns, utc_ns)
     with pytest.raises(UsageError, match=r"convert text, as by pandas\.to_datetime"):
-        Trajectory.from_arrays(poses.stamp_ns.astype("datetime64[ns]").astype(str), *arrays(poses)[1:])
+        Trajectory.from_arrays(of_numpy.astype(str), few.position_m, few.quat_xyzw)
 
 
 def test_masked_poses_are_not_finite(poses: Poses) -> None:
@@ -116,33 +120,6 @@ def test_masked_poses_are_not_finite(poses: Poses) -> None:
     assert (
         Trajectory.from_arrays(stamps, masked, poses.quat_xyzw, unit="ns").counts["nonfinite"] > hidden.sum()
     )
-
-
-def test_dates_of_the_standard_library_and_zones_are_stamps() -> None:
-    few = smooth_poses(30)
-    dates = pandas.date_range("2026-01-01", periods=30, freq="10ms", tz="Europe/Berlin")
-    utc_ns = dates.tz_convert(None).to_numpy("datetime64[ns]").astype(np.int64)
-    with_zone = [date.to_pydatetime() for date in dates]
-    for stamps in (dates, pandas.Series(dates), list(dates), with_zone):
-        found = Trajectory.from_arrays(stamps, few.position_m, few.quat_xyzw)
-        np.testing.assert_array_equal(found.poses.stamp_ns, utc_ns)
-        assert not found.notes
-
-
-def test_invalid_poses_are_counted(poses: Poses) -> None:
-    stamps, places, turns = (column[:600].astype(float) for column in arrays(poses))
-    stamps = (stamps - stamps[0]) * 1e-9
-    stamps[30], stamps[40], stamps[50] = np.nan, 1e30, stamps[49]
-    places, turns = places.copy(), turns.copy()
-    places[60, 1], turns[70] = np.inf, 0.0
-    trajectory = Trajectory.from_arrays(stamps, places, turns)
-    assert trajectory.counts == {
-        "nonfinite": 2,
-        "out_of_range": 1,
-        "repeated_stamp": 1,
-        "bad_quaternion": 1,
-    }
-    assert len(trajectory) == 595
 
 
 @pytest.mark.parametrize("library", ["pandas", "pyarrow", "dict"])
@@ -176,28 +153,14 @@ def test_names_of_columns_have_units_as_in_files(poses: Poses) -> None:
         Trajectory.from_dataframe(columns, "time [ms]", ["x [inch]", *names[1:]])
 
 
-def test_dates_of_pandas_with_a_zone_are_stamps(poses: Poses) -> None:
-    table = pandas.DataFrame(
-        np.hstack([poses.position_m, poses.quat_xyzw]), columns=[*"xyz", "a", "b", "c", "d"]
-    )
-    table["time"] = pandas.to_datetime(poses.stamp_ns, utc=True)
-    trajectory = Trajectory.from_dataframe(table, "time", quat_xyzw=("a", "b", "c", "d"))
-    np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns)
-
-
-def test_a_result_equals_that_of_the_internal_functions(result: contact_tracker.Result, poses: Poses) -> None:
-    expected = segment_inside(gate(poses), load_model())
+def test_a_result_has_the_true_contacts(result: contact_tracker.Result) -> None:
     assert [s.contact.value for s in result.segments] == ["f-f", "e-f"]
-    assert [(s.start_ns, s.end_ns) for s in result.segments] == [
-        (s.start_ns, s.end_ns) for s in expected.segments
-    ]
-    np.testing.assert_array_equal(result.beliefs.probability, expected.beliefs.probability)
     assert str(result).splitlines()[1].split()[2] == "f-f"
     assert result.warnings == ()
 
 
 def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_path: Path) -> None:
-    short = Trajectory(poses[:300])
+    short = Trajectory(poses[:200])
     (tmp_path / "known.toml").write_text("[up]\ndirection = [0, 0, 1]\n")
     given = [
         {"model": "mocap_200hz", "noise": "0.3mm,0.15deg", "known": str(tmp_path / "known.toml")},
@@ -206,7 +169,6 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
             "noise": (3e-4, np.radians(0.15)),
             "known": {"up": {"direction": [0, 0, 1]}},
         },
-        {"model": "mocap_200hz", "noise": "0.3mm,0.15deg", "known": {"up": {"direction": (0, 0, 1)}}},
         {"model": "mocap_200hz", "noise": "0.3mm,0.15deg", "known": {"up": {"direction": np.eye(3)[2]}}},
     ]
     first, *others = (contact_tracker.segment(short, **options) for options in given)
@@ -237,7 +199,7 @@ def test_times_choose_poses_and_segments(result: contact_tracker.Result, poses: 
 
 
 def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses, tmp_path: Path) -> None:
-    poses = poses[:400]
+    poses = poses[:250]
     state, passed, expected = start(load_model()), PoseGate(), []
     for pose in poses:
         state, new = take(state, passed.arrive(pose))
@@ -246,24 +208,11 @@ def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses,
     tracker, beliefs = contact_tracker.Tracker(), []
     for number, pose in enumerate(poses):
         beliefs += filter(None, [tracker.update(*pose)])
-        if number == 250:
+        if number == 150:
             tracker.save(tmp_path / "state")
             tracker = contact_tracker.Tracker.load(tmp_path / "state")
     beliefs += tracker.finish()
     assert [belief.to_json() for belief in beliefs] == [belief.to_json() for belief in expected]
-
-
-def test_a_tracker_counts_what_it_drops_and_takes_arrays(poses: Poses) -> None:
-    tracker = contact_tracker.Tracker()
-    stamps, places, turns = arrays(poses)
-    for i in range(100):
-        tracker.update(stamps[i], places[i], turns[i])
-    tracker.update(stamps[99], places[99], turns[99])
-    tracker.update(stamps[100], [np.nan] * 3, turns[100])
-    assert tracker.counts == {"repeated_stamp": 1, "nonfinite": 1}
-    for stamp, place, turn in ((1.5, (0, 0, 0), (0, 0, 0, 1)), (1, (0, 0), (0, 0, 0, 1)), (1, (0, 0, 0), 1)):
-        with pytest.raises(InvalidPose):
-            tracker.update(stamp, place, turn)
 
 
 def test_mistakes_are_errors_of_the_package(poses: Poses, log: Path, tmp_path: Path) -> None:
@@ -275,7 +224,6 @@ def test_mistakes_are_errors_of_the_package(poses: Poses, log: Path, tmp_path: P
         (AmbiguousSource, "/a", lambda: contact_tracker.read(tmp_path / "two.mcap")),
         (UsageError, "standard input", lambda: contact_tracker.read("-")),
         (UsageError, "unit is", lambda: Trajectory.from_arrays(stamps, places, turns, unit="min")),
-        (UsageError, "order is", lambda: Trajectory.from_arrays(stamps, places, turns, order="zyx")),
         (UsageError, "1 stamps", lambda: Trajectory.from_arrays([1], places, turns)),
         (UsageError, r"\(N, 3\)", lambda: Trajectory.from_arrays(stamps, places.T, turns)),
         (UsageError, "no real numbers", lambda: Trajectory.from_arrays(["a"], places[:1], turns[:1])),
@@ -284,9 +232,6 @@ def test_mistakes_are_errors_of_the_package(poses: Poses, log: Path, tmp_path: P
         (ModelError, "defualt", lambda: contact_tracker.segment(log, model="defualt")),
         (KnowledgeError, "wall", lambda: contact_tracker.segment(log, known={"wall": 1})),
         (UsageError, "noise is", lambda: contact_tracker.segment(log, noise="a lot")),
-        (UsageError, "lag_s is a number from 0 to 30", lambda: contact_tracker.Tracker(lag_s=-1.0)),
-        (UsageError, "mass_kg is of use with wrench", lambda: contact_tracker.segment(log, mass_kg=1.0)),
-        (StateError, "none: No such file", lambda: contact_tracker.Tracker.load(tmp_path / "none")),
         (StateError, "no saved state", lambda: contact_tracker.Tracker.load(tmp_path / "text.state")),
     ]
     for kind, text, mistake in mistakes:
@@ -323,33 +268,22 @@ def test_results_replace_recordings_only_with_overwrite(
 
 
 @pytest.mark.parametrize(
-    ("library", "name"),
-    [
-        ("pandas", "to_pandas"),
-        ("foxglove", "to_mcap"),
-        ("plotly", "to_html"),
-    ],
+    ("library", "name"), [("pandas", "to_pandas"), ("foxglove", "to_mcap"), ("plotly", "to_html")]
 )
 def test_a_missing_library_is_reported_with_its_extra(
     result: contact_tracker.Result, tmp_path: Path, library: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in [
-        m for m in sys.modules if m.split(".")[0] == library or m.startswith("contact_tracker.exports")
-    ]:
+    ours = "contact_tracker.exports"
+    for module in [m for m in sys.modules if m.split(".")[0] == library or m.startswith(ours)]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, library, None)
-    suffix = {"to_mcap": ".mcap", "to_html": ".html"}.get(name)
+    arguments = [tmp_path / f"out.{name.removeprefix('to_')}"] if name != "to_pandas" else []
     with pytest.raises(
         MissingExtra, match=rf"needs {library}: pip install 'contact-tracker\[\w+\]'"
     ) as error:
-        getattr(result, name)(*([tmp_path / f"out{suffix}"] if suffix else []))
+        getattr(result, name)(*arguments)
     assert error.value.__suppress_context__, "one error, not two"
     assert not list(tmp_path.iterdir())
-
-
-def test_wrenches_of_another_shape_are_one_error() -> None:
-    with pytest.raises(UsageError, match=r"3 wrenches need forces and moments of shape \(3, 3\)"):
-        Wrenches(np.arange(3), np.zeros((3, 2)), np.zeros((3, 3)))
 
 
 @pytest.mark.parametrize("stamped", ["none", "few"])
@@ -371,11 +305,11 @@ def test_wrenches_have_the_clock_of_the_poses(
 
     def note(poses: Poses, wrenches: Wrenches, *_: object) -> None:
         seen.append((poses.stamp_ns, wrenches.stamp_ns))
-        raise NoLoad("only looked at")
+        raise UsageError("only looked at")
 
     monkeypatch.setattr("contact_tracker.recording.wrenches.wrench_evidence", note)
     trajectory = contact_tracker.read(path)
-    with pytest.warns(ContactTrackerWarning, match="/wrench is not used: only looked at"):
+    with pytest.raises(UsageError, match="only looked at"):
         contact_tracker.segment(trajectory, wrench="/wrench")
     assert trajectory.by_log_time == (stamped == "none")
     assert trajectory.counts["log_time_as_stamp"] > 0.5 * len(trajectory)

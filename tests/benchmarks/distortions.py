@@ -22,9 +22,7 @@ Random = np.random.Generator
 Distortion = Callable[[Poses, Random], Poses]
 
 IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
-WANDER_M: Final = 1e-3
-WANDER_DEG: Final = 0.3
-WANDER_S: Final = 2.0
+WANDER_M, WANDER_DEG, WANDER_S = 1e-3, 0.3, 2.0
 """Correlated errors: standard deviations per axis, and the time after which the autocorrelation is 1/e."""
 
 

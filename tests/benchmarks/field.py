@@ -2,7 +2,6 @@
 
     python tests/benchmarks/field.py recordings
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only none moving_average_3
-    python tests/benchmarks/field.py FOLDER --set paper sequence robot --only slow_wander --oracle
     python tests/benchmarks/field.py FOLDER --only volume_distortion --accuracy 0.5mm,0.1deg
 
 Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as by ``evaluate``,
@@ -28,14 +27,21 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.trajectory.arguments import model_from
+from contact_tracker_lab.benchmark.runner import (
+    FIGURES,
+    Table,
+    figures,
+    find_sets,
+    measured,
+    parser_of,
+    report,
+)
 from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from distortions import DISTORTIONS
-from runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
-from true_errors import KNOWN, measured_poses, true_model
+from shared_recordings import SHARED_RECORDINGS
 
 HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "not adapted online", "by arrival")
-ORACLE_HEADER: Final = ("distortion", "errors", *FIGURES)
 
 
 class Measured(NamedTuple):
@@ -45,50 +51,35 @@ class Measured(NamedTuple):
     other: Evaluation
 
 
-def measure(path: str, distortion: str, model: Model, oracle: bool) -> Measured:
-    """Distort, gate, track and evaluate one recording; for comparison without adaptation, or with the true
-    errors given."""
+def measure(path: str, distortion: str, model: Model) -> Measured:
+    """Distort, gate, track and evaluate one recording; for comparison without adaptation."""
     truth, clean = need_truth(path), Poses.collect(open_log(path))
     random = np.random.default_rng(zlib.crc32(f"{Path(path).stem} {distortion}".encode()))
     distorted = DISTORTIONS[distortion](clean, random)
     poses = gate(distorted)
     found, answers = segmenting.segment(poses, model), answers_to(distorted, model)
-    if oracle:
-        good = gate(measured_poses(distortion, clean, distorted))
-        other = offline_smoother.segment(good, true_model(distortion, path, good, model))
-    else:
-        other = offline_smoother.segment(poses, model)
+    other = offline_smoother.segment(poses, model)
     return Measured(evaluate(poses, truth, found, answers), evaluate(poses, truth, other))
 
 
-def rows_of(name: str, found: Sequence[Measured], oracle: bool) -> list[list[str]]:
-    """Rows of the table for one distortion."""
+def row(name: str, found: Sequence[Measured]) -> list[str]:
+    """The row of the table for one distortion."""
     adapted, other = figures([one.adapted for one in found]), figures([one.other for one in found])
-    if oracle:
-        return [[name, "inferred", *adapted], [name, "given", *other]]
     by_arrival = [one.adapted.arrival.accuracy() for one in found if one.adapted.arrival is not None]
-    return [[name, *adapted, *other[:2], number(float(np.mean(by_arrival)))]]
+    return [name, *adapted, *other[:2], number(float(np.mean(by_arrival)))]
 
 
 def main() -> int:
-    parser = parser_of(__doc__, has_sets=True)
-    parser.add_argument("--only", nargs="+", default=[], choices=DISTORTIONS, metavar="NAME")
-    parser.add_argument("--oracle", action="store_true", help="compare with the true errors given")
+    parser = parser_of(__doc__, has_sets=True, folder=SHARED_RECORDINGS)
+    parser.add_argument("--only", nargs="+", default=[*DISTORTIONS], choices=DISTORTIONS, metavar="NAME")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument("--accuracy", metavar="MM,DEG", help="systematic errors of the poses")
     args = parser.parse_args()
-    names = args.only or [name for name in DISTORTIONS if name in KNOWN or not args.oracle]
-    if args.oracle and (unknown := [name for name in names if name not in KNOWN]):
-        parser.error(f"no true errors to give of {' '.join(unknown)}; there are: {' '.join(KNOWN)}")
     paths = [str(path) for some in find_sets(args.folder, args.set).values() for path in some]
     model = model_from(args.model, accuracy=args.accuracy)
-    jobs = {name: [(path, name, model, args.oracle) for path in paths] for name in names}
-    rows = [
-        row
-        for name, found in measured(measure, jobs, args.processes)
-        for row in rows_of(name, found, args.oracle)
-    ]
-    return show(args, distortions=Table(ORACLE_HEADER if args.oracle else HEADER, rows))
+    jobs = {name: [(path, name, model) for path in paths] for name in args.only}
+    rows = [row(*case) for case in measured(measure, jobs, args.processes)]
+    return report(args, distortions=Table(HEADER, rows))
 
 
 if __name__ == "__main__":

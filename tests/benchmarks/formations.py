@@ -30,20 +30,20 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
-from contact_tracker_lab.evaluation.tables import number
-from contact_tracker_lab.simulate import Phase, Scenario, simulate
-from contact_tracker_lab.simulate.scenarios import FORMATIONS
-from runner import (
+from contact_tracker_lab.benchmark.runner import (
     Table,
     mean_of_known,
     measured,
     median_of_known,
     parser_of,
     recordings_in,
+    report,
     shares_row,
-    show,
 )
+from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
+from contact_tracker_lab.evaluation.tables import number
+from contact_tracker_lab.simulate import Phase, Scenario, simulate
+from contact_tracker_lab.simulate.scenarios import FORMATIONS
 
 ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")
@@ -243,7 +243,7 @@ def main() -> int:
         shares_row(name, [(one.seconds, one.false_s, one.false_online_s) for one in found])
         for name, found in measured(measure_file, recordings_in(args.single), args.processes)
     ]
-    return show(args, scenarios=Table(COLUMNS, rows), singles=Table(SINGLE_COLUMNS, singles))
+    return report(args, scenarios=Table(COLUMNS, rows), singles=Table(SINGLE_COLUMNS, singles))
 
 
 if __name__ == "__main__":

@@ -33,11 +33,19 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
+from contact_tracker_lab.benchmark.runner import (
+    Table,
+    measured,
+    median_of_known,
+    parser_of,
+    recordings_in,
+    report,
+    shares_row,
+)
 from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation, distance_m, places
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
 from contact_tracker_lab.simulate.jointed import TrueJoint
-from runner import Table, measured, median_of_known, parser_of, recordings_in, shares_row, show
 
 COLUMNS: Final = (
     *("joint", "seconds", "recordings", "true kind", "other kind"),
@@ -173,7 +181,7 @@ def main() -> int:
     without = [*measured(measure_alone, by_hand, args.processes)]
     without += measured(measure_file, recordings_in(args.single), args.processes)
     false_rows = [shares_row(name, found) for name, found in without]
-    return show(args, joints=Table(COLUMNS, rows), false=Table(FALSE_COLUMNS, false_rows))
+    return report(args, joints=Table(COLUMNS, rows), false=Table(FALSE_COLUMNS, false_rows))
 
 
 if __name__ == "__main__":

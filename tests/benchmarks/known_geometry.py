@@ -39,9 +39,18 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import vertices_from_metadata
+from contact_tracker_lab.benchmark.runner import (
+    FIGURES,
+    Table,
+    figures,
+    find_sets,
+    measured,
+    parser_of,
+    report,
+)
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number
-from runner import FIGURES, Table, figures, find_sets, measured, parser_of, show
+from shared_recordings import SHARED_RECORDINGS
 
 Array = NDArray[np.float64]
 
@@ -148,7 +157,7 @@ def displacement(text: str) -> tuple[float, float]:
 
 
 def main() -> int:
-    parser = parser_of(__doc__, has_sets=True)
+    parser = parser_of(__doc__, has_sets=True, folder=SHARED_RECORDINGS)
     parser.add_argument(
         "--off", nargs="+", default=[EXACT], metavar="MM,DEG", help=f"as 2mm,1deg; default: {EXACT}"
     )
@@ -162,7 +171,7 @@ def main() -> int:
     for case, found in measured(measure, jobs, args.processes):
         warned = number(float(np.mean([one.is_warned for one in found])))
         rows.append([*case, *figures([one.evaluation for one in found]), warned])
-    return show(args, known=Table(COLUMNS, rows))
+    return report(args, known=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -3,18 +3,16 @@
 Imports nothing of the tracker, so that a process that measures the memory of others stays small.
 """
 
-import json
 import struct
 from collections.abc import Iterator
 from itertools import chain, cycle, islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
 TYPE: Final = "geometry_msgs/msg/PoseStamped"
-TRUTH: Final = "truth.json"
 STAMP: Final = struct.Struct("<iI")
 _STAMP_AT: Final = 4
 """Offset of the stamp in a little-endian CDR message that begins with a header: after the encapsulation."""
@@ -23,13 +21,11 @@ _STAMP_AT: Final = 4
 def write_long_log(source: Path, seconds: float, path: Path) -> Path:
     """Write ``seconds`` of the one PoseStamped topic of ``source`` to ``path``, at the same rate.
 
-    Only the stamps change, so that little memory is needed and the log compresses as others. It has ground
-    truth if ``source`` has.
+    Only the stamps change, so that little memory is needed and the log compresses as others.
     """
     with source.open("rb") as file:
         reader = make_reader(file)
         records = [r for r in reader.iter_messages() if r[0] is not None and r[0].name == TYPE]
-        truth = [json.loads(a.data) for a in reader.iter_attachments() if a.name == TRUTH]
     schema, channel, _ = records[0]
     assert schema is not None
     stamps = [message.log_time for _, _, message in records]
@@ -44,9 +40,6 @@ def write_long_log(source: Path, seconds: float, path: Path) -> Path:
             stamp_ns = stamps[0] + number * period_ns
             stamped = data[:_STAMP_AT] + STAMP.pack(*divmod(stamp_ns, 10**9)) + data[_STAMP_AT + STAMP.size :]
             writer.add_message(channel_id, stamp_ns, stamped, stamp_ns)
-        for intervals in truth:
-            repeated = _repeated_truth(intervals, stamps[0], stamps[-1], stamps[0] + count * period_ns)
-            writer.add_attachment(0, 0, TRUTH, "application/json", json.dumps(list(repeated)).encode())
         writer.finish()  # type: ignore[no-untyped-call]
     return path
 
@@ -54,14 +47,3 @@ def write_long_log(source: Path, seconds: float, path: Path) -> Path:
 def _forward_and_backward(messages: list[bytes], count: int) -> Iterator[bytes]:
     """The first ``count`` of endless repetitions; at the ends no message is repeated."""
     return islice(cycle(chain(messages, messages[-2:0:-1])), count)
-
-
-def _repeated_truth(intervals: list[Any], first_ns: int, last_ns: int, end_ns: int) -> Iterator[Any]:
-    """The true intervals of these repetitions, until ``end_ns``."""
-    for begin_ns in range(first_ns, end_ns, 2 * (last_ns - first_ns)):
-        for one in intervals:
-            shift_ns = begin_ns - first_ns
-            yield one | {"start_ns": one["start_ns"] + shift_ns, "end_ns": one["end_ns"] + shift_ns}
-        for one in reversed(intervals):
-            mirror_ns = begin_ns + 2 * last_ns - first_ns
-            yield one | {"start_ns": mirror_ns - one["end_ns"], "end_ns": mirror_ns - one["start_ns"]}

@@ -23,7 +23,7 @@ from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.batched import Batch, minimise_batched
 from contact_tracker.paper.window_curves import FINE, curves, from_relaxed, minimise_windows, window_sums
 from contact_tracker.recording import open_log
-from runner import Table, parser_of, show
+from contact_tracker_lab.benchmark.runner import Table, parser_of, report
 
 FRAMES, STEP, STARTS, RUNS = 500, 10, 3, 5
 Found = TypeVar("Found")
@@ -62,7 +62,7 @@ def main() -> int:
     spent, _ = timed(lambda: curves(poses, FRAMES, STEP))
     print(f"per window and contact; {count} windows, SLSQP on {args.windows}")
     print(f"all six curves of {len(poses)} poses, including sums over windows: {spent:.2f} s")
-    return show(args, minima=Table(columns, [row_of(model, poses, sample) for model in CONTACT_MODELS]))
+    return report(args, minima=Table(columns, [row_of(model, poses, sample) for model in CONTACT_MODELS]))
 
 
 def row_of(model: ContactModel, poses: Poses, sample: np.ndarray) -> list[str]:

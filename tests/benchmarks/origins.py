@@ -20,8 +20,9 @@ from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.recording import open_log
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
-from runner import ROOT, Table, measured, parser_of, show
+from shared_recordings import ROOT
 
 DISTANCES_M: Final = (0.3, 1.0, 10.0)
 DIRECTION: Final = np.array([0.6, -0.48, 0.64])
@@ -61,7 +62,7 @@ def main() -> int:
     args = parser.parse_args()
     jobs = {path: [(path,)] for path in args.recordings}
     rows = [row for _, (some,) in measured(rows_for, jobs, args.processes) for row in some]
-    return show(args, origins=Table(COLUMNS, rows))
+    return report(args, origins=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -26,8 +26,9 @@ from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import forward, ticks_of
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
-from runner import ROOT, Table, measured, parser_of, show
+from shared_recordings import ROOT
 
 WARM_UP: Final = 400
 """Poses that are tracked before the measurement."""
@@ -86,7 +87,7 @@ def main() -> int:
     jobs = {path: [(path, model, args.margins)] for path in args.logs}
     rows = [one for _, (some,) in measured(measure, jobs, args.processes) for one in some]
     print(f"relative to {model.search.margin_nats:g} nats:")
-    return show(args, pruning=Table(COLUMNS, rows))
+    return report(args, pruning=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -18,9 +18,9 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.segmentation import Beliefs
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
 from restricted_motions import MOTIONS, poses_of
-from runner import Table, measured, parser_of, show
 
 HEADER: Final = (
     *("motion", "most frequent label", "free above 0.9 offline", "free above 0.9 online"),
@@ -57,7 +57,7 @@ def main() -> int:
         label = STATES[int(np.sum([ticks for _, ticks in found], axis=0).argmax())]
         mean = np.mean([both for both, _ in found], axis=0).T.ravel()
         rows.append([name, label.value, *(number(float(share)) for share in mean)])
-    return show(args, motions=Table(HEADER, rows))
+    return report(args, motions=Table(HEADER, rows))
 
 
 if __name__ == "__main__":

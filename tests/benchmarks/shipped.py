@@ -15,10 +15,11 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.metrics import quantile
 from contact_tracker_lab.evaluation.tables import number
-from runner import ROOT, Table, measured, parser_of, show
+from shared_recordings import ROOT
 
 COLUMNS: Final = (
     *("recording", "accuracy offline", "accuracy online", "log-loss offline", "log-loss online"),
@@ -56,7 +57,7 @@ def main() -> int:
     args = parser_of(__doc__).parse_args()
     jobs = {path.stem: [(path,)] for path in sorted((ROOT / "recordings").glob("*.mcap"))}
     rows = [row(name, one) for name, (one,) in measured(measure, jobs, args.processes)]
-    return show(args, recordings=Table(COLUMNS, rows))
+    return report(args, recordings=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

@@ -69,21 +69,20 @@ class Figure(NamedTuple):
 
 
 class Ran(NamedTuple):
-    """CPU time, peak of the resident memory (10^6 bytes) and exit code of a command."""
+    """CPU time, and peak of the resident memory (10^6 bytes), of a command."""
 
     cpu_s: float
     peak_mb: float
-    exit_code: int
 
 
-def run(*arguments: str, may_fail: bool = False) -> Ran:
-    """Run ``contact-tracker`` to its end; raises CalledProcessError if it fails, unless it may."""
+def run(*arguments: str) -> Ran:
+    """Run ``contact-tracker`` to its end; raises CalledProcessError if it fails."""
     process = _start(arguments, subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode and not may_fail:
+    if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, arguments)
-    return Ran(usage.ru_utime + usage.ru_stime, peak_mb(usage), process.returncode)
+    return Ran(usage.ru_utime + usage.ru_stime, peak_mb(usage))
 
 
 def first_lines_s(lines: int, *arguments: str) -> float:
@@ -182,7 +181,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"measuring {row}", file=sys.stderr)
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
                 figures += pool.submit(measure, row, setup).result()
-    import runner  # large, so after the measurements
+    from contact_tracker_lab.benchmark import runner  # large, so after the measurements
     from contact_tracker_lab.evaluation.tables import table
 
     print(table(COLUMNS, [one.cells() for one in figures]))

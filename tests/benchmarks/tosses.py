@@ -23,10 +23,10 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_metadata
 from contact_tracker.segmenting import segment
 from contact_tracker.states import STATES
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import answers_to
 from contact_tracker_lab.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
 from contact_tracker_lab.evaluation.tables import number, table
-from runner import Table, measured, parser_of, show
 from shared_recordings import SHARED_RECORDINGS
 
 MOVING_M_S: Final = 0.05
@@ -113,7 +113,7 @@ def main() -> int:
         print(f"{model}, offline with {level} known: truth by row, label by column")
         confused = zip(STATES, total.offline, strict=True)
         print(table(("", *STATES), [[state, *map(str, row)] for state, row in confused if row.any()]))
-    return show(args, tosses=Table(COLUMNS, rows))
+    return report(args, tosses=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

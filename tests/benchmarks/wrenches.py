@@ -24,9 +24,9 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.with_wrenches import NoLoad, wrench_evidence
 from contact_tracker.wrenches.wrenches import Wrenches
+from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number
-from runner import Table, find_sets, measured, parser_of, show
 from shared_recordings import SHARED_RECORDINGS
 
 TOPIC: Final = "/object/wrench"
@@ -83,7 +83,7 @@ def main() -> int:
         for name, way in product(args.set, WAYS)
     }
     rows = [row(*case, found) for case, found in measured(measure, jobs, args.processes)]
-    return show(args, sets=Table(COLUMNS, rows))
+    return report(args, sets=Table(COLUMNS, rows))
 
 
 if __name__ == "__main__":

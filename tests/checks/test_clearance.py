@@ -126,14 +126,16 @@ def test_an_object_that_stays_away_from_all_known_elements_is_reported(
     known_map = known(plane=[TABLE])
     found = compared(known_map, at_rest(0.0, 0.0, height_m))
     assert said(found) == [], "it may come nearer yet"
-    texts = found.final_findings(stream_of(known_map), [])
+    texts = found.findings(stream_of(known_map)._replace(is_end=True), [])
     assert bool(texts) is is_said
     assert all("mm off table" in one.text for one in texts)
     with_body = known(plane=[TABLE], box=[BENCH | {"position_m": [5.0, 0.0, 0.0]}])
-    assert found.final_findings(stream_of(with_body), []) == [], "its edges and vertices may be touched"
+    assert found.findings(stream_of(with_body)._replace(is_end=True), []) == [], (
+        "its edges and vertices may be touched"
+    )
     assert not any(one.doubts_labels for one in texts)
     some = replace(known_map, object_complete=False)
-    assert found.final_findings(stream_of(some), []) == [], "another vertex may touch"
+    assert found.findings(stream_of(some)._replace(is_end=True), []) == [], "another vertex may touch"
 
 
 def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> None:

@@ -97,7 +97,9 @@ def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edg
 
 
 @needs_kernels
-@pytest.mark.parametrize(("width_m", "fits"), [(0.12, True), (0.02, False)])
+@pytest.mark.parametrize(
+    ("width_m", "fits"), [pytest.param(0.12, True, marks=pytest.mark.long), (0.02, False)]
+)
 def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, fits: bool) -> None:
     size_m = np.array([0.2, 0.12, 0.08])
     table = {"normal": [0.0, 0.0, 1.0], "offset_m": 0.0, "name": "table"}

@@ -73,6 +73,13 @@ def of_mirrored_turns(poses: Poses) -> Poses:
     return with_turns(poses, Rotation.from_matrix(MIRROR @ turns(poses).as_matrix() @ MIRROR))
 
 
+def stepped(poses: Poses) -> Poses:
+    """With a step of 9 mm after the first 20 ms."""
+    position_m = poses.position_m.copy()
+    position_m[poses.stamp_ns < poses.stamp_ns[0] + 20_000_000] += [0.009, 0.0, 0.0]
+    return replace(poses, position_m=position_m)
+
+
 MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
     "intrinsic": ('from_euler("XYZ", [a, b, c])', taken_for_fixed_axes("XYZ")),
     "KUKA": ('from_euler("ZYX", [a, b, c])', taken_for_fixed_axes("ZYX")),
@@ -117,6 +124,7 @@ HARMLESS: dict[str, Callable[[Poses], Poses]] = {
     "other axes of the body": lambda poses: with_turns(
         poses, turns(poses) * Rotation.from_rotvec([1, 2, 0.5])
     ),
+    "a step at the start": stepped,
 }
 
 

@@ -89,7 +89,7 @@ def names(pieces):
 
 def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
     known_map = map_of(TABLE, lambda _: None)
-    nothing, other = MapUse(), MapUse((False, True), (False, False), "plane 1", 0.1)
+    nothing, other = MapUse(), MapUse((False, True), (False, False), (0.1, "plane 1"))
     waiting = FaceNameDelay(known_map)
     assert names(waiting.release(flat_on(None), nothing)) == [None]
     assert names(waiting.release(flat_on("plane 1"), nothing)) == []

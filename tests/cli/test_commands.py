@@ -3,7 +3,6 @@
 import argparse
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -24,10 +23,9 @@ from contact_tracker.cli.main import COMMANDS, LAB_COMMANDS
 from contact_tracker.cli.source import Source
 from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, UsageError
-from contact_tracker.files import whole_file
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_truth, write_recording
+from contact_tracker.recording import open_log, write_recording
 from contact_tracker.states import STATES
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Belief, Detail
@@ -109,16 +107,6 @@ def test_the_parser_loads_nothing_that_takes_time() -> None:
     assert done.stdout == "[]\n", done.stderr
 
 
-def test_help_takes_a_quarter_of_a_second_at_most() -> None:
-    def seconds_of_cpu() -> float:
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([*PROGRAM, "--help"], env=ENVIRONMENT, stdout=subprocess.DEVNULL, check=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-    assert min(seconds_of_cpu() for _ in range(3)) < 0.25
-
-
 @pytest.mark.parametrize("command", [*(c.__name__.rpartition(".")[2] for c in COMMANDS), *LAB_COMMANDS])
 def test_the_help_of_each_command_has_an_example(command: str) -> None:
     done = run(command, "--help")
@@ -141,8 +129,9 @@ def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch
         output_file(".csv")(str(tmp_path / "lost.csv"))
 
 
-def test_version() -> None:
+def test_versions_and_scenarios_are_listed() -> None:
     assert run("--version").stdout.startswith("contact-tracker 0.")
+    assert "vision_30hz" in run("simulate", "--list").stdout
 
 
 @pytest.mark.parametrize(
@@ -152,7 +141,6 @@ def test_version() -> None:
         (["segment", "x.mcap", "--tpic", "a"], ["--tpic", "did you mean --topic?"]),
         (["segment", "x.mcap", "--plane", "-1,0,0,2"], ["--plane", "--option=-1,0,0"]),
         (["segment", "x.mcap", "--lag", "1"], ["--lag 1; --lag is an option of live (see"]),
-        (["info", "x.mcap", "--wrench=/w"], ["--wrench is an option of segment, batch and evaluate"]),
         (["segment", "x.mcap", "-q", "-v"], ["-v", "-q"]),
         (["--print-completion", "fish"], ["bash, zsh, tcsh"]),
         (["live", "x.mcap", "--start", "-1"], ["--start", "negative"]),
@@ -160,16 +148,10 @@ def test_version() -> None:
         (["live", "x.mcap", "--start", "nan"], ["--start", "finite"]),
         (["live", "x.mcap", "--start", "1e300"], ["--start", "beyond"]),
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
-        (
-            ["segment", "x.mcap", "-o", "out.txt"],
-            ["out.txt", ".csv or .jsonl or .parquet or .mcap"],
-        ),
+        (["segment", "x.mcap", "-o", "out.txt"], ["out.txt", ".csv or .jsonl or .parquet or .mcap"]),
         (["segment", "x.mcap", "--box", "0.2,0.2"], ["not a list of 3 numbers, such as 0.2,0.1,0.1"]),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
-        (
-            ["segment", "x.mcap", "--json"],
-            ["--json is an option of live, info and evaluate", "segment --help"],
-        ),
+        (["segment", "x.mcap", "--json"], ["an option of live, info and evaluate", "segment --help"]),
         (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
         (["simulate", "--seed", "-3"], ["--seed"]),
         (["simulate", "paper_experiment"], ["-o FILE.mcap"]),
@@ -192,15 +174,12 @@ def test_input_that_cannot_be_used_is_one_line_and_1(command: str, tmp_path: Pat
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["live", "--topic", "/none"],
         ["segment", "--all", "--topic", "/none"],
         ["info", "--topic", "/none"],
-        ["live", "--frame", "none"],
         ["segment", "--frame", "none->of->it"],
         ["view", "--frame", "none", "--save", "x.rrd"],
         ["live", "--relative-to", "none"],
         ["segment", "--wrench", "/none"],
-        ["evaluate", "--wrench", "/none"],
         ["segment", "--start", "1e6"],
         ["segment", "--time-unit", "ms"],
     ],
@@ -214,10 +193,15 @@ def test_what_the_call_names_and_the_recording_lacks_is_2(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -> None:
+@pytest.fixture(scope="module")
+def live_json(log: Path) -> str:
     done = run("live", log, "--json")
     assert done.returncode == 0, done.stderr
-    beliefs = [json.loads(line) for line in done.stdout.splitlines()]
+    return done.stdout
+
+
+def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path, live_json: str) -> None:
+    beliefs = [json.loads(line) for line in live_json.splitlines()]
     stamps = [b["stamp_ns"] for b in beliefs]
     assert len(beliefs) >= 10
     assert stamps == sorted(set(stamps))
@@ -234,7 +218,7 @@ def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -
         assert set(belief["geometry"]) == (
             set() if belief["contact"] == "free" else {"object", "environment"}
         )
-    assert run("live", "-", "--json", stdin=log.read_bytes()).stdout == done.stdout
+    assert run("live", "-", "--json", stdin=log.read_bytes()).stdout == live_json
 
 
 def test_live_text_has_a_line_per_change_one_when_settled_and_a_summary(log: Path) -> None:
@@ -251,20 +235,12 @@ def test_live_text_has_a_line_per_change_one_when_settled_and_a_summary(log: Pat
     assert "\r" not in done.stderr, "a status line is for terminals"
 
 
-def test_start_and_duration_choose_an_interval(log: Path) -> None:
-    done = run("live", log, "--json", "--start", "0.5", "--duration", "1")
-    stamps = [json.loads(line)["stamp_ns"] - START_NS for line in done.stdout.splitlines()]
-    assert stamps
-    assert all(0.5e9 <= s < 1.5e9 for s in stamps)
-    assert "100 poses" in done.stderr
-    assert_one_line_error(run("live", log, "--start", "99"), 2, "--start")
-
-
-def test_segment_writes_every_tick_as_json_lines_and_a_table_to_stdout(log: Path, tmp_path: Path) -> None:
+def test_segment_writes_every_tick_as_json_lines_and_a_table_to_stdout(
+    log: Path, live_json: str, tmp_path: Path
+) -> None:
     assert run("segment", log, "-o", "out.jsonl", cwd=tmp_path).returncode == 0
     ticks = [json.loads(line)["stamp_ns"] for line in (tmp_path / "out.jsonl").read_text().splitlines()]
-    live = [json.loads(line)["stamp_ns"] for line in run("live", log, "--json").stdout.splitlines()]
-    assert ticks == live
+    assert ticks == [json.loads(line)["stamp_ns"] for line in live_json.splitlines()]
     header, *lines = run("segment", log).stdout.splitlines()
     assert header.split()[:5] == ["start", "s", "end", "s", "contact"]
     *lines, open_contacts = lines if lines[-1].startswith("The motion leaves") else [*lines, ""]
@@ -294,44 +270,13 @@ def test_follow_waits_for_more_data(truncated: Path) -> None:
     assert json.loads(first)["stamp_ns"] < json.loads(others.splitlines()[-1])["stamp_ns"]
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["segment", "LOG", "-o", "odd.csv"],
-        ["view", "LOG", "--save", "odd.rrd"],
-        ["simulate", "robot", "-o", "odd.mcap"],
-    ],
-    ids=lambda a: a[0],
-)
-def test_an_output_that_cannot_be_replaced_is_refused_before_any_work(
-    arguments: list[str], log: Path, tmp_path: Path
-) -> None:
-    odd = tmp_path / arguments[-1]
-    os.mkfifo(odd)
-    done = run(*(log if a == "LOG" else a for a in arguments), cwd=tmp_path)
-    assert_one_line_error(done, 2, odd.name, "not a regular file")
+def test_an_output_that_cannot_be_replaced_is_refused_before_any_work(log: Path, tmp_path: Path) -> None:
+    os.mkfifo(odd := tmp_path / "odd.csv")
+    assert_one_line_error(run("segment", log, "-o", odd), 2, odd.name, "not a regular file")
     assert odd.is_fifo()
 
 
-def test_a_failed_write_keeps_the_existing_file(log: Path, tmp_path: Path) -> None:
-    """The disk is full: file size is limited to 64 bytes."""
-    target = tmp_path / "out.jsonl"
-    target.write_text("precious")
-
-    def limit() -> None:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))
-
-    command = [*PROGRAM, "segment", str(log), "-o", str(target)]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, preexec_fn=limit)
-    assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith("contact-tracker: error: ")
-    assert "Traceback" not in done.stderr
-    assert target.read_text() == "precious"
-    assert [p.name for p in tmp_path.iterdir()] == ["out.jsonl"]
-
-
-@pytest.mark.parametrize("arguments", [["--help"], ["live", "LOG", "--json"], ["segment", "LOG"]], ids=str)
+@pytest.mark.parametrize("arguments", [["--help"], ["live", "LOG", "--json"]], ids=str)
 def test_a_closed_pipe_ends_cleanly(arguments: list[str], log: Path) -> None:
     command = [*PROGRAM, *(str(log) if a == "LOG" else a for a in arguments)]
     reading, writing = os.pipe()
@@ -363,8 +308,8 @@ def test_a_full_disk_under_stdout_is_one_line_and_1(log: Path) -> None:
     assert line.startswith("contact-tracker: error: cannot write")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path) -> None:
+    number = signal.SIGHUP
     words = "segment", "-", "-o", tmp_path / "out.csv"
     with started(*words, stdin=PIPE, preexec_fn=lambda: signal.signal(number, signal.SIG_DFL)) as process:
         process.stdin.write(log.read_bytes())  # and there may be more
@@ -417,26 +362,20 @@ def test_info_shows_the_first_keys_of_long_metadata(tmp_path: Path) -> None:
     assert line.endswith("marker_023, and 76 more")
 
 
-def test_simulate_lists_its_scenarios() -> None:
-    assert "vision_30hz" in run("simulate", "--list").stdout
-
-
-def test_evaluate_warns_of_knowledge_that_does_not_fit(tmp_path: Path) -> None:
-    robot, log = str(ROOT / "recordings" / "robot_1khz.mcap"), str(tmp_path / "robot.mcap")
-    write_recording(log, Poses.collect(open_log(robot))[:4000], read_truth(robot), {})
-    wrong = run("evaluate", log, "--json", "--up", "1,0,0")
-    assert "robot.mcap: --up does not fit the motion" in wrong.stderr
-
-
-def test_evaluate_names_ambiguous_recordings_and_goes_on(log: Path, tmp_path: Path) -> None:
+def test_evaluate_names_recordings_that_it_cannot_read_and_goes_on(log: Path, tmp_path: Path) -> None:
     topics = [poses_topic(smooth_poses(60), name) for name in ("/left", "/right")]
     truth = Topic("/contact/truth", "std_msgs/msg/String", [(LOGS_START_NS, {"data": "free"})])
-    two = write_log(tmp_path / "two.mcap", [*topics, truth])
-    done = run("evaluate", two, log, "--json")
-    assert done.returncode == 2
-    assert all(word in done.stderr for word in ("two.mcap", "--topic", "/left", "/right"))
-    assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
-    assert run("evaluate", two, "--topic", "/left").returncode == 0
+    two, bad = write_log(tmp_path / "two.mcap", [*topics, truth]), tmp_path / "bad.mcap"
+    bad.write_text("no recording at all")
+    for unreadable, code, words in (
+        (two, 2, ("two.mcap", "--topic", "/left", "/right")),
+        (bad, 1, ("bad.mcap",)),
+    ):
+        done = run("evaluate", unreadable, log.parent, "--json")
+        assert done.returncode == code
+        assert all(word in done.stderr for word in words)
+        assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
+    assert "offline" in run("evaluate", two, "--topic", "/left").stdout
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
@@ -451,9 +390,7 @@ def test_a_pipe_in_a_folder_is_not_waited_for(log: Path, tmp_path: Path) -> None
     assert_one_line_error(done, 2, "a.mcap is not a regular file")
 
 
-@pytest.mark.parametrize(
-    ("start", "duration"), [(0.0, None), (0.4, None), (0.0, 0.3), (0.1, 0.25), (9.0, None), (0.2, 1e-9)]
-)
+@pytest.mark.parametrize(("start", "duration"), [(0.4, None), (0.1, 0.25), (9.0, None), (0.2, 1e-9)])
 def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, duration):
     monkeypatch.setattr("contact_tracker.recording.log.BATCH", 16)
     path = str(write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(120))]))
@@ -471,23 +408,12 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
     assert (read(columns=True)[-1] == 0) == (start > 1.0)
 
 
-def test_live_reports_a_late_source(tmp_path: Path) -> None:
-    early, late = smooth_poses(900), smooth_poses(50, start_ns=LOGS_START_NS + 4 * 10**9)
-    rows = [*poses_topic(early, frame="a").messages, *poses_topic(late, frame="b").messages]
-    path = write_log(tmp_path / "x.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)])
-    done = run("live", path)
-    assert done.returncode == 0
-    assert "another source of poses shows up: /p b" in done.stderr
-    assert "other_source 50" in done.stderr
-    refused = run("segment", path)
-    assert refused.returncode == 2
-    assert "choose by --topic or --frame: /p a" in refused.stderr
-    assert run("segment", path, "--frame", "a").returncode == 0
-
-
-def test_info_reads_a_file_once_however_many_sources_it_has(tmp_path: Path) -> None:
+def test_info_reads_a_file_once_however_many_sources_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("contact_tracker.recording.summary.SOURCES_KEPT", 20)
     poses = list(smooth_poses(60))
-    bodies = [f"body {i}" for i in range(300)]
+    bodies = [f"body {i}" for i in range(24)]
     rows = [
         (pose.stamp_ns, {"transforms": [transform(*pose, "world", name) for name in bodies]})
         for pose in poses
@@ -495,9 +421,9 @@ def test_info_reads_a_file_once_however_many_sources_it_has(tmp_path: Path) -> N
     path = write_log(tmp_path / "x.mcap", [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
     done = run("info", "-", stdin=path.read_bytes())
     assert done.returncode == 0, "even of what can be read only once"
-    assert done.stdout.count("60 of ") + done.stdout.count("poses     60") == 256
-    assert "more than 256 sources" in done.stdout
-    assert done.stdout.count("noise     about") == 256
+    assert done.stdout.count("60 of ") + done.stdout.count("poses     60") == 20
+    assert "more than 20 sources" in done.stdout
+    assert done.stdout.count("noise     about") == 20
     one = run("info", path, "--frame", "body 7")
     assert one.stdout.startswith("/tf world->body 7")
     assert "tracking" in one.stdout
@@ -508,7 +434,7 @@ def test_info_of_many_bodies_takes_little_longer_than_of_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each is tracked for its share of the updates that one has."""
-    poses = smooth_poses(3000)
+    poses = smooth_poses(1500)
     bodies = [
         Topic(
             f"/{name}",
@@ -527,11 +453,11 @@ def test_info_of_many_bodies_takes_little_longer_than_of_one(
         return beliefs
 
     monkeypatch.setattr(Tracker, "add", counted)
-    monkeypatch.setattr(info, "MOST_UPDATES", 300)
+    monkeypatch.setattr(info, "MOST_UPDATES", 150)
     assert main.run(["info", path]) == 0
     out = capsys.readouterr().out
     assert out.count("tracking  noise") == out.count("the part that was looked at does not tell") == 3
-    assert 20 < sum(updates) < 300 // 3
+    assert 10 < sum(updates) < 150 // 3
 
 
 # --- a stream that carries on ----------------------------------------------------------------------------
@@ -541,8 +467,8 @@ RECORDING = ROOT / "recordings" / "vision_30hz.mcap"
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its first 13 s."""
-    poses = Poses.collect(open_log(str(RECORDING)))[:400]
+    """Its first 8 s."""
+    poses = Poses.collect(open_log(str(RECORDING)))[:250]
     return write_log(tmp_path_factory.mktemp("stream") / "log.mcap", [poses_topic(poses)], chunk_size=4096)
 
 
@@ -567,6 +493,14 @@ def test_a_live_stream_resumes_after_a_restart_byte_for_byte(recording: Path, tm
     assert (again.stdout, again.returncode) == ("", 0)
 
 
+def assert_resumed(output: str, recording: Path, state: Path) -> None:
+    """With what follows, a stream that was ended has the output of a whole one."""
+    found = (output + run("live", recording, "--json", "--state", state).stdout).splitlines()
+    alone = run("live", recording, "--json").stdout.splitlines()
+    assert found == alone[: len(found)]
+    assert len(alone) - len(found) <= 1, "the last, partial tick waits"
+
+
 def test_a_terminated_live_stream_resumes(recording: Path, tmp_path: Path) -> None:
     state = tmp_path / "s.state"
     words, output = ("live", recording, "--json", "--rate", "2", "--state", state), b""
@@ -576,46 +510,31 @@ def test_a_terminated_live_stream_resumes(recording: Path, tmp_path: Path) -> No
             live.send_signal(number)
             output += live.stdout.read()
             assert live.wait(timeout=60) == 128 + number
-    rest_of_it = run("live", recording, "--json", "--state", state)
-    alone = run("live", recording, "--json").stdout.splitlines()
-    found = (output.decode() + rest_of_it.stdout).splitlines()
-    assert found == alone[: len(found)]
-    assert len(alone) - len(found) <= 1
+    assert_resumed(output.decode(), recording, state)
 
 
 @needs_proc
-def test_a_live_stream_that_is_replayed_slowly_ends_at_once_and_loses_no_pose(tmp_path: Path) -> None:
+def test_a_live_stream_that_waits_ends_at_once_and_loses_no_pose(tmp_path: Path) -> None:
+    """For the time of the next pose, for the file to grow, or for more than was sent."""
     log, state = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(60))]), tmp_path / "s.state"
-    with started("live", log, "--rate", "1e-6", "--state", state, "-v", stderr=PIPE) as live:
-        wait_until_it_waits(live)  # for the third pose, with which the second is released
-        live.send_signal(signal.SIGTERM)
-        assert live.wait(timeout=20) == 128 + signal.SIGTERM
-        assert b"3 poses" in live.stderr.read()
+    growing = write_log(tmp_path / "b.mcap", [poses_topic(smooth_poses(600))])
+    growing.write_bytes(growing.read_bytes()[:-3000])
+    for words in (
+        (log, "--rate", "1e-6", "--state", state),
+        (growing, "--follow"),
+        ("-", "--state", tmp_path / "t.state"),
+    ):
+        with started("live", *words, "-v", stdin=PIPE, stdout=DEVNULL, stderr=PIPE) as live:
+            live.stdin.write(RECORDING.read_bytes()[:200_000] if "-" in words else b"")
+            live.stdin.flush()
+            wait_until_it_waits(live)
+            live.send_signal(signal.SIGTERM)
+            assert live.wait(timeout=30) == 128 + signal.SIGTERM
+            said = live.stderr.read()
+        assert b"Traceback" not in said
+        assert log not in words or b"3 poses" in said  # the third one releases the second
+    assert (tmp_path / "t.state").is_file()
     assert "60 poses" in run("live", log, "--state", state).stderr
-
-
-@needs_proc
-def test_a_followed_stream_that_is_terminated_ends_with_143(tmp_path: Path) -> None:
-    log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(600))])
-    (growing := tmp_path / "b.mcap").write_bytes(log.read_bytes()[:-3000])
-    with started("live", growing, "--follow", "-v", stdout=DEVNULL, stderr=PIPE) as live:
-        wait_until_it_waits(live)  # for the file to grow
-        live.send_signal(signal.SIGTERM)
-        assert live.wait(timeout=20) == 128 + signal.SIGTERM
-
-
-@needs_proc
-def test_a_live_stream_is_saved_while_it_waits_on_standard_input(tmp_path: Path) -> None:
-    state = tmp_path / "s.state"
-    pipes = {"stdin": PIPE, "stdout": DEVNULL, "stderr": PIPE}
-    with started("live", "-", "--json", "--state", state, "-v", **pipes) as live:
-        live.stdin.write(RECORDING.read_bytes()[:200_000])
-        live.stdin.flush()
-        wait_until_it_waits(live)  # for more than was sent
-        live.send_signal(signal.SIGTERM)
-        assert live.wait(timeout=30) == 128 + signal.SIGTERM
-        assert b"Traceback" not in live.stderr.read()
-    assert state.is_file()
 
 
 def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: Path) -> None:
@@ -638,7 +557,7 @@ def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path
     assert_one_line_error(refused, 2, f"is of {there}, not of {here}: name another file")
 
 
-@pytest.mark.parametrize("later_s", [0.0, 0.1, 40.0])
+@pytest.mark.parametrize("later_s", [0.1, 40.0])
 def test_the_state_of_another_recording_is_refused_unless_that_ended_before(
     tmp_path: Path, later_s: float
 ) -> None:
@@ -678,46 +597,19 @@ def test_a_state_has_a_folder(tmp_path: Path) -> None:
     assert nowhere.stdout == ""
 
 
-def test_errors_of_a_temporary_file_name_the_target(tmp_path: Path) -> None:
-    path = tmp_path / "out.csv"
-    with pytest.raises(NotADirectoryError) as error, whole_file(path) as temporary:
-        (temporary / "no folder").touch()
-    assert error.value.filename == str(temporary / "no folder")  # of something else as it is
-    with pytest.raises(FileNotFoundError) as error, whole_file(path) as temporary:
-        temporary.unlink()
-    assert error.value.filename == str(path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_evaluate_reports_each_recording_and_goes_on_after_a_bad_one(log: Path, tmp_path: Path) -> None:
-    bad = tmp_path / "bad.mcap"
-    bad.write_text("no recording at all")
-    done = run("evaluate", bad, log.parent, "--json")
-    assert done.returncode == 1
-    assert "bad.mcap" in done.stderr
-    assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
-    assert "offline" in run("evaluate", log).stdout
-
-
 def test_a_live_stream_that_is_terminated_in_a_gap_loses_no_pose(tmp_path: Path) -> None:
     """The gate holds some poses back until the next comes, after the gap."""
     log, state = tmp_path / "gap.csv", tmp_path / "s.state"
     poses = Poses.collect(open_log(str(RECORDING)))
     time_s = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
-    keep = (time_s < 2.0) | ((time_s > 5.0) & (time_s < 8.0))
+    keep = (time_s < 2.0) | ((time_s > 4.5) & (time_s < 6.5))
     rows = np.column_stack([time_s, poses.position_m, poses.quat_xyzw])[keep]
     np.savetxt(log, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="", fmt="%.9f")
-    command = [*PROGRAM, "live", str(log), "--json", "--rate", "1", "--state", str(state)]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
-        assert live.stdout is not None
+    words = "live", log, "--json", "--rate", "1", "--state", state
+    with started(*words, stdout=PIPE, stderr=DEVNULL) as live:
         output = b"".join(live.stdout.readline() for _ in range(15))
-        time.sleep(1.5)  # in the gap
+        time.sleep(1.0)  # in the gap
         live.send_signal(signal.SIGTERM)
         output += live.stdout.read()
         assert live.wait(timeout=60) == 128 + signal.SIGTERM
-    rest_of_it = run("live", log, "--json", "--state", state)
-    alone = run("live", log, "--json").stdout.splitlines()
-    found = (output.decode() + rest_of_it.stdout).splitlines()
-    assert found == alone[: len(found)]
-    assert len(alone) - len(found) <= 1
+    assert_resumed(output.decode(), log, state)

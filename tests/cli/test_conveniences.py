@@ -4,13 +4,12 @@ import json
 import re
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from pyarrow import parquet
 
-from command_line import ENVIRONMENT, PIPE, ROOT, run, shown_on_a_terminal, started
+from command_line import PIPE, ROOT, run, shown_on_a_terminal, started
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import write_recording
 from mcap_logs import smooth_poses
@@ -56,22 +55,17 @@ def test_colours_are_used_on_terminals_only(log: Path, tmp_path: Path) -> None:
     assert "\x1b" not in run("info", absent).stderr
 
 
-def test_progress_has_a_total_where_it_is_known() -> None:
+def test_progress_has_a_total_where_it_is_known_and_rows_are_as_wide_as_the_terminal(log: Path) -> None:
     recording = ROOT / "recordings" / "robot_1khz.mcap"  # a shorter one is done before anything is shown
-    assert re.search(r"\d+%.*\d+/10500 ", shown_on_a_terminal("segment", recording))
-    assert "poses" in (shown := shown_on_a_terminal("segment", recording, "--duration", "4"))
-    assert "/10500" not in shown
-    assert re.search(r"4\.\d\d  \x1b\[38;5;\d+m[efv]-[efv]\x1b\[0m  ", shown)  # the label of a segment
-    assert "poses" not in shown_on_a_terminal("segment", recording, "--duration", "4", "-q")
-
-
-@pytest.mark.parametrize("more", [(), ("--wide",)])
-def test_rows_are_as_wide_as_the_terminal(more: tuple[str, ...]) -> None:
-    words = "segment", ROOT / "recordings" / "robot_1khz.mcap", "--duration", "3", *more
-    shown = re.sub(r"\x1b\[[\d;]*[A-Za-z]", "", shown_on_a_terminal(*words))
-    rows = re.findall(r"[^\r\n]+ (?:normal|along) [^\r\n]+", shown)
-    assert rows
-    assert (max(map(len, rows)) > 100) == bool(more)
+    for more in ((), ("--wide", "--duration", "4")):
+        shown = shown_on_a_terminal("segment", recording, *more)
+        assert "poses" in shown
+        assert bool(re.search(r"\d+%.*\d+/10500 ", shown)) == (not more)
+        assert re.search(r"\d\.\d\d  \x1b\[38;5;\d+m[efv]-[efv]\x1b\[0m  ", shown)  # the label of a segment
+        rows = re.findall(r"[^\r\n]+ (?:normal|along) [^\r\n]+", re.sub(r"\x1b\[[\d;]*[A-Za-z]", "", shown))
+        assert rows
+        assert (max(map(len, rows)) > 100) == bool(more)
+    assert "poses" not in shown_on_a_terminal("segment", log, "-q")
 
 
 def test_quiet_prints_no_messages_and_verbose_prints_the_settings(log: Path) -> None:
@@ -83,23 +77,18 @@ def test_quiet_prints_no_messages_and_verbose_prints_the_settings(log: Path) -> 
     assert "default.toml" in verbose.stderr
 
 
-@pytest.mark.parametrize("suffix", ["MCAP", "Html", "CSV", "PNG", "pdf", "svg"])
-def test_every_suffix_is_an_output_in_whatever_case(log: Path, tmp_path: Path, suffix: str) -> None:
+@pytest.mark.parametrize(
+    ("suffix", "begins"),
+    [("MCAP", b"\x89MCAP0"), ("Html", b"<!DOCTYPE html>"), ("PNG", b"\x89PNG"), ("pdf", b"%PDF")],
+)
+def test_every_suffix_is_an_output_in_whatever_case(
+    log: Path, tmp_path: Path, suffix: str, begins: bytes
+) -> None:
     done = run("segment", log, "-o", tmp_path / f"out.{suffix}")
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     last = done.stderr.splitlines()[-1]
-    assert re.fullmatch(rf"contact-tracker: wrote .*out\.{suffix}(: \d+ segments)?", last)
-    assert last.endswith("segments") == (suffix == "CSV")
-    content = (tmp_path / f"out.{suffix}").read_bytes()
-    begins = {
-        "mcap": b"\x89MCAP0",
-        "html": b"<!DOCTYPE html>",
-        "csv": b"start_ns,end_ns",
-        "png": b"\x89PNG",
-        "pdf": b"%PDF",
-        "svg": b"<?xml",
-    }
-    assert content.startswith(begins[suffix.lower()])
+    assert last == f"contact-tracker: wrote {tmp_path / f'out.{suffix}'}"
+    assert (tmp_path / f"out.{suffix}").read_bytes().startswith(begins)
     assert [path.name for path in tmp_path.iterdir()] == [f"out.{suffix}"]
 
 
@@ -123,22 +112,17 @@ def test_standard_input_gives_result_channels_alone(log: Path, tmp_path: Path) -
     assert topics == {"/contact/belief", "/contact/frames", "/contact/scene"}
 
 
-@pytest.mark.parametrize("suffix", ["jsonl", "PARQUET"])
-def test_live_writes_the_lines_that_it_prints(log: Path, tmp_path: Path, suffix: str) -> None:
-    done = run("live", log, "--json", "-o", tmp_path / f"out.{suffix}")
+def test_live_writes_the_lines_that_it_prints(log: Path, tmp_path: Path) -> None:
+    done = run("live", log, "--json", "-o", tmp_path / "out.PARQUET")
     assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
-    if suffix == "jsonl":
-        assert (tmp_path / "out.jsonl").read_text().splitlines() == lines
-    else:
-        table = parquet.read_table(tmp_path / "out.PARQUET")
-        beliefs = [json.loads(line) for line in lines]
-        assert table["stamp_ns"].to_pylist() == [belief["stamp_ns"] for belief in beliefs]
-        assert table["p_free"].to_pylist() == [belief["probability"]["free"] for belief in beliefs]
+    table = parquet.read_table(tmp_path / "out.PARQUET")
+    beliefs = [json.loads(line) for line in done.stdout.splitlines()]
+    assert table["stamp_ns"].to_pylist() == [belief["stamp_ns"] for belief in beliefs]
+    assert table["p_free"].to_pylist() == [belief["probability"]["free"] for belief in beliefs]
 
 
 def test_live_leaves_its_ticks_and_a_summary_when_it_is_interrupted(log: Path, tmp_path: Path) -> None:
-    words = "live", log, "--json", "--rate", "0.25", "-o", tmp_path / "out.jsonl"
+    words = "live", log, "--json", "--rate", "0.5", "-o", tmp_path / "out.jsonl"
     pipes = {"stdout": PIPE, "stderr": PIPE, "text": True}
     heeded = {
         "preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -155,21 +139,6 @@ def test_live_leaves_its_ticks_and_a_summary_when_it_is_interrupted(log: Path, t
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_missing_extra_is_one_line_before_any_work(log: Path, tmp_path: Path) -> None:
-    code = (
-        "import sys; sys.modules['foxglove'] = None;"
-        "from contact_tracker.cli.main import run; sys.exit(run(sys.argv[1:]))"
-    )
-    command = [sys.executable, "-c", code, "segment", str(log), "-o", str(tmp_path / "out.mcap")]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert done.stderr == (
-        "contact-tracker: error: an MCAP file for Foxglove needs foxglove: "
-        "pip install 'contact-tracker[foxglove]'\n"
-    )
-    assert not list(tmp_path.iterdir())
-
-
 def test_the_table_of_outputs_has_all_of_them() -> None:
     """As many rows of ``segment -o`` and ``live -o`` as their help names, and the extras that exist."""
     import tomllib
@@ -182,13 +151,3 @@ def test_the_table_of_outputs_has_all_of_them() -> None:
         assert suffixes == set(re.findall(r"(\.\w+)(?= or|$)", wrong.partition("must end in ")[2].strip()))
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert {extra for *_, extra in rows if extra} <= extras.keys()
-
-
-def test_a_recording_for_foxglove_never_replaces_its_own_recording(log: Path, tmp_path: Path) -> None:
-    before = log.read_bytes()
-    for more in ((), ("--overwrite",)):
-        done = run("segment", log, "-o", log, *more)
-        assert (done.returncode, log.read_bytes()) == (2, before)
-    (tmp_path / "other.mcap").write_bytes(before)
-    assert run("segment", log, "-o", tmp_path / "other.mcap").returncode == 2
-    assert run("segment", log, "-o", tmp_path / "other.mcap", "--overwrite").returncode == 0

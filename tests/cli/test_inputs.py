@@ -1,60 +1,60 @@
 """The commands on other inputs than MCAP with poses: tables, chains of transforms, other bodies."""
 
 import json
-import subprocess
-import sys
 from inspect import signature
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import Writer
-from test_commands import assert_one_line_error, run
+from test_commands import assert_one_line_error
 
 from batches import run as batch
+from command_line import run, shown_on_a_terminal
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.states import Contact
 from contact_tracker.tracker import Tracker
-from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
+from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, transform, write_log
 
 POSES = smooth_poses(300)
 SHIPPED = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
-def write_chain(path: Path) -> Path:
+def write_chain(path: Path, *more: Topic) -> Path:
     pairs = zip(POSES, smooth_poses(300, seed=4), strict=True)
     rows = [
         (a.stamp_ns, {"transforms": [transform(*a, "world", "flange"), transform(*b, "flange", "cup")]})
         for a, b in pairs
     ]
-    topics = [Topic("/tf", "tf2_msgs/msg/TFMessage", rows), poses_topic(POSES, "/tray")]
-    return write_log(path, topics)
+    return write_log(path, [Topic("/tf", "tf2_msgs/msg/TFMessage", rows), poses_topic(POSES, "/tray"), *more])
 
 
-def test_a_chain_of_transforms(tmp_path: Path) -> None:
-    path = write_chain(tmp_path / "a.mcap")
-    done = run("live", path, "--frame", "world->cup")
-    assert done.returncode == 0, done.stderr
-    assert "300 poses" in done.stderr
-    assert "may move" not in done.stderr
-    done = run("live", path, "--topic", "/tf", "--frame", "cup")
-    assert "warning: " + str(path) + ": poses are in flange, which may move in world" in done.stderr
+def test_what_is_assumed_and_what_comes_late_is_warned_of(tmp_path: Path) -> None:
+    done = run("live", write_chain(tmp_path / "a.mcap"), "--topic", "/tf", "--frame", "cup")
+    assert f"warning: {tmp_path / 'a.mcap'}: poses are in flange, which may move in world" in done.stderr
     assert "--frame 'world->cup'" in done.stderr
+    rows = np.column_stack([5 * np.arange(60), POSES.position_m[:60], POSES.quat_xyzw[:60]])
+    np.savetxt(tmp_path / "a.csv", rows, "%.9g", ",", header="t,x,y,z,qx,qy,qz,qw", comments="")
+    done = run("info", tmp_path / "a.csv")
+    assert done.stderr.count("its times have no unit and are taken as milliseconds") == 1
+    early, late = smooth_poses(450, 100.0), smooth_poses(50, start_ns=START_NS + 4 * 10**9)
+    messages = [*poses_topic(early, frame="a").messages, *poses_topic(late, frame="b").messages]
+    path = write_log(tmp_path / "b.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", messages)])
+    done = run("live", path)
+    assert "another source of poses shows up: /p b" in done.stderr
+    assert "other_source 50" in done.stderr
 
 
 def test_in_another_frame_elements_are_not_compared(tmp_path: Path) -> None:
     """The true ones are in the frame of the recording."""
     pair = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
-    poses = smooth_poses(300)
+    poses = smooth_poses(150)
     span = int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])
     truth = Truth((TruthInterval(*span, Contact.VF, geometry=pair),)).to_json()
-    topics = [poses_topic(poses, "/tray"), poses_topic(smooth_poses(300, seed=1), "/cup")]
+    topics = [poses_topic(poses, "/tray"), poses_topic(smooth_poses(150, seed=1), "/cup")]
     path = write_log(tmp_path / "a.mcap", topics, truth)
     done = run("evaluate", path, "--topic", "/cup")
     assert "within 3 sd" in done.stdout
@@ -69,19 +69,11 @@ def test_in_another_frame_elements_are_not_compared(tmp_path: Path) -> None:
     [
         (["--topic", "/object/pose", "--relative-to", "/tray"], "/object/pose /tray"),
         (["--frame", "world->cup"], "/tf world->cup"),
-        (["--topic", "/tray", "--relative-to", "flange"], "/tray flange"),
     ],
 )
 def test_info_summarises_composed_poses(tmp_path: Path, words: list[str], source: str) -> None:
     """Those that the other commands take with the same words."""
-    pairs = zip(POSES, smooth_poses(300, seed=4), strict=True)
-    rows = [
-        (a.stamp_ns, {"transforms": [transform(*a, "world", "flange"), transform(*b, "flange", "cup")]})
-        for a, b in pairs
-    ]
-    topics = [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)]
-    topics += [poses_topic(POSES, "/tray"), poses_topic(smooth_poses(300, seed=2), "/object/pose")]
-    path = str(write_log(tmp_path / "a.mcap", topics))
+    path = str(write_chain(tmp_path / "a.mcap", poses_topic(smooth_poses(300, seed=2), "/object/pose")))
     done = run("info", path, *words)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(source + " (")
@@ -108,7 +100,8 @@ def test_every_command_tells_the_tracker_that_a_frame_moves(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Poses in the frame of another body are not taken for inverse ones then."""
-    path = write_log(tmp_path / "a.mcap", [poses_topic(POSES, "/table"), poses_topic(POSES, "/cup")])
+    few = smooth_poses(60)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(few, "/table"), poses_topic(few, "/cup")])
     start, told = Tracker.start, list[bool]()
 
     def noted(*arguments: Any, **options: Any) -> Tracker:
@@ -125,64 +118,10 @@ def test_every_command_tells_the_tracker_that_a_frame_moves(
     assert set(told) == {True}
 
 
-def test_the_state_of_a_composed_stream_is_resumed(tmp_path: Path) -> None:
-    path, state = write_chain(tmp_path / "a.mcap"), tmp_path / "state"
-    first = run("live", path, "--frame", "world->cup", "--state", state, "--json")
-    assert first.returncode == 0, first.stderr
-    again = run("live", path, "--frame", "world->cup", "--state", state, "--json")
-    assert again.returncode == 0, again.stderr
-    assert again.stdout == ""
-    stamps = [json.loads(line)["stamp_ns"] for line in first.stdout.splitlines()]
-    assert stamps == sorted(set(stamps))
-
-
-def test_an_assumed_definition_is_reported_in_one_line(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
-    (tmp_path / "b.mcap").write_bytes(without_definitions(path))
-    done = run("live", tmp_path / "b.mcap")
-    assert done.returncode == 0, done.stderr
-    (line,) = (line for line in done.stderr.splitlines() if "known definition" in line)
-    assert "300 poses are read by the known definition of geometry_msgs/msg/PoseStamped: the file" in line
-    assert "known_definition 300" in done.stderr
-    assert "known definition" not in run("info", path).stderr
-
-
-def without_definitions(path: Path) -> bytes:
-    out = BytesIO()
-    with path.open("rb") as file:
-        writer = Writer(out)
-        writer.start()
-        channels = dict[str, int]()
-        for schema, channel, message in make_reader(file).iter_messages():
-            if channel.topic not in channels:
-                number = writer.register_schema(schema.name, "ros2msg", b"")
-                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
-            writer.add_message(channels[channel.topic], message.log_time, message.data, message.log_time)
-        writer.finish()
-    return out.getvalue()
-
-
-@pytest.mark.parametrize("command", ["segment", "info"])
-def test_the_unit_of_times_in_a_table(tmp_path: Path, command: str) -> None:
-    path = tmp_path / "a.csv"
-    numbers = np.column_stack([5 * np.arange(len(POSES)), POSES.position_m, POSES.quat_xyzw])
-    np.savetxt(path, numbers, "%.9g", ",", header="t,x,y,z,qx,qy,qz,qw", comments="")
-    done = run(command, path)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.count("its times have no unit and are taken as milliseconds") == 1
-    assert f"{1.495:.2f} s" in done.stdout + done.stderr
-    done = run(command, path, "--time-unit", "us")
-    assert "have no unit" not in done.stderr
-    assert (
-        "in 0.00 s" in done.stderr or "0.00 s of motion" in done.stderr or "time      0.00 s" in done.stdout
-    )
-
-
-@pytest.mark.parametrize("command", ["live", "segment", "info"])
 def test_the_command_that_was_typed_is_proposed_for_columns_that_may_be_meant_in_several_ways(
-    tmp_path: Path, command: str
+    tmp_path: Path,
 ) -> None:
-    path = tmp_path / "a.csv"
+    path, command = tmp_path / "a.csv", "live"
     numbers = np.column_stack([1e-9 * POSES.stamp_ns, POSES.position_m, POSES.quat_xyzw[:, :3]])
     np.savetxt(path, numbers, "%.9g", ",", header="time [s],x,y,z,rx,ry,rz", comments="")
     done = run(command, path, "--unit", "mm")
@@ -193,12 +132,10 @@ def test_the_command_that_was_typed_is_proposed_for_columns_that_may_be_meant_in
 
 
 def test_a_warning_comes_while_the_stream_goes_on_with_the_option_that_is_tried(tmp_path: Path) -> None:
-    path, poses = tmp_path / "a.csv", Poses.collect(open_log(str(SHIPPED)))[3000:6000:2]
+    path, poses = tmp_path / "a.csv", Poses.collect(open_log(str(SHIPPED)))[3000:5000:2]
     numbers = np.column_stack([1e-9 * poses.stamp_ns, 1e3 * poses.position_m, poses.quat_xyzw])
     np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
-    words = [sys.executable, "-m", "contact_tracker", "live", str(path), "--json"]
-    done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True)
-    lines = done.stdout.splitlines()
+    lines = shown_on_a_terminal("live", path, "--json", "-q").splitlines()
     (warned,) = (i for i, line in enumerate(lines) if "positions look like millimetres" in line)
     assert "take --unit mm" in lines[warned]
     assert warned < len(lines) - 20
@@ -223,7 +160,6 @@ def test_what_is_no_recording_names_the_kinds_that_are_read(tmp_path: Path) -> N
     ("words", "code"),
     [
         (["segment", "loop"], 1),
-        (["info", "loop"], 1),
         (["live", "log.mcap", "--state", "loop"], 2),
         (["batch", "log.mcap", "-o", "loop"], 2),
     ],
@@ -238,9 +174,8 @@ def test_a_link_to_itself_is_one_line(tmp_path: Path, words: list[str], code: in
 def test_a_pattern_that_the_shell_has_not_replaced(tmp_path: Path) -> None:
     for name in ("a.mcap", "b.mcap"):
         write_log(tmp_path / name, [poses_topic(smooth_poses(60))])
-    for command in ("segment", "evaluate"):
-        said = "looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
-        assert_one_line_error(run(command, "*.mcap", cwd=tmp_path), 1, said)
+    said = "looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
+    assert_one_line_error(run("segment", "*.mcap", cwd=tmp_path), 1, said)
     (tmp_path / "readme.txt").write_text("two logs of a cup\n")
     done = run("batch", "**", "-o", "dataset", "--processes", "1", cwd=tmp_path)
     assert "recordings: 2, of which 2 new" in done.stderr

@@ -51,8 +51,7 @@ LOG, CUT, TEXT = f"{ODD}.mcap", f"{ODD}cut.mcap", f"{ODD}text.mcap"
 @pytest.mark.parametrize(
     ("code", "arguments"),
     [
-        (0, ["live", LOG, "--json"]),
-        (0, ["segment", LOG, "--processes", "2", "-o", f"{ODD}.jsonl"]),
+        (0, ["segment", LOG, "-o", f"{ODD}.jsonl"]),
         (1, ["segment", f"{ODD_BYTES}gone.mcap"]),
         (0, ["view", LOG, "--save", f"{ODD}.rrd"]),
         (0, ["info", "two.mcap", "--json"]),
@@ -78,29 +77,23 @@ def test_names_of_any_kind_are_printed_in_lines(code: int, arguments: list[str],
     assert all(line.startswith("contact-tracker: ") for line in lines), lines
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["live", LOG],
-        ["evaluate", LOG],
-    ],
-    ids=lambda value: value[0],
-)
-def test_names_of_any_kind_are_shown_in_progress(arguments: list[str], folder: Path) -> None:
+@pytest.mark.parametrize("command", ["live", "evaluate"])
+def test_names_of_any_kind_are_shown_in_progress(command: str, folder: Path) -> None:
     """On a terminal, in which progress and status may move the cursor, but no name."""
-    shown = shown_on_a_terminal(*arguments, cwd=folder)
+    shown = shown_on_a_terminal(command, LOG, cwd=folder)
     assert "poses" in shown or "recordings" in shown
     for odd in (RED, ERASED, BELL, "\u2028"):
         assert odd not in shown
 
 
-WARN = "import warnings; warnings.warn('a\\x1b\\n  b')"
-LOG_IT = "import logging; logging.getLogger('lib').warning('c\\x1b\\nd')"
-TAKE_OVER = "from contact_tracker.cli.terminal import take_over_warnings; take_over_warnings()"
-
-
 def test_warnings_and_logs_of_libraries_are_one_line() -> None:
-    program = "; ".join([TAKE_OVER, WARN, LOG_IT])
+    program = """
+import logging, warnings
+from contact_tracker.cli.terminal import take_over_warnings
+take_over_warnings()
+warnings.warn('a\\x1b\\n  b')
+logging.getLogger('lib').warning('c\\x1b\\nd')
+"""
     done = subprocess.run([sys.executable, "-c", program], env=ENVIRONMENT, capture_output=True, text=True)
     assert done.stderr == (
         "contact-tracker: warning: UserWarning: a\\x1b b\ncontact-tracker: warning: lib: c\\x1b d\n"

@@ -16,7 +16,6 @@ from contact_tracker.config.loading import MAY_BE_ZERO, load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ModelError, UsageError
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking.posterior import label_geometry
 from contact_tracker_lab.calibration.parameters import model_text
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
@@ -81,6 +80,13 @@ def refused(tmp_path, text):
     return caught.value
 
 
+EVERYWHERE = [
+    (True, "must be a number, not bool"),
+    ([1.0], "must be a number, not list"),
+    (float("inf"), "must be more than"),
+    (10**400, "must be more than"),
+]
+"""As one check sees all numbers, tried with one of them."""
 each_number = pytest.mark.parametrize(
     ("section", "key"), numbers(), ids=[".".join(filter(None, row)) for row in numbers()]
 )
@@ -122,25 +128,55 @@ def test_missing_entries_in_a_table_of_contacts_are_zero(tmp_path):
     assert seen.changes[1:] == ((0.0,) * 7,) * 6
 
 
-@pytest.mark.parametrize(
-    ("table", "key", "reason"),
-    [
-        ({"begins": {"f-g": 1.0}}, "begins.f-g", "known are f-f"),
-        ({"begins": {"f-f": -1.0}}, "begins.f-f", "zero or more"),
-        ({"begins": {"f-f": float("nan")}}, "begins.f-f", "zero or more"),
-        ({"begins": 3.0}, "begins", "table"),
-        ({"moving_s": {"free": "long"}}, "moving_s.free", "number"),
-        ({"moving_s": {"free": 10**400}}, "moving_s.free", "zero or more"),
-        ({"changes": {"f-f": 1.0}}, "changes.f-f", "table"),
-        ({"changes": {"f-f": {"up": 1.0}}}, "changes.f-f.up", "known are f-f"),
-        ({"changes": {"free": {"free": 1.0}}}, "changes.free.free", "into itself"),
-        ({"change": {}}, "change", "unknown"),
-    ],
-)
-def test_tables_of_contacts_are_checked_to_the_last_number(tmp_path, table, key, reason):
-    error = refused(tmp_path, with_seen(SEEN | table))
-    assert error.key == f"transitions.counts.{key}"
-    assert reason in error.reason
+CONTACTS_TABLES = [
+    ({"begins": {"f-g": 1.0}}, "begins.f-g", "known are f-f"),
+    ({"begins": {"f-f": -1.0}}, "begins.f-f", "zero or more"),
+    ({"begins": {"f-f": float("nan")}}, "begins.f-f", "zero or more"),
+    ({"begins": 3.0}, "begins", "table"),
+    ({"moving_s": {"free": "long"}}, "moving_s.free", "number"),
+    ({"moving_s": {"free": 10**400}}, "moving_s.free", "zero or more"),
+    ({"changes": {"f-f": 1.0}}, "changes.f-f", "table"),
+    ({"changes": {"f-f": {"up": 1.0}}}, "changes.f-f.up", "known are f-f"),
+    ({"changes": {"free": {"free": 1.0}}}, "changes.free.free", "into itself"),
+    ({"change": {}}, "change", "unknown"),
+]
+CHANGES = [
+    (("search", "window_s", 0.01), "tick"),  # the window would be empty, or never end
+    (("noise", "sigma_posision_m", 1.0), "sigma_position_m"),
+    (("noise", "estimated", 1.0), ""),
+    (("transitions", "skip", 1.5), ""),
+    (("transitions", "initial_f_f", 1.0), ""),
+    ((None, "tick_s", 1e-9), ""),
+    ((None, "tick_s", 1e6), ""),
+    ((None, "name", 7), ""),
+    (("geometry", "reach_m", 1e-200), ""),
+    (("geometry", "reach_m", 1e5), ""),  # a fit that far off is singular
+    (("motion", "prior_predictive_share", 1.5), ""),
+    (("noise", "floor_position_m", 1e-200), ""),
+]
+SECTIONS = [key for key, value in DEFAULT.items() if isinstance(value, dict)]
+WRONG = [
+    *(
+        (with_seen(SEEN | table), f"transitions.counts.{key}", reason)
+        for table, key, reason in CONTACTS_TABLES
+    ),
+    *((toml(changed(*one)), ".".join(filter(None, one[:2])), reason) for one, reason in CHANGES),
+    *((toml({k: v for k, v in DEFAULT.items() if k != one}), one, "missing") for one in SECTIONS),
+    *((toml({one: 3.0} | {k: v for k, v in DEFAULT.items() if k != one}), one, "table") for one in SECTIONS),
+    (toml(DEFAULT | {"extra": {"a": 1.0}}), "extra", "unknown"),
+    (
+        toml(changed("noise", "contact_rotation_rad", {"free": 0.001})),
+        "noise.contact_rotation_rad.free",
+        "free",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "reason"), WRONG, ids=[f"{key}: {why}" for _, key, why in WRONG])
+def test_what_is_wrong_is_named_with_its_reason(tmp_path, text, key, reason):
+    error = refused(tmp_path, text)
+    assert error.key == key or (reason == "table" and error.key.startswith(key))
+    assert reason in str(error)
 
 
 @each_number
@@ -150,45 +186,14 @@ def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
     for value, reason in (
         *needed,
         ("fast", "must be a number, not str"),
-        (True, "must be a number, not bool"),
-        ([1.0], "must be a number, not list"),
         *([] if name in MAY_BE_ZERO else [(0.0, "must be more than")]),
         (-1.0, "must be more than"),
         (float("nan"), "must be more than"),
-        (float("inf"), "must be more than"),
-        (10**400, "must be more than"),
+        *(EVERYWHERE if key == "tick_s" else []),
     ):
         error = refused(tmp_path, toml(changed(section, key, value)))
         assert error.key == name
         assert reason in error.reason
-
-
-def test_a_window_holds_several_ticks(tmp_path):
-    """A window shorter than a tick would be empty, or never end."""
-    error = refused(tmp_path, toml(changed("search", "window_s", 0.01)))
-    assert error.key == "search.window_s"
-    assert "tick" in error.reason
-
-
-def test_unknown_keys_and_sections_are_named_with_the_known_ones(tmp_path):
-    error = refused(tmp_path, toml(changed("noise", "sigma_posision_m", 1.0)))
-    assert error.key == "noise.sigma_posision_m"
-    assert "sigma_position_m" in error.reason
-    error = refused(tmp_path, toml(DEFAULT | {"extra": {"a": 1.0}}))
-    assert error.key == "extra"
-    assert "unknown" in error.reason
-
-
-@pytest.mark.parametrize("section", [k for k, v in DEFAULT.items() if isinstance(v, dict)])
-def test_sections_are_tables(tmp_path, section):
-    assert refused(tmp_path, toml({k: v for k, v in DEFAULT.items() if k != section})).key == section
-    error = refused(tmp_path, toml({section: 3.0} | {k: v for k, v in DEFAULT.items() if k != section}))
-    assert error.key.startswith(section)
-    assert "table" in error.reason
-
-
-def test_the_name_is_a_string(tmp_path):
-    assert refused(tmp_path, toml(DEFAULT | {"name": 7})).key == "name"
 
 
 @pytest.mark.parametrize(
@@ -219,7 +224,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
             load_model(str(binary))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(text=st.text(max_size=200))
 def test_any_text_is_a_model_or_an_error_in_one_line(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("models") / "any.toml"
@@ -244,11 +249,6 @@ def test_errors_of_contacts_may_be_left_out_and_are_read_again(tmp_path):
     assert load_model(str(path)) == loose
 
 
-def test_free_motion_has_no_error_of_contact(tmp_path):
-    error = refused(tmp_path, toml(changed("noise", "contact_rotation_rad", {"free": 0.001})))
-    assert error.key == "noise.contact_rotation_rad.free"
-
-
 def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
     poses = simulate(Scenario((Phase(Contact.VF, 1.0),)), 0).poses
     plain, same, loose = (
@@ -268,14 +268,10 @@ def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
 
 
 def banks_of(poses, model):
-    return state_after(poses, model).banks
-
-
-def state_after(poses, model):
     one = PoseFilter(model)
     for pose in poses:
         one.update(pose)
-    return one.state
+    return one.state.banks
 
 
 def test_optional_keys_have_defaults(tmp_path):
@@ -286,7 +282,6 @@ def test_optional_keys_have_defaults(tmp_path):
     path.write_text(toml(changed("noise", "estimated", False)))
     given = load_model(str(path))
     assert given.noise == load_model().with_noise(0.5e-3, 4e-3).noise
-    assert refused(tmp_path, toml(changed("noise", "estimated", 1.0))).key == "noise.estimated"
     path.write_text(model_text(given))
     assert load_model(str(path)) == given
 
@@ -303,7 +298,7 @@ def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path: Path, k
     assert time.process_time() - begin_s < 2.0, "the parser would take minutes"
 
 
-@pytest.mark.parametrize("filling", ["\n", " ", "\t", "{", ",", '"', "'", ", ", "a.", ",a", '{"'])
+@pytest.mark.parametrize("filling", ["\n", "{", "'", "a.", ",a", '{"'])
 def test_the_search_for_such_keys_is_linear(tmp_path: Path, filling: str) -> None:
     path = tmp_path / "m.toml"
     path.write_text("x = 1 # " + "." * 100 + "\n!" + filling * (900_000 // len(filling)))
@@ -311,27 +306,3 @@ def test_the_search_for_such_keys_is_linear(tmp_path: Path, filling: str) -> Non
     with pytest.raises(ModelError):
         load_model(str(path))
     assert time.process_time() - begin_s < 5.0, "quadratic time would be hours"
-
-
-@pytest.mark.parametrize(
-    ("section", "key", "value"),
-    [
-        ("transitions", "skip", 1.5),
-        ("transitions", "initial_f_f", 1.0),
-        (None, "tick_s", 1e-9),
-        (None, "tick_s", 1e6),
-        ("geometry", "reach_m", 1e-200),
-        ("geometry", "reach_m", 1e5),  # a fit that far off is singular
-        ("motion", "prior_predictive_share", 1.5),
-        ("noise", "floor_position_m", 1e-200),
-    ],
-)
-def test_impossible_values_are_out_of_range(tmp_path, section, key, value):
-    assert refused(tmp_path, toml(changed(section, key, value))).key.endswith(key)
-
-
-def test_contact_error_increases_the_uncertainty_of_the_geometry():
-    state = state_after(simulate(Scenario((Phase(Contact.VF, 3.0),)), 0).poses, load_model())
-    loose = state._replace(model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
-    plain, off = (label_geometry(one, Contact.VF).object.covariance.trace() for one in (state, loose))
-    assert off > 1.01 * plain

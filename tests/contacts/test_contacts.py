@@ -53,23 +53,29 @@ def first_and_second(model, x):
             return lines[0], lines[1]
 
 
-@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-def test_the_form_has_the_indices_of_turns(model):
-    rng = np.random.default_rng(0)
-    tangent = model.family.tangent(random_x(model, rng), rng.normal(size=6))
-    turned = np.abs(tangent[layout.directions(model.family.FORM)]).max(axis=0) > 0
-    np.testing.assert_array_equal(np.flatnonzero(turned), layout.turns(model.family.FORM))
-    np.testing.assert_array_equal(np.flatnonzero(~turned), layout.shifts(model.family.FORM))
-
-
-def test_models_are_in_the_order_of_the_labels():
-    assert tuple(model.contact for model in CONTACT_MODELS) == CONTACTS
-
-
 @each_model
-def test_as_many_rows_as_constraints(model):
-    assert model.contact.codimension == model.family.ROWS
-    assert model.family.rows(random_x(model, np.random.default_rng(0))).shape[0] == model.family.ROWS
+def test_the_parts_of_a_model_have_their_sizes_and_order(model):
+    """Labels, rows and unknowns, indices of turns, elements and their covariances."""
+    rng, family = np.random.default_rng(0), model.family
+    x = random_x(model, rng)
+    assert CONTACTS[CONTACT_MODELS.index(model)] is model.contact
+    assert model.contact.codimension == family.ROWS == family.rows(x).shape[0]
+    tangent = family.tangent(x, rng.normal(size=6))
+    assert model.needed * family.ROWS == tangent.shape[-1]
+    turned = np.abs(tangent[layout.directions(family.FORM)]).max(axis=0) > 0
+    np.testing.assert_array_equal(np.flatnonzero(turned), layout.turns(family.FORM))
+    np.testing.assert_array_equal(np.flatnonzero(~turned), layout.shifts(family.FORM))
+    covariance = np.diag(np.arange(1.0, family.SIZE + 1.0))
+    found = model.geometry(x, covariance, 0.5)
+    kinds = {"f": Plane, "e": Line, "v": Point}
+    assert [kinds[kind] for kind in model.contact.value.split("-")] == [
+        type(found.object),
+        type(found.environment),
+    ]
+    if model.contact in (Contact.EE, Contact.VF):
+        first = len(found.object.covariance)
+        np.testing.assert_array_equal(found.object.covariance, covariance[:first, :first])
+        np.testing.assert_array_equal(found.environment.covariance, covariance[first:, first:])
 
 
 # --- the exact relation to the paper's objectives -------------------------------------------------------
@@ -122,26 +128,6 @@ def test_vanishes_where_the_elements_touch(model, seed):
     measured = model.measure(x[None], lifted_pose.lift(t.rotation, t.position_m))
     assert np.abs(measured.residual).max() < 1e-10
     assert (measured.lever_sq <= measured.reach_sq + 1e-9).all()
-
-
-@each_model
-@quick
-@given(seed=seeds)
-def test_measure_is_the_distance_in_metres(model, seed):
-    """A shift of the object by a millimetre along the normal changes the distance by a millimetre."""
-    rng = np.random.default_rng(seed)
-    t = touching(model.contact, rng)
-    if model.contact is Contact.EE:
-        normal = np.cross(t.environment[:3], t.rotation @ t.object[:3])
-        crossing = np.linalg.norm(normal, axis=1) > 0.1
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    else:
-        normal = t.environment[:3] if model.body_in_1 else t.rotation @ t.object[:3]
-        crossing = np.ones(len(t.rotation), bool)
-    x = x_of(model.contact, t.object, t.environment)
-    moved = lifted_pose.lift(t.rotation, t.position_m + 1e-3 * normal)
-    distance = np.abs(model.measure(x[None], moved).residual[0, -1])
-    np.testing.assert_allclose(distance[crossing], 1e-3, rtol=1e-6)
 
 
 @each_model
@@ -239,109 +225,6 @@ def test_gradient_agrees_with_finite_differences(model, seed):
 @each_model
 @quick
 @given(seed=seeds)
-def test_rows_derivative_is_exact(model, seed):
-    """Along free directions; f-f's first two rows may turn together in their plane."""
-    rng = np.random.default_rng(seed)
-    family = model.family
-    x = random_x(model, rng)
-    along = family.tangent(x, np.zeros(6)) @ rng.normal(size=family.PARAMETERS)
-    step = 1e-6
-    numeric = (family.rows(x + step * along) - family.rows(x - step * along)) / (2 * step)
-    exact = np.einsum("s,ksc->kc", along, family.rows_derivative(x))
-    if model.contact is Contact.FF:
-        rows = family.rows(x)[:2]
-        off = numeric[:2] - exact[:2]
-        spin = off @ rows.T
-        np.testing.assert_allclose(spin, -spin.T, atol=1e-4 * max(np.abs(numeric).max(), 1.0))
-        numeric[:2] -= spin @ rows
-    np.testing.assert_allclose(numeric, exact, atol=1e-5 * max(np.abs(numeric).max(), 1.0))
-
-
-@each_model
-@quick
-@given(seed=seeds)
-def test_steps_keep_the_constraints(model, seed):
-    rng = np.random.default_rng(seed)
-    family, anchors = model.family, rng.normal(size=6)
-    x = random_x(model, rng, anchors)
-    step = family.tangent(x, anchors) @ rng.normal(size=family.PARAMETERS)
-    y = family.normalise(x + step, anchors)
-    np.testing.assert_allclose(family.normalise(y, anchors), y, atol=1e-12)
-    assert np.linalg.matrix_rank(family.tangent(y, anchors)) == family.PARAMETERS
-    first, second = first_and_second(model, y)
-    elements = [second] if model.contact in (Contact.VF, Contact.FV) else [first, second]
-    np.testing.assert_allclose([np.linalg.norm(e[:3]) for e in elements], 1.0, atol=1e-12)
-
-
-@each_model
-@quick
-@given(seed=seeds)
-def test_batches_equal_single_ones(model, seed):
-    rng = np.random.default_rng(seed)
-    family, anchors = model.family, rng.normal(size=(3, 6))
-    x = family.normalise(rng.normal(size=(3, family.SIZE)), anchors)
-    for i in range(3):
-        np.testing.assert_allclose(family.rows(x)[i], family.rows(x[i]), atol=1e-12)
-        np.testing.assert_allclose(family.rows_derivative(x)[i], family.rows_derivative(x[i]), atol=1e-12)
-        np.testing.assert_allclose(
-            family.tangent(x, anchors)[i], family.tangent(x[i], anchors[i]), atol=1e-12
-        )
-
-
-@each_model
-@quick
-@given(seed=seeds)
-def test_residuals_do_not_depend_on_the_origins(model, seed):
-    """Elements move with the origins, residuals do not change (those of f-f if the faces are parallel)."""
-    rng = np.random.default_rng(seed)
-    world, body = rng.normal(size=(2, 3))
-    x = random_x(model, rng)
-    if model.contact is Contact.FF:
-        rotation, t, *elements = touching(Contact.FF, rng, 9)
-        t, x = t + 0.1 * elements[1][:3], x_of(Contact.FF, *elements)
-    else:
-        rotation, t = random_poses(rng)
-    before = residuals(model, x, rotation, t)
-    shifts = (body, world) if model.body_in_1 else (world, body)
-    zeta = lifted_pose.lift(rotation, t - world + rotation @ body)
-    after = model.lifted(zeta) @ model.family.rows(moved_x(model, x, *shifts)).T
-    np.testing.assert_allclose(after, before, atol=1e-9)
-
-
-def moved_x(model, x, shift_1, shift_2):
-    """x of the same elements when the origins of frames 1 and 2 move to ``shift_1`` and ``shift_2``."""
-    y = x.copy()
-    match model.contact:
-        case Contact.FF:
-            y[6] += x[:3] @ shift_1 - x[3:6] @ shift_2
-        case Contact.EF | Contact.FE:
-            y[3:6] -= shift_1
-            y[9] -= x[6:9] @ shift_2
-        case Contact.VF | Contact.FV:
-            y[:3] -= shift_1
-            y[6] -= x[3:6] @ shift_2
-        case _:
-            y[3:6] -= shift_1
-            y[9:12] -= shift_2
-    return y
-
-
-@quick
-@given(seed=seeds)
-def test_swapped_contacts_are_the_inverse_pose(seed):
-    """f-e and f-v of a pose are e-f and v-f of its inverse."""
-    rng = np.random.default_rng(seed)
-    rotation, t = random_poses(rng)
-    for contact, swapped in ((Contact.EF, Contact.FE), (Contact.VF, Contact.FV)):
-        model, mirror = CONTACT_MODELS[contact.column], CONTACT_MODELS[swapped.column]
-        x = random_x(model, rng)
-        found = residuals(mirror, x, *motion(rotation, t))
-        np.testing.assert_allclose(found, residuals(model, x, rotation, t), atol=1e-12)
-
-
-@each_model
-@quick
-@given(seed=seeds)
 def test_the_scale_is_the_sine_of_crossing_edges_and_otherwise_one(model, seed):
     """At its mean over poses, and the derivative of its logarithm against finite differences."""
     rng = np.random.default_rng(seed)
@@ -365,30 +248,14 @@ def test_the_scale_is_the_sine_of_crossing_edges_and_otherwise_one(model, seed):
 # --- edges that are nearly parallel, and relaxed problems that leave much open ---------------------------
 
 
-def crossing(angle_deg, apart_m=0.01):
-    """x of two edges in planes ``apart_m`` from each other that cross at an angle, and a pose at rest."""
-    angle = np.radians(angle_deg)
-    d2 = np.array([np.cos(angle), np.sin(angle), 0.0])
-    x = np.concatenate([[1.0, 0.0, 0.0], np.zeros(3), d2, [0.0, 0.0, apart_m]])
-    return x, lifted_pose.lift(np.eye(3)[None], np.zeros((1, 3)))
-
-
-@pytest.mark.parametrize("angle_deg", [0.6, 0.7, 2.0, 45.0])
-def test_edges_that_cross_at_more_than_half_a_degree_have_their_exact_distance(angle_deg):
-    x, zeta = crossing(angle_deg)
-    model = CONTACT_MODELS[Contact.EE.column]
-    assert abs(model.measure(x[None], zeta).residual[0, 0, 0]) == pytest.approx(0.01, rel=1e-9)
-
-
-@pytest.mark.parametrize("angle_deg", [0.0, 0.1, 0.3, 0.5])
-def test_nearly_parallel_edges_have_a_reduced_finite_distance(angle_deg):
+@pytest.mark.parametrize("angle_deg", [0.0, 0.3, 0.5, 0.6, 45.0])
+def test_edges_that_cross_at_a_sine_below_0_01_have_a_reduced_distance(angle_deg):
     """The place of their distance is undetermined: the distance counts by the sine, the lever is bounded."""
-    x, zeta = crossing(angle_deg)
-    model = CONTACT_MODELS[Contact.EE.column]
-    reference = abs(model.measure(crossing(0.5)[0][None], zeta).residual[0, 0, 0])
-    measured = model.measure(x[None], zeta)
-    share = np.sin(np.radians(angle_deg)) / np.sin(np.radians(0.5))
-    assert abs(measured.residual[0, 0, 0]) == pytest.approx(share * reference, rel=1e-6, abs=1e-15)
+    angle, model = np.radians(angle_deg), CONTACT_MODELS[Contact.EE.column]
+    x = np.concatenate([[1.0, 0.0, 0.0], np.zeros(3), [np.cos(angle), np.sin(angle), 0.0], [0.0, 0.0, 0.01]])
+    measured = model.measure(x[None], lifted_pose.lift(np.eye(3)[None], np.zeros((1, 3))))
+    share = min(np.sin(angle) / 0.01, 1.0)
+    assert abs(measured.residual[0, 0, 0]) == pytest.approx(0.01 * share, rel=1e-6, abs=1e-15)
     assert np.isfinite(measured.lever_sq).all()
 
 
@@ -408,7 +275,7 @@ def test_starts_do_not_change_with_the_number_of_poses(contact):
 def test_starts_of_an_exact_motion_include_the_truth(contact):
     """Within 3 degrees: the ridge is far below the information of the motion."""
     model = CONTACT_MODELS[contact.column]
-    for seed in range(5):
+    for seed in range(3):
         t = touching(contact, np.random.default_rng(seed))
         zeta = model.lifted(lifted_pose.lift(t.rotation, t.position_m))
         starts = model.family.starts((zeta.T @ zeta)[None])[0]
@@ -418,27 +285,12 @@ def test_starts_of_an_exact_motion_include_the_truth(contact):
         assert cosine.min(axis=1).max() > np.cos(np.radians(3.0))
 
 
-@each_model
-def test_places_and_starts_of_batches_equal_single_ones(model):
-    family, rng = model.family, np.random.default_rng(4)
-    anchors = rng.normal(size=(2, 5, 6))
-    placed = family.place(anchors)
-    assert placed.shape == (2, 5, family.SIZE)
-    np.testing.assert_array_equal(placed[1, 3], family.place(anchors[1, 3]))
-    zeta = model.lifted(lifted_pose.lift(*random_poses(rng, 40)).reshape(4, 10, -1))
-    moments = np.swapaxes(zeta, -1, -2) @ zeta
-    found = family.starts(moments)
-    assert found.shape == (4, found.shape[1], family.SIZE)
-    np.testing.assert_allclose(np.abs(found[2]), np.abs(family.starts(moments[2])), atol=1e-6)
-
-
-@pytest.mark.parametrize("along", [[0.3, 0.0], [0.0, -0.4], [0.2, 0.7]])
-def test_an_edge_is_the_same_wherever_on_it_its_point_is(along):
+def test_an_edge_is_the_same_wherever_on_it_its_point_is():
     model, rng = CONTACT_MODELS[Contact.EE.column], np.random.default_rng(2)
-    zeta, x = lifted_pose.lift(*random_poses(rng)), random_x(CONTACT_MODELS[Contact.EE.column], rng)
+    zeta, x = lifted_pose.lift(*random_poses(rng)), random_x(model, rng)
     shifted = x.copy()
-    shifted[3:6] += along[0] * x[:3]
-    shifted[9:12] += along[1] * x[6:9]
+    shifted[3:6] += 0.2 * x[:3]
+    shifted[9:12] -= 0.7 * x[6:9]
     same, found = model.measure(x[None], zeta), model.measure(shifted[None], zeta)
     for name in ("residual", "lever_sq", "reach_sq", "along"):
         np.testing.assert_allclose(getattr(found, name), getattr(same, name), atol=1e-9, err_msg=name)
@@ -454,15 +306,6 @@ def test_below_its_floor_the_sine_has_no_derivative(angle_deg):
     assert (family.log_scale_sq_derivative(x, moments) != 0.0).any()
 
 
-@each_model
-def test_the_object_s_element_comes_first(model):
-    first, second = model.contact.value.split("-")
-    kinds = {"f": Plane, "e": Line, "v": Point}
-    found = model.geometry(random_x(model, np.random.default_rng(0)), np.eye(model.family.SIZE), 0.5)
-    assert isinstance(found.object, kinds[first])
-    assert isinstance(found.environment, kinds[second])
-
-
 def test_the_offset_of_touching_faces_is_unobservable():
     """Only their distance is known, with an uncertainty of the offsets of the reach of the body."""
     rng, model = np.random.default_rng(1), CONTACT_MODELS[Contact.FF.column]
@@ -475,19 +318,3 @@ def test_the_offset_of_touching_faces_is_unobservable():
     expected[:3, :3] = covariance[:3, :3]
     np.testing.assert_allclose(found.object.covariance, expected)
     np.testing.assert_allclose(found.environment.covariance, covariance[3:, 3:] + reach_sq)
-
-
-@each_model
-def test_the_geometry_needs_a_residual_for_each_free_direction(model):
-    free = model.family.tangent(random_x(model, np.random.default_rng(0)), np.zeros(6)).shape[-1]
-    assert model.needed * model.family.ROWS == free
-
-
-@pytest.mark.parametrize(("contact", "first"), [(Contact.EE, 6), (Contact.VF, 3)])
-def test_each_element_has_its_part_of_the_covariance(contact, first):
-    rng, model = np.random.default_rng(3), CONTACT_MODELS[contact.column]
-    root = rng.normal(size=(model.family.SIZE, model.family.SIZE))
-    covariance = root @ root.T
-    found = model.geometry(random_x(model, rng), covariance, 0.5)
-    np.testing.assert_array_equal(found.object.covariance, covariance[:first, :first])
-    np.testing.assert_array_equal(found.environment.covariance, covariance[first:, first:])

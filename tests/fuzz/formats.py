@@ -1,9 +1,6 @@
 """Valid recordings of other formats than MCAP of ROS 2: bags, tables, exports, other definitions."""
 
 import json
-import sqlite3
-import struct
-from contextlib import closing
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -12,16 +9,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pyarrow
 import zstandard
-from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from pyarrow import parquet
-from rosbags.rosbag1 import Writer as Rosbag1Writer
-from rosbags.typesys import Stores, get_typestore
 
-from mcap_logs import poses_topic, smooth_poses, write_log
+from mcap_logs import smooth_poses
+from pose_files import POSE_TYPE, ROS1_TEXT, cdr_pose, ros1_pose, write_raw, write_rosbag1, write_sqlite
 
 POSES = smooth_poses(60)
-NAME = "geometry_msgs/msg/PoseStamped"
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 IDL = """\
 module geometry_msgs { module msg { struct PoseStamped {
@@ -46,81 +40,31 @@ Frame,Time (Seconds),X,Y,Z,W,X,Y,Z
 _VICON = "Objects\n200\n,,cup:cup,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
 
 
-def _cdr() -> list[tuple[int, bytes]]:
-    with TemporaryDirectory() as folder:
-        path = write_log(Path(folder) / "a.mcap", [poses_topic(POSES)])
-        with path.open("rb") as file:
-            return [(message.log_time, message.data) for _, _, message in make_reader(file).iter_messages()]
-
-
-def _ros1() -> list[tuple[int, bytes]]:
-    return [
-        (
-            pose.stamp_ns,
-            struct.pack("<IIII5s", i, *divmod(pose.stamp_ns, 10**9), 5, b"world")
-            + struct.pack("<7d", *pose.position_m, *pose.quat_xyzw),
-        )
-        for i, pose in enumerate(POSES)
-    ]
-
-
 @cache
 def definitions() -> tuple[bytes, ...]:
     """Uncompressed MCAP with types defined in IDL, as in ROS 1, or not at all."""
-    ros1 = get_typestore(Stores.ROS1_NOETIC).generate_msgdef(NAME, ros_version=1)[0]
-    return tuple(
-        _mcap(encoding, schema_encoding, text, rows)
+    cdr = [(pose.stamp_ns, cdr_pose(pose)) for pose in POSES]
+    ros1 = [(pose.stamp_ns, ros1_pose(i, pose)) for i, pose in enumerate(POSES)]
+    made = list[bytes]()
+    with TemporaryDirectory() as folder:
         for encoding, schema_encoding, text, rows in (
-            ("cdr", "ros2idl", IDL, _cdr()),
-            ("ros1", "ros1msg", ros1, _ros1()),
-            ("cdr", "", "", _cdr()),
-        )
-    )
-
-
-def _mcap(encoding: str, schema_encoding: str, text: str, rows: list[tuple[int, bytes]]) -> bytes:
-    out = BytesIO()
-    writer = Writer(out, compression=CompressionType.NONE)
-    writer.start()
-    schema = writer.register_schema(NAME, schema_encoding, text.encode())
-    channel = writer.register_channel("/pose", encoding, schema)
-    for log_time, data in rows:
-        writer.add_message(channel, log_time, data, log_time)
-    writer.finish()
-    return out.getvalue()
+            ("cdr", "ros2idl", IDL, cdr),
+            ("ros1", "ros1msg", ROS1_TEXT, ros1),
+            ("cdr", "", "", cdr),
+        ):
+            about = POSE_TYPE, encoding, schema_encoding, text.encode(), rows
+            path = write_raw(Path(folder) / "a.mcap", *about, compression=CompressionType.NONE)
+            made.append(path.read_bytes())
+    return tuple(made)
 
 
 @cache
 def bags() -> tuple[bytes, ...]:
     """Bags of ROS 1 in several chunks, each compression, and of rosbag2 in SQLite."""
-    made = list[bytes]()
-    with TemporaryDirectory() as folder:
-        for compression in (None, "BZ2", "LZ4"):
-            path = Path(folder) / f"{compression}.bag"
-            writer = Rosbag1Writer(path)
-            writer.chunk_threshold = 2000
-            if compression is not None:
-                writer.set_compression(Rosbag1Writer.CompressionFormat[compression])
-            with writer:
-                connection = writer.add_connection("/pose", NAME, typestore=get_typestore(Stores.ROS1_NOETIC))
-                for log_time, data in _ros1():
-                    writer.write(connection, log_time, data)
-            made.append(path.read_bytes())
-        path = Path(folder) / "a.db3"
-        with closing(sqlite3.connect(path)) as file:
-            file.execute(
-                "create table topics(id integer primary key, name text, type text, "
-                "serialization_format text, offered_qos_profiles text)"
-            )
-            file.execute(
-                "create table messages(id integer primary key, topic_id integer, timestamp integer, "
-                "data blob)"
-            )
-            file.execute("insert into topics values(1, '/pose', ?, 'cdr', '')", (NAME,))
-            file.executemany("insert into messages(topic_id, timestamp, data) values(1, ?, ?)", _cdr())
-            file.commit()
-        made.append(path.read_bytes())
-    return tuple(made)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        made = [write_rosbag1(folder / f"{one}.bag", POSES, one, 2000) for one in (None, "BZ2", "LZ4")]
+        return tuple(path.read_bytes() for path in [*made, write_sqlite(folder / "a.db3", POSES)])
 
 
 def _rows() -> np.ndarray:
@@ -173,4 +117,4 @@ def arrays() -> tuple[bytes, ...]:
 def compressed_recordings() -> tuple[bytes, ...]:
     """Whole files under zstd."""
     packed = zstandard.ZstdCompressor().compress
-    return (packed(_mcap("cdr", "", "", _cdr())),)
+    return (packed(definitions()[-1]),)

@@ -1,12 +1,13 @@
-"""Operations on quaternion arrays, against scipy's rotations."""
+"""Operations on quaternion arrays and direct calls of LAPACK, against scipy and numpy."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.geometry import rotation
+from contact_tracker.geometry import linalg, rotation
 
 seeds = st.integers(0, 2**31)
 exact = {"rtol": 0.0, "atol": 1e-14}
@@ -53,3 +54,38 @@ def test_the_nearest_rotation_of_a_mean(seed, spread):
 def test_half_a_turn_has_one_of_its_two_vectors(axis):
     quat = np.eye(4)[axis]
     np.testing.assert_allclose(rotation.rotation_vectors(quat), np.pi * quat[:3], **exact)
+
+
+# --- direct calls of lapack, against numpy and scipy ---
+
+
+RNG = np.random.default_rng(0)
+ROOT = RNG.normal(size=(2, 6, 6))
+SYMMETRIC, AGAINST = ROOT[0] + ROOT[0].T, ROOT[1] @ ROOT[1].T + np.eye(6)
+
+
+def test_results_equal_those_of_numpy_and_scipy():
+    right = RNG.normal(size=(6, 2))
+    np.testing.assert_allclose(linalg.solve(ROOT[0], right), np.linalg.solve(ROOT[0], right), rtol=1e-9)
+    np.testing.assert_allclose(linalg.eigenvalues(SYMMETRIC), np.linalg.eigvalsh(SYMMETRIC), rtol=1e-9)
+    for against in (None, AGAINST):
+        values, vectors = linalg.eigenvectors(SYMMETRIC, against)
+        true_values, true = eigh(SYMMETRIC, against)
+        np.testing.assert_allclose(values, true_values, rtol=1e-9)
+        np.testing.assert_allclose(vectors * np.sign(vectors[0]), true * np.sign(true[0]), atol=1e-9)
+
+
+def test_arguments_are_not_modified():
+    given = SYMMETRIC.copy(order="F"), AGAINST.copy(order="F")
+    linalg.solve(*given)
+    linalg.eigenvalues(given[0])
+    linalg.eigenvectors(given[0])
+    linalg.eigenvectors(*given)
+    np.testing.assert_array_equal(given, (SYMMETRIC, AGAINST))
+
+
+def test_singular_systems_have_no_result():
+    with pytest.raises(np.linalg.LinAlgError):
+        linalg.solve(np.zeros((3, 3)), np.ones((3, 1)))
+    with pytest.raises(np.linalg.LinAlgError):
+        linalg.eigenvectors(SYMMETRIC, -AGAINST)

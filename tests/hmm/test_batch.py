@@ -1,6 +1,6 @@
-"""Smoothing, expected changes and Viterbi against enumeration of all paths."""
+"""Smoothing, expected changes, Viterbi and lag histories against enumeration of all paths."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -8,48 +8,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker import hmm
+from contact_tracker.hmm import fixed_lag
 from trellis_cases import Case
 
 seeds = st.integers(0, 2**32 - 1)
-many = settings(max_examples=40, deadline=None)
+many = settings(max_examples=25, deadline=None)
 
 
 @many
-@given(seed=seeds)
-def test_posterior_and_evidence_are_the_sum_over_all_paths(seed):
+@given(seed=seeds, scale=st.sampled_from([1.0, 1e4]))
+def test_posterior_changes_evidence_and_path_are_those_of_all_paths(seed, scale):
+    """Also where one path has nearly all the weight."""
     case = Case(seed)
-    posterior, log_evidence = hmm.smooth(case.trellis, *case.model)
+    case.value *= scale
     paths = case.paths()
+    posterior, changes, log_evidence = hmm.expect(case.trellis, *case.model)
     weights = np.array([weight for weight, _ in paths])
-    assert log_evidence == pytest.approx(np.logaddexp.reduce(weights), abs=1e-9)
-    expected = np.zeros((case.ticks, case.states))
+    assert log_evidence == pytest.approx(np.logaddexp.reduce(weights), rel=1e-12, abs=1e-9)
+    expected, expected_changes = np.zeros((case.ticks, case.states)), np.zeros_like(changes)
     for share, (_, segments) in zip(np.exp(weights - log_evidence), paths, strict=True):
         for h, onset, end in segments:
             expected[onset:end, case.state[h]] += share
+        for (before, *_), (after, onset, _) in pairwise(segments):
+            expected_changes[onset, case.state[before], case.state[after]] += share
     np.testing.assert_allclose(posterior, expected, atol=1e-9)
     np.testing.assert_allclose(posterior.sum(axis=1), 1.0)
-
-
-@many
-@given(seed=seeds)
-def test_expected_changes_are_the_sum_over_all_paths(seed):
-    case = Case(seed)
-    posterior, changes, log_evidence = hmm.expect(case.trellis, *case.model)
-    expected = np.zeros_like(changes)
-    for weight, segments in case.paths():
-        for (before, *_), (after, onset, _) in pairwise(segments):
-            expected[onset, case.state[before], case.state[after]] += np.exp(weight - log_evidence)
-    np.testing.assert_allclose(changes, expected, atol=1e-9)
-    begun = np.diff(posterior, axis=0)  # probability that enters a state less that leaves it
-    np.testing.assert_allclose(changes[1:].sum(axis=1) - changes[1:].sum(axis=2), begun, atol=1e-9)
-    np.testing.assert_array_equal(posterior, hmm.smooth(case.trellis, *case.model)[0])
-
-
-@many
-@given(seed=seeds)
-def test_viterbi_is_the_best_of_all_paths(seed):
-    case = Case(seed)
-    weight, segments = max(case.paths())
+    np.testing.assert_allclose(changes, expected_changes, atol=1e-9)
+    smoothed, same_evidence = hmm.smooth(case.trellis, *case.model)
+    np.testing.assert_array_equal(smoothed, posterior)
+    assert same_evidence == log_evidence
+    weight, segments = max(paths)
     assert np.isfinite(weight)
     assert hmm.viterbi(case.trellis, *case.model) == segments
 
@@ -71,72 +59,6 @@ def test_the_filter_is_the_smoother_of_the_data_so_far(seed):
         posterior, log_evidence = hmm.smooth(prefix, case.log_initial, case.log_transition[:b])
         assert log_evidence == pytest.approx(hmm.log_sum_exp(log_left), abs=1e-9)
         np.testing.assert_allclose(posterior[-1], np.exp(log_left - log_evidence), atol=1e-9)
-
-
-@many
-@given(seed=seeds)
-def test_a_common_likelihood_factor_changes_the_evidence_only(seed):
-    """Adding c_t nats to the likelihood of all hypotheses at tick t shifts the evidence, nothing else."""
-    case = Case(seed)
-    posterior, log_evidence = hmm.smooth(case.trellis, *case.model)
-    path = hmm.viterbi(case.trellis, *case.model)
-    offset = np.concatenate([[0.0], np.cumsum(np.random.default_rng(seed).normal(size=case.ticks) * 300.0)])
-    case.value += offset - offset[case.onset][:, None]
-    shifted, shifted_evidence = hmm.smooth(case.trellis, *case.model)
-    np.testing.assert_allclose(shifted, posterior, atol=1e-9)
-    assert shifted_evidence == pytest.approx(log_evidence + offset[-1], abs=1e-7)
-    assert hmm.viterbi(case.trellis, *case.model) == path
-
-
-@many
-@given(seed=seeds)
-def test_results_do_not_depend_on_the_order_of_hypotheses_and_states(seed):
-    case, rng = Case(seed), np.random.default_rng(seed)
-    posterior, log_evidence = hmm.smooth(case.trellis, *case.model)
-    path = hmm.viterbi(case.trellis, *case.model)
-    order, states = rng.permutation(len(case.state)), rng.permutation(case.states)
-    name = np.argsort(order)
-    case.onset, case.last, case.value = case.onset[order], case.last[order], case.value[order]
-    case.state = np.argsort(states)[case.state[order]]
-    case.log_initial, case.log_transition = (
-        case.log_initial[states],
-        case.log_transition[:, states][:, :, states],
-    )
-    renamed, renamed_evidence = hmm.smooth(case.trellis, *case.model)
-    np.testing.assert_allclose(renamed, posterior[:, states], atol=1e-9)
-    assert renamed_evidence == pytest.approx(log_evidence, abs=1e-9)
-    assert hmm.viterbi(case.trellis, *case.model) == [(int(name[h]), a, b) for h, a, b in path]
-
-
-@many
-@given(seed=seeds)
-def test_the_posterior_of_a_dominant_path_is_that_path(seed):
-    case = Case(seed)
-    case.value *= 1e4
-    segments = hmm.viterbi(case.trellis, *case.model)
-    posterior, _ = hmm.smooth(case.trellis, *case.model)
-    weights = sorted(weight for weight, _ in case.paths())
-    if len(weights) > 1 and weights[-1] - weights[-2] < 40.0:
-        return
-    expected = np.zeros_like(posterior)
-    for h, onset, end in segments:
-        expected[onset:end, case.state[h]] = 1.0
-    np.testing.assert_allclose(posterior, expected, atol=1e-9)
-
-
-def test_a_state_without_way_out_is_certain():
-    ticks = 4
-    trellis = hmm.Trellis(
-        np.array([0, 1, 1, 1, 1]),
-        np.array([0, 0, 1, 2, 3]),
-        [np.array([0, 1 + t]) for t in range(ticks)],
-        [np.array([-3.0 * (t + 1), 0.0]) for t in range(ticks)],
-    )
-    stuck = np.tile([[-np.inf, -np.inf], [-np.inf, 0.0]], (ticks, 1, 1))
-    posterior, log_evidence = hmm.smooth(trellis, np.log([1.0, 1e-300]), stuck)
-    assert log_evidence == pytest.approx(-12.0)
-    np.testing.assert_allclose(posterior, [[1.0, 0.0]] * ticks, atol=1e-12)
-    assert hmm.viterbi(trellis, np.log([1.0, 1e-300]), stuck) == [(0, 0, ticks)]
 
 
 def test_weights_of_a_long_recording_neither_overflow_nor_underflow():
@@ -171,3 +93,61 @@ def test_log_sum_exp_of_impossible_states_is_minus_infinity():
     np.testing.assert_array_equal(hmm.by_state(np.zeros(0), np.zeros(0, np.int64), 3), np.full(3, -np.inf))
     best = hmm.by_state(np.array([1.0, 2.0, 0.5]), np.array([0, 0, 2]), 3, best=True)
     np.testing.assert_array_equal(best, [2.0, -np.inf, 0.5])
+
+
+# --- fixed lag: lag histories of hypotheses against enumeration of all paths of the chain ---
+
+
+TICKS, STATES, LAG = 6, 3, 3
+Array = np.ndarray
+
+
+def of_all_paths(initial: Array, changes: Array, data: Array, lag: int) -> Array:
+    """Posterior (TICKS, lag, STATES) of the last ticks at each tick; zero before the first."""
+    found = np.zeros((TICKS, lag, STATES))
+    for tick in range(TICKS):
+        total = 0.0
+        for path in product(range(STATES), repeat=tick + 1):
+            steps = [changes[t, path[t - 1], path[t]] for t in range(1, tick + 1)]
+            weight = initial[path[0]] * np.prod(steps) * np.prod(data[range(tick + 1), path])
+            total += weight
+            for back in range(min(lag, tick + 1)):
+                found[tick, lag - 1 - back, path[tick - back]] += weight
+        found[tick] /= total
+    return found
+
+
+@pytest.mark.parametrize("lag", [0, 1, LAG])
+@pytest.mark.parametrize("scale", [1.0, 1e-200, 1e200])
+def test_lag_histories_are_sums_over_all_paths(lag: int, scale: float) -> None:
+    """With one hypothesis per state in each tick, and weights with any common factor."""
+    rng = np.random.default_rng(3)
+    initial, data = rng.dirichlet(np.ones(STATES)), rng.uniform(0.1, 1.0, (TICKS, STATES))
+    changes = rng.dirichlet(np.ones(STATES), (TICKS, STATES))
+    expected = of_all_paths(initial, changes, data, lag)
+    past, log_left = np.zeros((STATES, lag, STATES)), np.log(initial) + np.log(scale)
+    for tick in range(TICKS):
+        if tick:
+            past = fixed_lag.inherited(past, log_left, np.log(changes[tick]))
+            log_left = np.logaddexp.reduce(log_left[:, None] + np.log(changes[tick]), axis=0)
+        log_left = log_left + np.log(data[tick])
+        past = np.array([fixed_lag.grown(one, state) for state, one in enumerate(past)])
+        assert past.shape == (STATES, lag, STATES)
+        np.testing.assert_allclose(fixed_lag.mixed(past, log_left), expected[tick], atol=1e-12)
+
+
+def test_histories_of_several_hypotheses_are_extended_at_once() -> None:
+    past = np.arange(12.0).reshape(2, 2, 3)
+    grown = fixed_lag.grown(past, 1)
+    np.testing.assert_array_equal(grown[:, 0], past[:, 1])
+    np.testing.assert_array_equal(grown[:, 1], [[0.0, 1.0, 0.0]] * 2)
+
+
+@pytest.mark.filterwarnings("error")
+def test_weights_may_differ_by_any_factor() -> None:
+    """Hypotheses whose weights underflow do not contribute; without any the history is zero."""
+    np.testing.assert_array_equal(fixed_lag.mixed(np.zeros((0, LAG, STATES)), np.zeros(0)), 0.0)
+    past = np.eye(STATES)[:, None]
+    log_left, even = np.array([-2000.0, 0.0, -4000.0]), np.zeros((STATES, STATES))
+    np.testing.assert_array_equal(fixed_lag.inherited(past, log_left, even), past[[1, 1, 1]])
+    np.testing.assert_array_equal(fixed_lag.mixed(past, log_left), past[1])

@@ -4,10 +4,12 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from contact_tracker.cli.main import run
 from contact_tracker.errors import SlowUpdate
 from contact_tracker.hypotheses import compiled
 
@@ -15,38 +17,26 @@ SUPPORT = str(Path(__file__).parents[1] / "support")
 RECORDING = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
-def output_of(program, **environment):
-    """The output of a program in a fresh interpreter."""
-    found = subprocess.run(
-        [sys.executable, "-c", program],
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return found.stdout.strip()
-
-
-def test_it_can_be_switched_off_and_is_not_imported_before_it_is_needed():
-    program = (
-        "import sys; from contact_tracker.hypotheses import compiled;"
-        "from contact_tracker.tracking import offline_smoother;"
-        "print('contact_tracker.hypotheses.compiled.kernels' in sys.modules, compiled.described())"
-    )
-    assert output_of(program, CONTACT_TRACKER_COMPILED="0") == "False numpy, CONTACT_TRACKER_COMPILED=0"
-    assert output_of(program, CONTACT_TRACKER_COMPILED="1") == "False compiled kernels"
-
-
-def test_the_filter_of_free_motion_is_filterpy():
-    """It is loaded when tracking starts, as that takes half a second."""
-    program = (
-        f"import sys; sys.path.append({SUPPORT!r}); import short_recordings as short;"
-        "print('filterpy' in sys.modules);"
-        "short.segment(short.recorded(short.FACE_TO_EDGE).poses[:60], short.MODEL);"
-        "print('filterpy' in sys.modules)"
-    )
-    for in_use in "01":
-        assert output_of(program, CONTACT_TRACKER_COMPILED=in_use).split() == ["False", "True"]
+@pytest.mark.parametrize("switch", ["0", "1"])
+def test_kernels_and_filterpy_are_imported_when_tracking_starts(switch):
+    """In a fresh interpreter: filterpy takes half a second; kernels can be switched off."""
+    program = f"""
+import sys
+sys.path.append({SUPPORT!r})
+from contact_tracker.config.loading import load_model
+from contact_tracker.hypotheses import compiled
+from contact_tracker.tracking.offline_smoother import segment
+from smooth_motion import moving, np
+for _ in range(2):
+    print(*(name in sys.modules for name in ("contact_tracker.hypotheses.compiled.kernels", "filterpy")))
+    segment(moving(np.random.default_rng(0), 0.2, 200.0), load_model())
+print(compiled.described())
+"""
+    environment = os.environ | {"CONTACT_TRACKER_COMPILED": switch}
+    words = [sys.executable, "-c", program]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    described = "compiled kernels" if switch == "1" else "numpy, CONTACT_TRACKER_COMPILED=0"
+    assert done.stdout.splitlines() == ["False False", f"{switch == '1'} True", described]
 
 
 @pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++", "cl"))), reason="no compiler")
@@ -56,29 +46,16 @@ def test_kernels_are_built_where_there_is_a_compiler():
     assert compiled.fault() == ""
 
 
-def test_missing_kernels_are_reported(monkeypatch):
+def test_missing_kernels_are_reported_in_one_line(monkeypatch, capsys):
     monkeypatch.delenv(compiled.SWITCH, raising=False)
     monkeypatch.setattr(compiled, "find_spec", lambda name: None)
     monkeypatch.setattr(compiled, "fault", compiled.fault.__wrapped__)
-    with pytest.warns(SlowUpdate, match=r"20 times slower: no kernels were built; install a C\+\+ compiler"):
-        assert not compiled.in_use.__wrapped__()
+    monkeypatch.setattr(compiled, "in_use", cache(compiled.in_use.__wrapped__))
+    assert run(["segment", str(RECORDING), "--duration", "0.3"]) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "slower" in line]
+    assert line.startswith("contact-tracker: warning: runs in numpy, some 20 times slower: no kernels were")
+    assert "install a C++ compiler" in line
     assert compiled.described().startswith("numpy: no kernels were built")
-
-
-def test_the_command_line_says_in_one_line_that_it_is_slow(tmp_path):
-    """Without compiled kernels."""
-    program = (
-        "from contact_tracker.hypotheses import compiled;"
-        "compiled.find_spec = lambda name: None;"
-        "from contact_tracker.cli.main import run;"
-        f"run(['segment', {str(RECORDING)!r}, '--duration', '1'])"
-    )
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    lines = [line for line in found.stderr.splitlines() if "slower" in line]
-    assert len(lines) == 1
-    assert lines[0].startswith("contact-tracker: warning: runs in numpy, some 20 times slower: no kernels")
-    assert "install a C++ compiler" in lines[0]
-    assert "Traceback" not in found.stderr
 
 
 def test_an_unrelated_folder_of_the_same_name_is_ignored(tmp_path, monkeypatch):
@@ -109,13 +86,12 @@ def test_kernels_that_cannot_be_loaded_are_not_used(monkeypatch):
     assert compiled.fault.__wrapped__() == "they cannot be loaded, another Python"
 
 
-@pytest.mark.parametrize("reason", [KeyboardInterrupt(), SystemExit(143)])
-def test_an_interrupt_while_kernels_load_is_one(monkeypatch, reason):
+def test_an_interrupt_while_kernels_load_is_one(monkeypatch):
     """Whatever error the interrupt causes during the import."""
 
     def load(name):
-        raise ImportError("initialization failed") from reason
+        raise ImportError("initialization failed") from SystemExit(143)
 
     monkeypatch.setattr(compiled, "import_module", load)
-    with pytest.raises(type(reason)):
+    with pytest.raises(SystemExit):
         compiled.fault.__wrapped__()

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
@@ -13,7 +11,6 @@ from contact_tracker.motion import lifted_pose
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
 from contact_tracker.states import Contact
 
-seeds = st.integers(0, 2**32 - 1)
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 ANGLES_WEIGHTED = (Contact.EF, Contact.FE)  # by 1 + |q|^2 in the paper; its f-f has a free offset besides
 ANCHORS = np.zeros(6)
@@ -75,7 +72,7 @@ def paper_elements(model, x):
 @each_model
 def test_slsqp_finds_nothing_lower(model):
     """On the paper's objective, except for its other weights in e-f, f-e and e-e, and the offset of f-f."""
-    for seed, kept in enumerate((model.contact, Contact.VF, Contact.FE)):
+    for seed, kept in enumerate((model.contact, Contact.FE)):
         rotation, position = window(kept, seed)
         paper = motion(rotation, position)
         slsqp = minimise_slsqp(
@@ -90,7 +87,7 @@ def test_slsqp_finds_nothing_lower(model):
             assert lowest <= slsqp.value * (1 + 1e-3)
         elif model.contact is Contact.EE:  # per metre, where the paper's is per volume
             theirs = np.concatenate(
-                [[*d, *np.cross(d, m)] for d, m in map(halves, (slsqp.object, slsqp.environment))]
+                [[*e[:3], *np.cross(e[:3], e[3:])] for e in (slsqp.object, slsqp.environment)]
             )
             assert lowest <= sum_of_squares(model, moments_of(model, rotation, position), theirs) * (1 + 1e-3)
             assert on_papers <= lowest * (1 + 1e-6)
@@ -100,14 +97,9 @@ def test_slsqp_finds_nothing_lower(model):
             assert lowest <= slack * slsqp.value
 
 
-def halves(line):
-    return line[:3], line[3:]
-
-
 @each_model
-@pytest.mark.parametrize("seed", [2, 3])
-def test_true_contacts_fit_at_the_noise(model, seed):
-    rotation, position = window(model.contact, seed)
+def test_true_contacts_fit_at_the_noise(model):
+    rotation, position = window(model.contact, 2)
     found, best = fit(model, rotation, position)
     assert found.converged[best]
     measured = model.measure(found.x[best : best + 1], lifted_pose.lift(rotation, position))
@@ -116,48 +108,6 @@ def test_true_contacts_fit_at_the_noise(model, seed):
     assert 0.8 < rms < 1.2
     for angle in measured.residual[0, :-1]:
         assert np.sqrt(np.mean(angle**2)) < 1.2 * NOISE_RAD
-
-
-@each_model
-@pytest.mark.parametrize("kept", [None, Contact.VF], ids=["in contact", "out of contact"])
-def test_minima_are_stationary(model, kept):
-    """No small step from a converged fit, in any direction, lowers the cost noticeably."""
-    rng = np.random.default_rng(4)
-    rotation, position = window(kept or model.contact, 4)
-    found, best = fit(model, rotation, position)
-    x, family = found.x[best], model.family
-    moments = moments_of(model, rotation, position)
-    tangent = family.tangent(x, ANCHORS)
-    for _ in range(30):
-        step = rng.normal(size=family.PARAMETERS)
-        y = family.normalise(x + tangent @ (1e-4 * step / np.linalg.norm(step)), ANCHORS)
-        assert sum_of_squares(model, moments, y) >= found.cost[best] * (1 - 1e-5)
-
-
-@each_model
-@settings(max_examples=5, deadline=None)
-@given(seed=seeds)
-def test_minimum_is_the_same_in_every_frame(model, seed):
-    """With rotated world and body, and with shifted ones if angles are not weighted against distances."""
-    rng = np.random.default_rng(seed)
-    rotation, position = window(model.contact, 5)
-    world, body = Rotation.random(2, random_state=rng).as_matrix()
-    found, best = fit(model, rotation, position)
-    turned, turned_best = fit(model, world @ rotation @ body, position @ world.T)
-    assert turned.cost[turned_best] == pytest.approx(found.cost[best], rel=1e-3)
-    if model.family.ROWS == 1:
-        shift_world, shift_body = rng.normal(size=(2, 3)) * 0.2
-        shifted, shifted_best = fit(model, rotation, position + shift_world + rotation @ shift_body)
-        assert shifted.cost[shifted_best] == pytest.approx(found.cost[best], rel=1e-3)
-
-
-@each_model
-def test_moments_of_parts_add_up_to_the_windows(model):
-    rotation, position = window(model.contact, 6)
-    parts = [
-        moments_of(model, rotation[s], position[s]) for s in (slice(0, 40), slice(40, 41), slice(41, 150))
-    ]
-    np.testing.assert_allclose(sum(parts), moments_of(model, rotation, position), atol=1e-9)
 
 
 @each_model
@@ -182,7 +132,7 @@ def test_hessian_is_the_curvature_of_the_cost(model):
 
 
 @each_model
-@pytest.mark.parametrize("steps", [0, 1, 4])
+@pytest.mark.parametrize("steps", [1, 4])
 def test_the_hessian_is_evaluated_at_the_begin_of_the_last_step(model, steps):
     rotation, position = window(model.contact, 11)
     moments = moments_of(model, rotation, position)[None]
@@ -190,9 +140,7 @@ def test_the_hessian_is_evaluated_at_the_begin_of_the_last_step(model, steps):
     weight, anchors = np.full((1, model.family.ROWS), 1e6), ANCHORS[None]
     given_ = model.family, moments, weight, no_prior(model, 1), anchors, x, steps
     found = minimise(*given_)
-    if steps < 2:  # more may be more than it takes
-        assert bool((found.at == found.x).all()) == (steps == 0)
-    before = minimise(*given_[:-1], max(steps - 1, 0))
+    before = minimise(*given_[:-1], steps - 1)
     np.testing.assert_array_equal(found.at, before.x)
     there = minimise(*given_[:-2], before.x, 0)
     np.testing.assert_allclose(
@@ -204,44 +152,24 @@ def test_the_hessian_is_evaluated_at_the_begin_of_the_last_step(model, steps):
 
 
 @each_model
-def test_not_converged_is_a_status(model):
+def test_too_few_steps_or_poses_are_a_status_and_give_a_finite_fit(model):
+    """Also no pose, one, an object at rest, or no window at all."""
     rotation, position = window(Contact.VF, 8)
-    x = model.family.normalise(np.random.default_rng(8).normal(size=(1, model.family.SIZE)), ANCHORS)
-    moments, weight = moments_of(model, rotation, position)[None], np.full((1, model.family.ROWS), 1e6)
-    hurried = minimise(model.family, moments, weight, no_prior(model, 1), ANCHORS[None], x, 1)
+    size, rows = model.family.SIZE, model.family.ROWS
+    x = model.family.normalise(np.random.default_rng(8).normal(size=(1, size)), ANCHORS)
+    weight, anchors = np.full((1, rows), 1e6), ANCHORS[None]
+    weak = np.diag(model.family.SPREAD / 0.3**2)[None]
+    prior = Prior.around(np.zeros((1, size)), weak, model.family.SPREAD)
+    for which in (slice(0, 0), slice(0, 1), np.zeros(100, int), slice(None)):
+        moments = moments_of(model, rotation[which], position[which])[None]
+        found = minimise(model.family, moments, weight, prior, anchors, x, 50)
+        assert all(np.isfinite(part).all() for part in (found.x, found.cost, found.hessian))
+    hurried = minimise(model.family, moments, weight, no_prior(model, 1), anchors, x, 1)
     assert not hurried.converged[0]
     assert np.isfinite(hurried.x).all()
     assert np.isfinite(hurried.cost).all()
-
-
-@each_model
-@pytest.mark.parametrize("poses", ["none", "one", "at rest"])
-def test_too_little_motion_gives_a_finite_fit(model, poses):
-    rotation, position = window(model.contact, 9)
-    rows = {"none": slice(0, 0), "one": slice(0, 1), "at rest": np.zeros(100, int)}[poses]
-    moments = moments_of(model, rotation[rows], position[rows])[None]
-    x = model.family.normalise(np.random.default_rng(9).normal(size=(1, model.family.SIZE)), ANCHORS)
-    weight = np.full((1, model.family.ROWS), 1e6)
-    prior = Prior.around(
-        *(np.zeros((1, model.family.SIZE)), np.diag(model.family.SPREAD / 0.3**2)[None]), model.family.SPREAD
+    nothing = slice(0, 0)
+    none = minimise(
+        model.family, moments[nothing], weight[nothing], no_prior(model, 0), anchors[nothing], x[nothing], 5
     )
-    found = minimise(model.family, moments, weight, prior, ANCHORS[None], x, 50)
-    assert np.isfinite(found.x).all()
-    assert np.isfinite(found.cost).all()
-    assert np.isfinite(found.hessian).all()
-
-
-@each_model
-def test_empty_batches_of_windows_are_allowed(model):
-    c, s, k = len(model.family.COLUMNS), model.family.SIZE, model.family.ROWS
-    nothing = minimise(
-        model.family,
-        np.zeros((0, c, c)),
-        np.zeros((0, k)),
-        no_prior(model, 0),
-        np.zeros((0, 6)),
-        np.zeros((0, s)),
-        5,
-    )
-    assert nothing.x.shape == (0, s)
-    assert nothing.converged.shape == (0,)
+    assert (none.x.shape, none.converged.shape) == ((0, size), (0,))

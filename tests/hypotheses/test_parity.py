@@ -43,7 +43,6 @@ kernels = pytest.importorskip("kernel_parts")
 both = kernels.both
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
-INFORMATION = np.random.default_rng(5).normal(size=(9, 12)) * 10.0 ** np.linspace(0.0, 4.0, 9)[:, None]
 COUNT = 12
 REACH_M = 0.3
 EXTRA_VARIANCE = ((0.0, 0.0), (1e-8, 0.0), (0.0, 1e-6), (0.0, 0.0), (1e-8, 1e-6), (0.0, 0.0))
@@ -102,17 +101,18 @@ def assert_same_fits(numpy, kernel, rel):
 
 
 @each_model
-@pytest.mark.parametrize(("steps", "rel"), [(0, 1e-9), (1, 1e-6), (10, 1e-4)])
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(seed=seeds)
-def test_fits_agree(model, steps, rel, seed):
+def test_fits_agree(model, seed):
     """Rounding errors grow over many steps: where a step has no effect, the damping may differ afterwards."""
-    assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(seed)), steps), rel)
+    given_ = problem(model, np.random.default_rng(seed))
+    for steps, rel in ((0, 1e-9), (1, 1e-6), (10, 1e-4)):
+        assert_same_fits(*both_fits(model, given_, steps), rel)
 
 
 @each_model
 @pytest.mark.parametrize("kind", ["known elements", "empty", "one tick", "unweighted", "parallel"])
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(seed=seeds)
 def test_ill_conditioned_fits_agree(model, kind, seed):
     """They agree in cost: x is arbitrary in unobservable directions."""
@@ -120,23 +120,6 @@ def test_ill_conditioned_fits_agree(model, kind, seed):
     numpy, kernel = both_fits(model, ill_conditioned(kind, rng, model.family, *problem(model, rng)), 2)
     np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
     assert np.isfinite(kernel.x).all()
-
-
-@each_model
-@settings(max_examples=6, deadline=None)
-@given(seed=seeds)
-def test_results_do_not_depend_on_the_other_rows(model, seed):
-    """Also if some have converged before the others."""
-    rng = np.random.default_rng(seed)
-    *windows, prior, anchors, x = problem(model, rng)
-    there = kernels.minimise(model, *windows, prior, anchors, x, 30).x
-    x = np.where(rng.random((COUNT, 1)) < 0.5, there, x)
-    whole = kernels.minimise(model, *windows, prior, anchors, x, 10)
-    order = rng.permutation(COUNT)
-    moved = (*(column[order] for column in windows), prior.pick(order), anchors[order], x[order])
-    found = kernels.minimise(model, *moved, 10)
-    for name in ("x", "cost", "hessian", "converged"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[order])
 
 
 @each_model
@@ -161,16 +144,6 @@ def test_nan_stays_in_its_row(model):
     np.testing.assert_allclose(kernel.x[others], whole.x[others], rtol=1e-9, atol=1e-9)
 
 
-@each_model
-@settings(max_examples=6, deadline=None)
-@given(seed=seeds)
-def test_coordinates_agree(model, seed):
-    given_ = problem(model, np.random.default_rng(seed))
-    numpy, kernel = gauss_newton.complete(model.family, *given_), kernels.complete(model, *given_)
-    np.testing.assert_allclose(kernel[0], numpy[0], atol=1e-8)
-    np.testing.assert_allclose(kernel[1], numpy[1], rtol=1e-9, atol=1e-9)  # nats
-
-
 @cache
 def tracked_ticks(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
     """A recording, tick by tick."""
@@ -183,7 +156,7 @@ def states():
 
 
 @each_model
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(seed=seeds)
 def test_relaxed_problems_have_the_same_solutions(model, seed):
     """For any moments with distinct solutions, up to signs."""
@@ -234,7 +207,7 @@ def test_exchanged_geometries_agree(model):
     assert (recipients and restricted) or model.contact is Contact.FF  # f-f has a single minimum
 
 
-@pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
+@pytest.mark.parametrize("k", [0, 3, 4, 5, 13, 29])
 def test_updates_by_a_tick_agree(k):
     """With births, searches (in which contacts alternate) and pruning."""
     ticks = tracked_ticks()
@@ -260,8 +233,9 @@ def test_updates_by_a_tick_agree(k):
 
 
 @each_model
-@pytest.mark.parametrize("old", [True, False])
-@pytest.mark.parametrize(("many", "correlation"), [(0, 0.0), (1, 0.0), (5, 0.0), (5, 0.95)])
+@pytest.mark.parametrize(
+    ("old", "many", "correlation"), [(True, 0, 0.0), (False, 1, 0.0), (False, 5, 0.0), (True, 5, 0.95)]
+)
 def test_births_agree(model, old, many, correlation):
     """With partly known geometry; the first ones start from fixed directions in the body's frame."""
     rng, column = np.random.default_rng(7), model.contact.column
@@ -310,27 +284,20 @@ def test_births_agree(model, old, many, correlation):
     for name in ("number", "onset", "prior_index", "needs_search", "known_pair_index"):
         np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
     np.testing.assert_array_equal(kernel.onsets.onset_ns, numpy.onsets.onset_ns)
+    of_births = "prior_information", "prior_mean", "second_moment", "log_birth_weight"
     assert_same_columns(
         numpy,
         kernel,
-        (
-            "prior_information",
-            "prior_mean",
-            "second_moment",
-            "log_birth_weight",
-            "effective_ticks",
-            "log_prior",
-        ),
+        (*of_births, "effective_ticks", "log_prior", "llr_before_window", "gain_before_window"),
         1e-9,
     )
-    assert_same_columns(numpy, kernel, ("llr_before_window", "gain_before_window"), 1e-9)
     assert kernel.gain_before_window.any() == old
     assert_same_columns(numpy, kernel, ("x", "row_weight"), 1e-3)
     np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=1e-3)
     np.testing.assert_array_equal(kernel.lag_history, numpy.lag_history)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=seeds, model=st.sampled_from(CONTACT_MODELS))
 def test_the_same_hypotheses_search(seed, model):
     rng, count = np.random.default_rng(seed), 60
@@ -347,7 +314,7 @@ def test_the_same_hypotheses_search(seed, model):
     assert not negligible[found].any()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=seeds, margin=st.floats(0.0, 60.0), model=st.sampled_from(CONTACT_MODELS))
 def test_pruning_agrees(seed, margin, model):
     rng = np.random.default_rng(seed)
@@ -373,8 +340,7 @@ def test_pruning_agrees(seed, margin, model):
     assert best_row == numpy.best_row
 
 
-@pytest.mark.parametrize("away_m", [0.0, 1e-3, 0.3])
-@pytest.mark.parametrize("count", [1, 150])
+@pytest.mark.parametrize(("away_m", "count"), [(0.0, 1), (1e-3, 150), (0.3, 150)])
 def test_weighed_births_agree(away_m, count):
     """With uncertain elements of all kinds, some of which do not begin, and noise that differs by axis."""
     rng, turn = np.random.default_rng(3), Rotation.from_rotvec([0.3, 0.4, 0.2])
@@ -429,20 +395,6 @@ def assert_same_columns(numpy, kernel, names, rel):
         reference, compiled_ = getattr(numpy, name), getattr(kernel, name)
         scale = np.abs(reference).max(initial=1e-12)
         np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=rel * scale, err_msg=name)
-
-
-def test_segmentations_of_a_recording_agree():
-    """In an informative recording: among equally good hypotheses rounding decides which one is kept."""
-    poses = recorded(FACE_TO_EDGE).poses[:800]
-    numpy, kernel = both(lambda: [ticks.belief for ticks in forward(poses, MODEL)])
-    assert len(kernel) == len(numpy) >= 39
-    for compiled_, reference in zip(kernel, numpy, strict=True):
-        assert compiled_.contact is reference.contact
-    differ = [np.abs(k.probability - n.probability).max() for k, n in zip(kernel, numpy, strict=True)]
-    assert max(differ) < 0.05
-    clear = [n.probability.max() > 0.9 for n in numpy]  # elsewhere many are equally good
-    assert sum(clear) > 20
-    assert max(np.array(differ)[clear]) < 1e-3
 
 
 def test_kernels_refuse_unknown_arguments():

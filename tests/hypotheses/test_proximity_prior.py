@@ -35,10 +35,6 @@ SCALES = EvidenceParameters(0.3, 0.1, 0.03, 1.0, 0.1)
 ON_EDGE = np.array([[1, 0, 0], [0, 1, -1], [0, 1, 1]]) / np.sqrt([[1], [2], [2]])
 
 
-def _around(newest: Window) -> Frame:
-    return Frame.around(Origins.zero(), newest.zeta[-1, 9:12])
-
-
 def tick(rotation, height_m):
     """One tick of the cube, its middle ``height_m`` over the table."""
     zeta = lift(rotation, np.array([0.3, -0.2, height_m]))
@@ -88,23 +84,16 @@ def test_contacts_with_larger_errors_are_possible_at_larger_distances():
     assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0
 
 
-def test_touching_elements_are_likely():
+def test_touching_elements_are_likely_and_others_are_not():
     flat = log_odds(np.eye(3), CUBE_M / 2)
     assert flat[Contact.FF] > 12
     assert flat[Contact.FF] > flat[Contact.EF] > flat[Contact.VF] > 0
+    assert all(flat[contact] < -500 for contact in (Contact.FE, Contact.FV, Contact.EE)), "they cannot touch"
     edge = log_odds(ON_EDGE, CUBE_M / 2 * np.sqrt(2))
     assert edge[Contact.EF] > 6
     assert edge[Contact.FF] < -50
-
-
-def test_distant_elements_are_unlikely():
-    for height_m in (0.25, 0.3, -0.5):
+    for height_m in (0.25, -0.5):
         assert all(odds < -50 for odds in log_odds(np.eye(3), height_m).values())
-
-
-def test_elements_that_cannot_touch_are_impossible():
-    odds = log_odds(np.eye(3), CUBE_M / 2)
-    assert all(odds[contact] < -500 for contact in (Contact.FE, Contact.FV, Contact.EE))
 
 
 def test_the_touching_elements_are_named():
@@ -130,20 +119,14 @@ def test_probabilities_add_up_to_one(height_m):
         assert np.logaddexp(log_sum_exp(change[i]), kept) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_free_motion_ends_where_known_elements_touch():
-    touching, _ = expected(np.eye(3), CUBE_M / 2)
-    above, _ = expected(np.eye(3), 0.3)
-    assert touching[FREE, Contact.FF.column] > np.log(0.9)
-    assert above[FREE, FREE] > -1e-9
-
-
-def test_leaving_and_returning_gains_nothing():
-    """Leaving to any state and returning is less probable than staying."""
+def test_free_motion_ends_where_elements_touch_and_leaving_and_returning_gains_nothing():
     change, stay = expected(np.eye(3), CUBE_M / 2)
+    above, _ = expected(np.eye(3), 0.3)
     home = Contact.FF.column
-    for away in range(len(STATES)):
-        if away != home:
-            assert change[home, away] + change[away, home] < 2 * stay[home]
+    assert change[FREE, home] > np.log(0.9)
+    assert above[FREE, FREE] > -1e-9
+    for away in set(range(len(STATES))) - {home}:
+        assert change[home, away] + change[away, home] < 2 * stay[home]
     assert stay[home] > -0.1
 
 
@@ -158,7 +141,7 @@ def test_uncertain_elements_count_by_the_errors_of_their_residuals(contact):
     }
     known_map = map_from({"object": {**side, "complete": True}, "environment": {**side, "complete": True}})
     newest = tick(Rotation.from_rotvec([0.3, 0.4, 0.2]).as_matrix(), 0.2)
-    begins = propose_births(model, known_map, None, 0.0, _around(newest))
+    begins = propose_births(model, known_map, None, 0.0, Frame.around(Origins.zero(), newest.zeta[-1, 9:12]))
     gain = proximity_evidence(model, begins, newest, SCALES).gain
     rows = begins.rows
     tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))[0]
@@ -190,15 +173,13 @@ def test_of_many_pairs_the_most_probable_begin():
     assert log_sum_exp(kept.log_share) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("sigma_position_m", [1e-6, 1e-3, 1.0])
-@pytest.mark.parametrize("sigma_rotation_deg", [1e-4, 0.5, 60.0])
-@pytest.mark.parametrize("away_m", [0.0, 100.0, 1e6])
-def test_all_standard_deviations_that_are_allowed_can_be_compared(
-    sigma_position_m: float, sigma_rotation_deg: float, away_m: float
-):
+@pytest.mark.parametrize("sigma_position_m", [1e-6, 1.0])
+@pytest.mark.parametrize("sigma_rotation_deg", [1e-4, 60.0])
+def test_all_standard_deviations_that_are_allowed_can_be_compared(sigma_position_m, sigma_rotation_deg):
     sigma = {"sigma_position_m": sigma_position_m, "sigma_rotation_deg": sigma_rotation_deg}
-    box = {"size_m": [0.1, 0.2, 0.3], "position_m": [away_m, 0.0, 0.0], **sigma}
-    known = map_from({"environment": {"box": [box]}, "object": {"box": [box]}})
-    for _, evidence in proximity(tick(ON_EDGE, 0.1), known):
-        assert np.isfinite(evidence.log_odds)
-        assert np.exp(evidence.log_share).sum() == pytest.approx(1.0)
+    for away_m in (0.0, 1e6):
+        box = {"size_m": [0.1, 0.2, 0.3], "position_m": [away_m, 0.0, 0.0], **sigma}
+        known = map_from({"environment": {"box": [box]}, "object": {"box": [box]}})
+        for _, evidence in proximity(tick(ON_EDGE, 0.1), known):
+            assert np.isfinite(evidence.log_odds)
+            assert np.exp(evidence.log_share).sum() == pytest.approx(1.0)

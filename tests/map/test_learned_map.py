@@ -93,6 +93,7 @@ def test_what_is_known_is_touched_again_and_another_world_is_noticed() -> None:
         ("information", [[1.7e308] * 17] * 17),
         ("element", [{"side": "left", "kind": "face"}]),
         ("element", [{"side": "object", "kind": "plane"}]),
+        ("information", (-1e6 * np.eye(17)).tolist()),  # of no Gaussian
     ],
 )
 def test_a_file_with_a_mistake_is_refused(key: str, value: object) -> None:
@@ -104,23 +105,18 @@ def test_a_file_with_a_mistake_is_refused(key: str, value: object) -> None:
 
 def test_a_map_of_many_elements_can_be_read_again(tmp_path: Path) -> None:
     """With what was touched most; also where most directions are hardly known."""
-    ct.Map(GrowingMap.learn(unshared(30, unknown=(0, 1)), REACH_M).learned).save(tmp_path / "scene.toml")
+    ct.Map(GrowingMap.learn(unshared(22, unknown=(0, 1)), REACH_M).learned).save(tmp_path / "scene.toml")
     again = ct.Map.load(tmp_path / "scene.toml")
     assert len(again) == MOST_LEARNED
     assert (np.linalg.eigvalsh(again.learned.covariance()) > 0.0).all()
 
 
-def test_information_of_no_gaussian_is_refused() -> None:
-    table = tomllib.loads(learned_text(grown().learned))
-    table["learned"]["information"] = (-np.array(table["learned"]["information"])).tolist()
-    with pytest.raises(KnowledgeError, match="positive eigenvalues"):
-        map_from(table)
-
-
 def test_learn_once_use_at_once() -> None:
     """The same contacts again, with the map of the first time: labels come sooner."""
     recording = recorded(FACE_TO_EDGE)
-    poses = recording.poses
+    poses = recording.poses[:1100]
+    assert not LearnedElements()
+    assert not map_from({}).learned
     first = ct.segment(
         ct.Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, unit="ns")
     )
@@ -134,8 +130,3 @@ def test_learn_once_use_at_once() -> None:
         rights.append(np.mean([one.contact is is_true for one, is_true in zip(beliefs, true, strict=True)]))
         assert tracker.map is not None
     assert rights[1] > rights[0] + 0.03
-
-
-def test_an_empty_map_is_no_knowledge() -> None:
-    assert not LearnedElements()
-    assert not map_from({}).learned

@@ -1,5 +1,6 @@
 """Poses that jump away from the motion and back are dropped; other jumps are kept."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from contact_tracker.motion.pose_validation import PoseGate, remark_on_excursions
+from contact_tracker.motion.pose_validation import PoseGate, gate, remark_on_excursions
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS
 from distortions import turned
@@ -18,15 +19,10 @@ Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)
 
 
-def gated(poses: Poses, batch: int | None = None) -> tuple[Poses, dict[str, int]]:
-    """The poses that the gate passes on, one by one or in batches if these need no further checks."""
-    gate, kept = PoseGate(), list[Poses]()
-    for first in range(0, len(poses), batch or 1):
-        some = poses[first : first + (batch or 1)]
-        whole = gate.admit_all(some) if batch else None
-        kept.append(Poses.collect([p for pose in some for p in gate.admit(pose)]) if whole is None else whole)
-    kept.append(Poses.collect(gate.finish()))
-    return Poses.join([part for part in kept if len(part)]), dict(gate.counts)
+def gated(poses: Poses) -> tuple[Poses, dict[str, int]]:
+    """The poses that the gate passes on."""
+    counts = Counter[str]()
+    return gate(poses, counts), dict(counts)
 
 
 def shifted(poses: Poses, away: NDArray[np.bool_], shift_m: Array, turn_rad: float) -> Poses:
@@ -142,17 +138,3 @@ def test_single_poses_that_jump_anywhere_are_dropped_however_many() -> None:
     kept, counts = gated(shifted(clean, away, shift_m, 0.0))
     np.testing.assert_array_equal(kept.stamp_ns, clean.stamp_ns[~away])
     assert counts == {"excursion": 200}
-
-
-@settings(max_examples=10, deadline=None)
-@given(seed=seeds, batch=st.integers(2, 300))
-def test_batches_pass_as_single_poses_do(seed: int, batch: int) -> None:
-    rng = np.random.default_rng(seed)
-    clean = hand(seed % 1000, 3.0)
-    away = np.zeros(600, bool)
-    for first in rng.integers(20, 600, 4):
-        away[first : first + rng.integers(1, 40)] = True
-    poses = shifted(clean, away, np.array([0.02, 0.0, 0.01]), 0.1)
-    (one_by_one, counts), (together, same) = gated(poses), gated(poses, batch)
-    np.testing.assert_array_equal(one_by_one.stamp_ns, together.stamp_ns)
-    assert counts == same

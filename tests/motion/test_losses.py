@@ -1,5 +1,6 @@
 """Where most poses are dropped, the first message gives the likely cause, and the exit code is 3."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,19 @@ def test_the_cause_is_the_first_line(
     recorded(tmp_path / "c.mcap", fault, 1.0)
     assert run(["segment", "c.mcap"]) == 1
     assert FAULTS[fault][1] in capsys.readouterr().err
+
+
+def test_it_comes_before_the_results_or_as_soon_as_it_is_seen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = str(recorded(tmp_path / "a.mcap", "scaled", 0.95))
+    monkeypatch.setattr(sys, "stderr", sys.stdout)  # as on a terminal
+    assert run(["segment", log]) == DAMAGED
+    assert "380 of 400 poses are left out" in capsys.readouterr().out.splitlines()[0]
+    assert run(["live", log]) == DAMAGED
+    lines = capsys.readouterr().out.splitlines()
+    assert ["80 of 100 poses are left out" in line for line in lines if "left out" in line] == [True]
+    assert any("noted: bad_quaternion 380" in line for line in lines)
 
 
 def test_from_arrays_and_online() -> None:

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE, RANGE_M, PoseGate
-from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import FOLLOWERS, HELD, PERIODS_KEPT, RESET_RUN
+from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.stamp_order import FOLLOWERS, HELD, RESET_RUN
 
 MS = 1_000_000
 UNIT = (0.1, -0.7, 0.1, 0.7)
@@ -47,19 +47,16 @@ def test_non_finite_poses_are_dropped(bad: float) -> None:
         pose(0),
         Pose(1, (0.0, bad, 0.0), UNIT),
         Pose(2, (0.0, 0.0, 0.0), (0.0, 0.0, bad, 1.0)),
-        pose(3, 1.0),
+        Pose(3, (bad, -bad, 0.0), UNIT),
+        pose(4, 1.0),
     ]
     kept, counts = pass_through(rows)
-    assert [p.stamp_ns for p in kept] == [0, 3]
-    assert counts == {"nonfinite": 2}
-
-
-def test_infinities_of_both_signs_do_not_cancel() -> None:
-    assert pass_through([Pose(0, (inf, -inf, 0.0), UNIT)]) == ([], {"nonfinite": 1})
+    assert [p.stamp_ns for p in kept] == [0, 4]
+    assert counts == {"nonfinite": 3}
 
 
 def test_positions_too_large_to_square_are_dropped() -> None:
-    kept, counts = pass_through([pose(0, 1e300), pose(1, -2 * RANGE_M), pose(2, RANGE_M)])
+    kept, counts = pass_through([pose(0, 1.7e308), pose(1, -2 * RANGE_M), pose(2, RANGE_M)])
     assert [p.stamp_ns for p in kept] == [2]
     assert counts == {"out_of_range": 2}
 
@@ -69,11 +66,6 @@ def test_stamps_that_no_column_holds_are_dropped() -> None:
     kept, counts = pass_through([pose(stamp_ns, i) for i, stamp_ns in enumerate(stamps)])
     assert [p.stamp_ns for p in kept] == [0, RANGE_NS]
     assert counts == {"out_of_range": 3}
-    gate = PoseGate()
-    for i in range(PERIODS_KEPT + 2, 1, -1):
-        gate.admit(pose(RANGE_NS - i))
-    assert gate.admit_all(Poses.collect([pose(RANGE_NS - 1), pose(RANGE_NS)])) is not None
-    assert gate.admit_all(Poses.collect([pose(RANGE_NS + 1)])) is None
 
 
 @pytest.mark.parametrize(
@@ -316,44 +308,6 @@ def is_same(passed: Pose, source: Pose, shifted: bool) -> bool:
     same = abs(np.dot(passed.quat_xyzw, source.quat_xyzw)) == pytest.approx(norm, rel=1e-12)
     sound = abs(norm - 1.0) <= NORM_TOLERANCE + 1e-12
     return bool(same) and sound and (shifted or passed.stamp_ns - source.stamp_ns in (0, 1))
-
-
-mild = st.builds(
-    Pose,
-    st.sampled_from([1, 5, 5, 5, 5, 700 * MS, 0, -7]),
-    st.sampled_from([(0.0, 0.0, 1.0), (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (2 * RANGE_M, 0.0, 0.0)]),
-    st.sampled_from([UNIT, UNIT, (-0.1, 0.7, -0.1, -0.7), (0.0, 0.6, 0.0, -0.8), (0.0, -0.6, 0.0, 0.8)])
-    | st.sampled_from([(1e-9, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.01), (nan,) * 4]),
-)
-stream = st.lists(mild, max_size=60).map(
-    lambda rows: [p._replace(stamp_ns=sum(step for step, *_ in rows[: i + 1])) for i, p in enumerate(rows)]
-)
-
-
-def state(gate: PoseGate) -> str:
-    """The state of the gate as text, in which nan equals nan."""
-    parts = (gate._order, gate._order._periods, gate._defaults, gate)
-    return str([{k: v for k, v in vars(part).items() if not hasattr(v, "__dict__")} for part in parts])
-
-
-@given(motion | stream | st.lists(any_pose, max_size=80) | motion, st.integers(1, 40))
-def test_columns_pass_and_count_like_single_poses(poses: list[Pose], batch: int) -> None:
-    """A batch passes as a whole, or not at all and without effect: then its poses pass one by one."""
-    one_by_one, gate = PoseGate(), PoseGate()
-    start = regular(PERIODS_KEPT + 5, -PERIODS_KEPT - 5)
-    for first in range(-len(start), len(poses), batch):
-        rows = (start + poses)[first + len(start) : first + len(start) + batch]
-        expected = [p for row in rows for p in one_by_one.admit(row)]
-        before = state(gate)
-        columns: Iterable[Pose] | None = gate.admit_all(Poses.collect(rows))
-        if columns is None:
-            assert state(gate) == before
-            columns = [p for row in rows for p in gate.admit(row)]
-        assert list(columns) == expected
-        assert gate.counts == one_by_one.counts
-        assert state(gate) == state(one_by_one)
-    assert gate.finish() == one_by_one.finish()
-    assert gate.counts == one_by_one.counts
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2])

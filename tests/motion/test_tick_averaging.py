@@ -82,7 +82,7 @@ def test_ticks_do_not_depend_on_how_poses_are_batched(seed, batch, rate_hz):
         np.testing.assert_array_equal(a.zeta, b.zeta)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(seed=seeds, batch=st.sampled_from([7, 20, 333]), rate_hz=st.sampled_from([30.0, 200.0]))
 def test_a_follower_with_the_same_noise_shares_the_leaders_ticks(seed, batch, rate_hz):
     """Bit-identical, with outliers, gaps, and a stream that continues after an end within a tick."""
@@ -319,7 +319,7 @@ def test_no_frame_is_lost_and_time_runs_forward_whatever_the_stamps(seed, gaps, 
     assert all(tick.stamp_ns - tick.start_ns <= tick_s * 1e9 for tick in found)
 
 
-@pytest.mark.parametrize("batch", [1, 7, None])
+@pytest.mark.parametrize("batch", [7])
 @pytest.mark.parametrize("late", [(205, 100), (100, 120), (3, -20), (399, 0)], ids=str)
 def test_stamps_that_run_backward_close_no_tick_again(late, batch):
     """The gate drops them; without the gate they are ignored."""

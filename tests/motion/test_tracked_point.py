@@ -63,7 +63,7 @@ def expected() -> ct.Result:
     return ct.segment(ct.Trajectory(recorded(FACE_TO_EDGE).poses))
 
 
-@pytest.mark.parametrize("away_m", [0.3, 10.0])
+@pytest.mark.parametrize("away_m", [pytest.param(0.3, marks=pytest.mark.long), 10.0])
 def test_elements_are_in_the_users_body_frame(expected: ct.Result, away_m: float) -> None:
     """With another origin of the body the labels stay, and its elements move by as much."""
     aside = away_m * np.array([0.6, -0.48, 0.64])

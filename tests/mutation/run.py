@@ -1,8 +1,7 @@
 """Mutation tests: put small faults into the core, one at a time, and list those that no test finds.
 
     python tests/mutation/run.py
-    python tests/mutation/run.py --only hmm --processes 2
-    python tests/mutation/run.py --only hypotheses/evidence.py --show
+    python tests/mutation/run.py --only hypotheses/evidence.py --every 5
 
 Tests run once, and are watched: a fault is tried with those that run its line, the quick ones first, until
 one fails, or those of ``--budget`` seconds have passed. Survivors that tests/mutation/survivors.toml does not
@@ -62,18 +61,10 @@ class Coverage(NamedTuple):
 class Plugin:
     """Runs inside pytest once the tests are collected, in place of its own loop."""
 
-    def __init__(self, files: list[str], args: argparse.Namespace, named: set[str] | None) -> None:
-        self.files, self.budget_s, self.processes, self.verbose = (
-            files,
-            args.budget,
-            args.processes,
-            args.show,
-        )
-        self.every, self.first, self.named = args.every, args.first, named
+    def __init__(self, files: list[str], budget_s: float, every: int, named: set[str] | None) -> None:
+        self.files, self.budget_s, self.every, self.named = files, budget_s, every, named
         self.failed = False
-        self.survivors = list[str]()
-        self.tried = 0
-        self.names = set[str]()
+        self.survivors, self.names = list[str](), set[str]()
         self.unreached = 0
 
     def pytest_internalerror(self, excrepr: Any) -> None:
@@ -91,26 +82,15 @@ class Plugin:
         names = [f"contact_tracker.{file.removesuffix('.py').replace('/', '.')}" for file in self.files]
         modules = [importlib.import_module(name.removesuffix(".__init__")) for name in names]
         ours = [m for n, m in sys.modules.items() if n.startswith("contact_tracker")]
-        running: dict[int, Mutant] = {}
         for file, module in zip(self.files, modules, strict=True):
-            for mutant in islice(mutants_of(PACKAGE, file), self.first, None, self.every):
-                if self.named is not None and mutant.name not in self.named:
-                    continue
-                tests = self._tests(mutant, coverage)
-                self.tried += 1
-                self.names.add(mutant.name)
-                if not tests:
-                    self.unreached += 1
-                    self.survivors.append(mutant.name)
-                    continue
-                while len(running) >= self.processes:
-                    self._collect(running)
-                pid = os.fork()
-                if not pid:
-                    self._child(mutant, module, ours, tests, sum(coverage.seconds[test] for test in tests))
-                running[pid] = mutant
-        while running:
-            self._collect(running)
+            for mutant in islice(mutants_of(PACKAGE, file), 0, None, self.every):
+                if self.named is None or mutant.name in self.named:
+                    self.names.add(mutant.name)
+                    tests = self._tests(mutant, coverage)
+                    self.unreached += not tests
+                    usual_s = sum(coverage.seconds[test] for test in tests)
+                    if not tests or self._survives(mutant, module, ours, tests, usual_s):
+                        self.survivors.append(mutant.name)
         return True
 
     def _watch(self) -> Coverage:
@@ -136,8 +116,6 @@ class Plugin:
             seconds[name] = time.process_time() - begin_s
             if self.failed:
                 raise pytest.UsageError(f"{name} fails as it is")
-        if self.verbose:
-            print(f"{len(seconds)} tests in {sum(seconds.values()):.0f} s", file=sys.stderr, flush=True)
         return Coverage(seconds, lines)
 
     def _tests(self, mutant: Mutant, coverage: Coverage) -> list[str]:
@@ -163,8 +141,13 @@ class Plugin:
     def _run(self, item: Any) -> None:
         item.config.hook.pytest_runtest_protocol(item=item, nextitem=None)
 
-    def _child(self, mutant: Mutant, module: Any, ours: list[Any], tests: list[str], usual_s: float) -> None:
-        """Never returns; a fault that takes time or memory without end ends the process, as a test would."""
+    def _survives(
+        self, mutant: Mutant, module: Any, ours: list[Any], tests: list[str], usual_s: float
+    ) -> bool:
+        """In a process of its own: a fault that takes time or memory without end ends it, as a test would."""
+        pid = os.fork()
+        if pid:
+            return os.waitpid(pid, 0)[1] == 0
         limit_s = int(LIMIT_S + 5.0 * usual_s)
         resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s))
         resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
@@ -178,17 +161,6 @@ class Plugin:
             code = 1 if self.failed else 0
         finally:
             os._exit(code)
-
-    def _collect(self, running: dict[int, Mutant]) -> None:
-        """Wait for one of them."""
-        pid, status = os.wait()
-        mutant = running.pop(pid)
-        if status == 0:
-            self.survivors.append(mutant.name)
-            if self.verbose:
-                print(f"survives: {mutant.name}", flush=True)
-        if self.verbose and not self.tried % 50:
-            print(f"{self.tried} tried", file=sys.stderr, flush=True)
 
 
 def _try_few_examples(item: Any) -> None:
@@ -222,17 +194,10 @@ def main() -> int:
     parser.add_argument("--only", help="files of the package whose path begins so")
     parser.add_argument("--budget", type=float, default=2.0, help="seconds of tests a fault (default: 2)")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="try one of N faults only")
-    parser.add_argument("--first", type=int, default=0, help="which of these (default: 0)")
     parser.add_argument(
         "--survivors",
         action="store_true",
         help="only the faults that survivors.toml names, as after new tests",
-    )
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument(
-        "--show",
-        action="store_true",
-        help="print survivors as they are found, and how many faults were tried",
     )
     args = parser.parse_args()
     files, tests = files_of(args.only)
@@ -244,17 +209,17 @@ def main() -> int:
     hypothesis.settings.load_profile("mutation")
     groups: dict[str, dict[str, Any]] = tomllib.loads(SURVIVORS.read_text(encoding="utf-8"))
     named = {name for group in groups.values() for name in group["faults"]}
-    plugin = Plugin(files, args, named if args.survivors else None)
+    plugin = Plugin(files, args.budget, args.every, named if args.survivors else None)
     options = ["-p", "no:cacheprovider", "-p", "no:terminal", "-p", "no:xdist", f"--rootdir={ROOT}"]
     code = pytest.main([*options, "-c", str(ROOT / "pyproject.toml"), *tests], plugins=[plugin])
     if code:
-        print(f"pytest ended with {code!r} after {plugin.tried} faults", file=sys.stderr)
+        print(f"pytest ended with {code!r} after {len(plugin.names)} faults", file=sys.stderr)
         return int(code)
     alive = set(plugin.survivors)
     new = [name for name in plugin.survivors if name not in named]
     killed = sorted(name for name in named & plugin.names - alive)
     print(
-        f"{plugin.tried} faults, {plugin.tried - len(alive)} found, {len(alive)} not "
+        f"{len(plugin.names)} faults, {len(plugin.names) - len(alive)} found, {len(alive)} not "
         f"({plugin.unreached} in lines that no test runs), {len(alive - named)} of these without a reason"
     )
     print(*(f"survives: {name}" for name in new), *(f"is found by now: {n}" for n in killed), sep="\n")

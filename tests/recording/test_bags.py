@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from test_message_formats import NAME, POSES, assert_read, cdr_pose, humble
+from test_message_formats import POSES, assert_read
 
 from contact_tracker.errors import ChoiceError, NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
@@ -21,60 +21,28 @@ from contact_tracker.recording import Follow, may_be_recording, open_log, summar
 from contact_tracker.recording.bags import read_bag
 from contact_tracker.recording.bytestream import WorkBudget
 from mcap_logs import START_NS, poses_topic, write_log
+from pose_files import POSE_TYPE, cdr_pose, write_rosbag1, write_sqlite
 
 rosbags = pytest.importorskip("rosbags")
-
-
-def write_sqlite(folder: Path, poses: Poses = POSES, part: int = 0) -> Path:
-    """A bag as rosbag2 wrote it up to Humble, by Python's sqlite3."""
-    folder.mkdir(exist_ok=True)
-    path = folder / f"bag_{part}.db3"
-    with sqlite3.connect(path) as file:
-        file.execute(
-            "create table topics(id integer primary key, name text, type text, serialization_format text, "
-            "offered_qos_profiles text)"
-        )
-        file.execute(
-            "create table messages(id integer primary key, topic_id integer, timestamp integer, data blob)"
-        )
-        file.execute("insert into topics values(1, '/object/pose', ?, 'cdr', '')", (NAME,))
-        file.execute("insert into topics values(2, '/rosout', 'rcl_interfaces/msg/Log', 'cdr', '')")
-        rows = [(1, pose.stamp_ns, cdr_pose(pose)) for pose in poses]
-        file.executemany("insert into messages(topic_id, timestamp, data) values(?, ?, ?)", rows)
-    file.close()
-    return path
 
 
 def write_rosbag2(folder: Path) -> Path:
     """A bag as rosbags writes it, with definitions."""
     from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
 
+    store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(folder, version=9) as writer:
-        connection = writer.add_connection("/object/pose", NAME, typestore=humble())
+        connection = writer.add_connection("/object/pose", POSE_TYPE, typestore=store)
         for pose in POSES:
             writer.write(connection, pose.stamp_ns, cdr_pose(pose))
     return folder
 
 
-def write_rosbag1(path: Path, compression: str | None = None, chunk_bytes: int = 2**20) -> Path:
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    writer = Writer(path)
-    writer.chunk_threshold = chunk_bytes
-    if compression is not None:
-        writer.set_compression(Writer.CompressionFormat[compression])
-    with writer:
-        connection = writer.add_connection("/object/pose", NAME, typestore=store)
-        for pose in POSES:
-            raw = humble().cdr_to_ros1(cdr_pose(pose), NAME)
-            writer.write(connection, pose.stamp_ns, bytes(raw))
-    return path
-
-
 def test_db3_of_python(tmp_path: Path) -> None:
-    path = write_sqlite(tmp_path / "what? #1%20")
+    folder = tmp_path / "what? #1%20"
+    folder.mkdir()
+    path = write_sqlite(folder / "bag_0.db3", POSES)
     assert_read(path)
     assert_read(path.parent)
     summary = summarise(str(path))
@@ -95,26 +63,26 @@ def test_metadata_stands_for_a_folder_of_mcap(tmp_path: Path) -> None:
 
 def test_parts_in_sqlite_follow_each_other(tmp_path: Path) -> None:
     for part in range(3):
-        write_sqlite(tmp_path / "bag", POSES[slice(20 * part, 20 * part + 20)], part)
-    assert_read(tmp_path / "bag")
+        write_sqlite(tmp_path / f"bag_{part}.db3", POSES[slice(20 * part, 20 * part + 20)])
+    assert_read(tmp_path)
 
 
 def test_a_part_that_was_converted_to_mcap_is_taken_once(tmp_path: Path) -> None:
-    path = write_sqlite(tmp_path / "bag")
+    path = write_sqlite(tmp_path / "bag_0.db3", POSES)
     write_log(path.with_suffix(".mcap"), [poses_topic(POSES)])
-    assert_read(tmp_path / "bag")
+    assert_read(tmp_path)
 
 
 @pytest.mark.parametrize("chunk_bytes", [500, 2**20])
 @pytest.mark.parametrize("compression", [None, "BZ2", "LZ4"])
 def test_rosbag1(tmp_path: Path, compression: str | None, chunk_bytes: int) -> None:
-    path = write_rosbag1(tmp_path / "a.bag", compression, chunk_bytes)
+    path = write_rosbag1(tmp_path / "a.bag", POSES, compression, chunk_bytes)
     assert_read(path)
     assert [source.poses for source in summarise(str(path)).sources] == [len(POSES)]
 
 
 def test_a_bag_that_was_cut_off_gives_its_whole_chunks(tmp_path: Path) -> None:
-    path = write_rosbag1(tmp_path / "a.bag", "LZ4", 500)
+    path = write_rosbag1(tmp_path / "a.bag", POSES, "LZ4", 500)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     log = open_log(str(path))
@@ -168,7 +136,7 @@ def test_the_decompressed_size_of_bags_is_limited(tmp_path: Path, compression: s
     cases = {
         "zeros": ([(name, packed, len(zeros))], f"become {len(zeros)}" if is_packed else "no field op"),
         "lies": ([(name, packed, 100)], "no field op"),
-        "records": ([(name, pack(many), len(many))] * (60 if is_packed else 1), "more records than"),
+        "records": ([(name, pack(many), len(many))] * (10 if is_packed else 1), "more records than"),
         "unknown": ([(b"xz", b"", 5)], "unknown compression"),
     }
     for case, (chunks, reason) in cases.items():
@@ -230,7 +198,7 @@ def test_databases_that_compute_are_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_expressions_of_an_index_are_not_run(tmp_path: Path) -> None:
-    path = write_sqlite(tmp_path / "bag")
+    path = write_sqlite(tmp_path / "bag_0.db3", POSES)
     with closing(sqlite3.connect(path)) as file:
         file.execute("create index timestamps on messages (abs(timestamp))")
         file.commit()
@@ -238,7 +206,7 @@ def test_expressions_of_an_index_are_not_run(tmp_path: Path) -> None:
 
 
 def test_a_write_ahead_log_is_named(tmp_path: Path) -> None:
-    path = write_sqlite(tmp_path / "bag")
+    path = write_sqlite(tmp_path / "bag_0.db3", POSES)
     Path(f"{path}-wal").write_bytes(b"x")
     log = open_log(str(path))
     assert len(Poses.collect(log)) == len(POSES)
@@ -264,7 +232,7 @@ def test_damaged_databases_are_named(tmp_path: Path) -> None:
         file.commit()
     for name, message in (
         ("c.db3", "cannot be opened as a rosbag2 database"),
-        ("d.db3", "it is no database of rosbag2: it has no table messages"),
+        ("d.db3", "as a rosbag2 database: no such column: name"),
     ):
         for read in (open_log, summarise):
             with pytest.raises(UnreadableRecording, match=message):
@@ -273,7 +241,7 @@ def test_damaged_databases_are_named(tmp_path: Path) -> None:
 
 def test_schemas_that_are_no_text_are_named(tmp_path: Path) -> None:
     """SQLite quotes it in its error, which Python then cannot decode."""
-    path = write_sqlite(tmp_path / "bag")
+    path = write_sqlite(tmp_path / "bag_0.db3", POSES)
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b"CREATE TABLE topics", b"CREA\xcaE TABLE topics"))
     assert path.read_bytes() != whole
@@ -292,7 +260,7 @@ def test_schemas_that_are_no_text_are_named(tmp_path: Path) -> None:
 def test_damaged_chunks_are_named(
     tmp_path: Path, compression: str | None, damaged: Callable[[bytes], bytes], message: str
 ) -> None:
-    path = write_rosbag1(tmp_path / "a.bag", compression, chunk_bytes=500)
+    path = write_rosbag1(tmp_path / "a.bag", POSES, compression, chunk_bytes=500)
     whole = path.read_bytes()
     path.write_bytes(damaged(whole))
     assert path.read_bytes() != whole
@@ -308,17 +276,17 @@ def test_a_folder_of_compressed_parts_is_reported(tmp_path: Path) -> None:
 
 def test_only_mcap_is_followed(tmp_path: Path) -> None:
     with pytest.raises(ChoiceError, match="only an MCAP file can be followed"):
-        open_log(str(write_sqlite(tmp_path)), follow=Follow())
+        open_log(str(write_sqlite(tmp_path / "a.db3", POSES)), follow=Follow())
 
 
 def test_bags_are_recordings_that_no_result_replaces(tmp_path: Path) -> None:
-    assert may_be_recording(str(write_sqlite(tmp_path)))
-    assert may_be_recording(str(write_rosbag1(tmp_path / "a.bag")))
+    assert may_be_recording(str(write_sqlite(tmp_path / "a.db3", POSES)))
+    assert may_be_recording(str(write_rosbag1(tmp_path / "a.bag", POSES)))
 
 
 @pytest.mark.parametrize("name", ["a.db3", "a.bag"])
 def test_bags_need_no_library(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_sqlite(tmp_path) if name == "a.db3" else write_rosbag1(tmp_path / name)
+    path = (write_sqlite if name == "a.db3" else write_rosbag1)(tmp_path / name, POSES)
     for module in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
         monkeypatch.setitem(sys.modules, module, None)
     assert len(Poses.collect(open_log(str(path)))) == len(POSES)

@@ -85,7 +85,7 @@ def test_a_recording_cut_anywhere_gives_what_is_before_the_cut(
     whole = write_log(tmp_path / "whole.mcap", [poses_topic(poses)], **options).read_bytes()
     cut = tmp_path / "cut.mcap"
     counts: list[int] = []
-    for length in [*range(0, len(whole), 31), len(whole) - 1]:
+    for length in [*range(0, len(whole), 97), len(whole) - 1]:
         cut.write_bytes(whole[:length])
         found, damage = read(cut)
         counts.append(len(found))
@@ -162,14 +162,12 @@ def _claiming(path: Path, opcode: int, size: int, records: bytes) -> Path:
 
 EMPTY = struct.pack("<BQ", 0, 0)
 PRIVATE = struct.pack("<BQ", 0x80, 0)
-HEADLESS = struct.pack("<BQ", Opcode.MESSAGE, 0)
-NESTED = struct.pack("<BQ", Opcode.CHUNK, 0)
 NAMELESS = struct.pack("<BQHI", Opcode.SCHEMA, 6, 1, 0)
 
 
 @pytest.mark.parametrize(
     ("records", "size"),
-    [*((records, 2**25) for records in (EMPTY, PRIVATE, HEADLESS, NESTED, NAMELESS)), (PRIVATE, 2**28)],
+    [*((records, 2**25) for records in (EMPTY, PRIVATE, NAMELESS)), (PRIVATE, 2**28)],
 )
 def test_work_is_bounded_by_the_bytes_read(
     tmp_path: Path, records: bytes, size: int, monkeypatch: pytest.MonkeyPatch
@@ -190,19 +188,19 @@ def test_work_is_bounded_by_the_bytes_read(
     assert peak < 100e6
 
 
-def _counting(counted: list[int]) -> Callable[[WorkBudget, str, int], None]:
+def _counting(counted: list[float]) -> Callable[[WorkBudget, float], None]:
     original = WorkBudget.spend
 
-    def spend(budget: WorkBudget, kind: str, many: int) -> None:
-        counted.append(many)
-        original(budget, kind, many)
+    def spend(budget: WorkBudget, records: float) -> None:
+        counted.append(records)
+        original(budget, records)
 
     return spend
 
 
 def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
     """No real recording has a higher compression ratio."""
-    count, path = 30_000, tmp_path / "rest.mcap"
+    count, path = 60_000, tmp_path / "rest.mcap"
     stamps = START_NS + 5_000_000 * np.arange(count)
     rest = Poses(stamps, np.tile([0.1, 0.2, 0.3], (count, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
     write_recording(str(path), rest, None, {})
@@ -225,7 +223,7 @@ def test_a_compressed_file_of_gigabytes_is_read_up_to_the_limit(tmp_path: Path) 
     tracemalloc.stop()
     assert len(found) > 20
     assert damage is not None
-    assert "decompress the file first" in damage
+    assert "write it without compression" in damage
     assert peak < 100e6
 
 
@@ -422,7 +420,7 @@ def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path
     path = write_log(
         tmp_path / "a.mcap", [poses_topic(smooth_poses(12_000))], chunk_size=16_384, **INDEX_LESS
     )
-    assert sum(1 for _ in open_log(str(path))) == 12_000  # caches of the libraries are filled
+    next(iter(open_log(str(path))))  # caches of the libraries are filled
     tracemalloc.start()
     try:
         assert sum(1 for _ in open_log(str(path))) == 12_000

@@ -11,44 +11,29 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.writer import Writer
-from test_message_formats import NAME, POSES, RULE, assert_read, cdr_pose, write_raw
+from test_message_formats import POSES, RULE, assert_read
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
-from contact_tracker.recording.bytestream import WorkBudget
-from contact_tracker.recording.decoding import MessageDecoder
-from contact_tracker.recording.definitions import DecodingWork, known_definition, parse_definition, work_of
-from contact_tracker.recording.items import Channel, RawMessage
+from contact_tracker.recording.definitions import known_definition, parse_definition
 from contact_tracker.recording.mcap_file import inflate_zstd
 from mcap_logs import SCHEMAS
+from pose_files import POSE_TYPE, ROS1_TEXT, cdr_pose, ros1_pose, types_of_ros1, write_raw
 
 rosbags = pytest.importorskip("rosbags.typesys")
-ROS1 = SCHEMAS[NAME].replace("std_msgs/Header header", "Header header")
-ROS1 = ROS1.replace("builtin_interfaces/Time stamp", "uint32 seq\ntime stamp")
-
-
-def noetic() -> Any:
-    return rosbags.get_typestore(rosbags.Stores.ROS1_NOETIC)
-
-
-def ros1_pose(number: int) -> bytes:
-    pose = list(POSES)[number]
-    sec, nanosec = divmod(pose.stamp_ns, 10**9)
-    head = struct.pack("<IIII5s", number, sec, nanosec, 5, b"world")
-    return head + struct.pack("<7d", *pose.position_m, *pose.quat_xyzw)
 
 
 def write(path: Path, encoding: str, text: str) -> Path:
     """A log of poses with this definition of their type."""
     if encoding == "ros1msg":
-        rows = [(pose.stamp_ns, ros1_pose(i)) for i, pose in enumerate(POSES)]
+        rows = [(pose.stamp_ns, ros1_pose(i, pose)) for i, pose in enumerate(POSES)]
         return write_raw(path, "geometry_msgs/PoseStamped", "ros1", encoding, text.encode(), rows)
     rows = [(pose.stamp_ns, cdr_pose(pose)) for pose in POSES]
-    return write_raw(path, NAME, "cdr", encoding, text.encode(), rows)
+    return write_raw(path, POSE_TYPE, "cdr", encoding, text.encode(), rows)
 
 
-SOUND = {"ros1msg": ROS1, "ros2msg": SCHEMAS[NAME]}
+SOUND = {"ros1msg": ROS1_TEXT, "ros2msg": SCHEMAS[POSE_TYPE]}
 
 
 @pytest.mark.parametrize("encoding", SOUND)
@@ -158,7 +143,7 @@ def test_definitions_equal_those_of_rosbags(kind: str) -> None:
 
 def ros1_message(kind: str, number: int, pose: Pose) -> bytes:
     """A message of a type with this pose."""
-    store = noetic()
+    store = types_of_ros1()
     types = store.types
     header = types["std_msgs/msg/Header"](
         number, types["builtin_interfaces/msg/Time"](*divmod(pose.stamp_ns, 10**9)), "world"
@@ -204,7 +189,7 @@ def ros1_message(kind: str, number: int, pose: Pose) -> bytes:
 def test_types_of_ros1(tmp_path: Path, kind: str) -> None:
     """Each as rosbags defines and encodes it; a message that is cut off or too long is counted."""
     rows = [(pose.stamp_ns, ros1_message(kind, i, pose)) for i, pose in enumerate(POSES)]
-    text = noetic().generate_msgdef(kind, ros_version=1)[0].encode()
+    text = types_of_ros1().generate_msgdef(kind, ros_version=1)[0].encode()
     name = kind.replace("/msg/", "/")
     assert_read(write_raw(tmp_path / "a.mcap", name, "ros1", "ros1msg", text, rows))
     odd = [*rows, (rows[-1][0], rows[-1][1][:-1]), (rows[-1][0], rows[-1][1] + b"x")]
@@ -219,7 +204,7 @@ def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
     rows = [
         (pose.stamp_ns, struct.pack("<I", 1) + ros1_message(one, i, pose)) for i, pose in enumerate(POSES)
     ]
-    text, _ = noetic().generate_msgdef(one, ros_version=1)
+    text, _ = types_of_ros1().generate_msgdef(one, ros_version=1)
     own, rule, parts = text.partition(RULE)
     whole = f"geometry_msgs/TransformStamped[] transforms\n{RULE}MSG: geometry_msgs/TransformStamped\n{own}"
     path = write_raw(tmp_path / "a.mcap", kind, "ros1", "ros1msg", (whole + rule + parts).encode(), rows)
@@ -229,13 +214,12 @@ def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
 
 def nested(extra: str, types: Mapping[str, str]) -> str:
     """The definition of poses with further fields at the end, and their types."""
-    own, _, rest = SCHEMAS[NAME].partition("=" * 80)
+    own, _, rest = SCHEMAS[POSE_TYPE].partition("=" * 80)
     parts = "".join(f"{'=' * 80}\nMSG: p/{name}\n{body}\n" for name, body in types.items())
     return f"{own.rstrip()}\n{extra}\n{'=' * 80}{rest.rstrip()}\n{parts}"
 
 
 TINY = {"E": "uint8 a"}
-LEVELS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(40)}, "A40": "uint8 a"}
 TOO_DEEP = {**{f"A{i}": f"p/A{i + 1} a" for i in range(60)}, "A60": "uint8 a"}
 ENDLESS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(5000)}, "A5000": "uint8 a"}
 
@@ -245,7 +229,7 @@ def write_many(path: Path, definition: str, after: bytes, count: int, channels: 
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        schema = writer.register_schema(NAME, "ros2msg", definition.encode())
+        schema = writer.register_schema(POSE_TYPE, "ros2msg", definition.encode())
         topics = [writer.register_channel(f"/p{i}", "cdr", schema) for i in range(channels)]
         for i in range(count):
             pose = POSES[i % len(POSES) : i % len(POSES) + 1]
@@ -258,7 +242,7 @@ def write_zeros(path: Path) -> Path:
     """Messages of zeros, each compressed by itself."""
     packed = zstandard.ZstdCompressor().compress(bytes(2**22))
     rows = [(i, packed) for i in range(20_000)]
-    return write_raw(path, NAME, "cdr", "ros2msg", SCHEMAS[NAME].encode(), rows)
+    return write_raw(path, POSE_TYPE, "cdr", "ros2msg", SCHEMAS[POSE_TYPE].encode(), rows)
 
 
 SLOW: Mapping[str, tuple[Callable[[Path], Path], int, int]] = {
@@ -267,21 +251,14 @@ SLOW: Mapping[str, tuple[Callable[[Path], Path], int, int]] = {
             path, nested("p/E[] a", TINY), struct.pack("<I", 400_000) + bytes(400_000), 40
         ),
         40,
-        3,
-    ),
-    "many levels": (
-        lambda path: write_many(path, nested("p/A0 a", LEVELS), bytes(1), 48_000),
-        48_000,
-        32_000,
+        2,
     ),
     "compressed": (write_zeros, 20_000, 2000),
 }
 """How small files are written, the number of their messages, and the most that may be decoded."""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=[pytest.mark.long] * (one == "many levels")) for one in SLOW]
-)
+@pytest.mark.parametrize("name", SLOW)
 def test_no_more_messages_are_decoded_than_the_bytes_explain(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -294,9 +271,8 @@ def test_no_more_messages_are_decoded_than_the_bytes_explain(
         lambda data, limit: inflated.append(limit) or inflate_zstd(data, limit),
     )
     summary = summarise(str(path))
-    decoded = count - summary.undecodable
-    assert decoded == sum(one.observed for one in summary.sources)
-    assert decoded <= most
+    assert sum(one.observed for one in summary.sources) <= most < count
+    assert summary.damage is not None
     assert len(inflated) <= most
 
 
@@ -310,16 +286,16 @@ def test_too_many_levels_are_not_used(tmp_path: Path, levels: Mapping[str, str],
     assert f"its definition in the file {why}" in summary.assumptions[0]
 
 
-@pytest.mark.parametrize("definition", ["? {}", "# {}", "float64 a{}"])
+@pytest.mark.parametrize("definition", ["? {}", "float64 a{}"])
 def test_many_definitions_take_no_longer_than_their_bytes_explain(
     tmp_path: Path, definition: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    many = 3000
+    many = 1500
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
         for i in range(many):
-            schema = writer.register_schema(NAME, "ros2msg", definition.format(i).encode())
+            schema = writer.register_schema(POSE_TYPE, "ros2msg", definition.format(i).encode())
             channel = writer.register_channel(f"/p{i}", "cdr", schema)
             writer.add_message(channel, i, cdr_pose(next(iter(POSES))), i)
         writer.finish()
@@ -329,7 +305,7 @@ def test_many_definitions_take_no_longer_than_their_bytes_explain(
         lambda text, name: parsed.append(text) or parse_definition(text, name),
     )
     summarise(str(tmp_path / "a.mcap"))
-    assert 500 < len(parsed) < 1500
+    assert 500 < len(parsed) < 1000
 
 
 def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) -> None:
@@ -338,7 +314,7 @@ def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) ->
         writer = Writer(file)
         writer.start()
         channel = writer.register_channel(
-            "/p", "cdr", writer.register_schema(NAME, "ros2msg", definition.encode())
+            "/p", "cdr", writer.register_schema(POSE_TYPE, "ros2msg", definition.encode())
         )
         for i, pose in enumerate(POSES):
             many = 1_000_000 if i % 2 else 3
@@ -349,60 +325,4 @@ def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) ->
     assert log.counts == {"undecodable": len(POSES) // 2}
     assert log.damage is not None
     assert "messages that take longer to decode" in log.damage
-    assert "decompress the file first" in log.damage
-
-
-@pytest.mark.parametrize("type_name", SCHEMAS)
-def test_usual_definitions_take_the_work_of_one_record(type_name: str) -> None:
-    assert work_of(parse_definition(SCHEMAS[type_name], type_name)).records(300) <= 2
-
-
-def work_by(text: str) -> DecodingWork:
-    return work_of(parse_definition(text, NAME))
-
-
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\x1c", "\u2028"])
-def test_the_work_of_nested_types(end: str) -> None:
-    text = nested("p/E[] a\np/A[3] b\np/B c\n", {"E": "uint8 x\nuint8 y", "A": "E e", "B": "E[] e"})
-    work = work_by(text.replace("\n", end))
-    plain = work_by(SCHEMAS[NAME])
-    assert work.steps == plain.steps + 1 + 3 * (2 + 4) + (2 + 1)
-    assert work.steps_per_byte == 4 / 2
-
-
-def test_types_of_one_name_in_two_packages_are_told_apart() -> None:
-    text = nested("p/Pose other", {"Pose": "geometry_msgs/Pose pose"})
-    assert work_by(text).steps == work_by(SCHEMAS[NAME]).steps + 2 + 13
-    with pytest.raises(ValueError, match="part of itself"):
-        work_by(nested("p/Pose other", {"Pose": "Pose pose"}))
-
-
-def test_definitions_are_used_although_all_other_work_is_done() -> None:
-    """Messages are read before they are decoded."""
-    budget = WorkBudget()
-    budget.spend("records", 40_000)
-    decoder = MessageDecoder(budget)
-    channel = Channel("/p", "cdr", NAME, "ros2msg", SOUND["ros2msg"].encode())
-    assert None not in list(decoder.poses([RawMessage(channel, 0, cdr_pose(next(iter(POSES))))]))
-
-
-def test_many_crafted_definitions_take_no_longer(tmp_path: Path) -> None:
-    """Each on a different topic, and none usable."""
-    from mcap.writer import Writer
-
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=2**24, repeat_schemas=False, repeat_channels=False)
-        writer.start()
-        for i in range(600):
-            text = f"int32 a{i}\n" + "int32 a\n" * 12_000 + "["
-            schema = writer.register_schema("geometry_msgs/PoseStamped", "ros1msg", text.encode())
-            channel = writer.register_channel(f"/pose{i}", "ros1", schema)
-            writer.add_message(channel, i, b"", i)
-        writer.finish()
-    assert path.stat().st_size < 2**20
-    begin_s = time.process_time()
-    with pytest.raises(NoPoses):
-        open_log(str(path))
-    assert summarise(str(path)).undecodable == 600
-    assert time.process_time() - begin_s < 10.0
+    assert "write it without compression" in log.damage

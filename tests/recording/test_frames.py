@@ -230,12 +230,12 @@ def test_missing_chains_are_refused(tmp_path: Path) -> None:
 def test_a_pose_with_a_leading_stamp_does_not_delay_others(tmp_path: Path, follow: bool) -> None:
     from contact_tracker.recording import Follow
 
-    parent, body = faster(4000, 100.0, 1), faster(3000, 100.0, 2)
+    parent, body = faster(1200, 100.0, 1), faster(900, 100.0, 2)
     messages = [
         *((p.stamp_ns, {"transforms": [transform(*p, frame="world", child="f")]}) for p in parent),
         *((p.stamp_ns, {"transforms": [transform(*p, frame="f", child="o")]}) for p in body),
     ]
-    early = body.stamp_ns[500]
+    early = body.stamp_ns[100]
     lead = transform(early + 3600 * 10**9, [0, 0, 0], [0, 0, 0, 1], "f", "o")
     messages.append((early + 1, {"transforms": [lead]}))
     path = write_log(tmp_path / "a.mcap", [Topic("/tf", TF, messages)], chunk_size=5000)

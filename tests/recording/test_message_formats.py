@@ -2,13 +2,11 @@
 
 import json
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
 
 from contact_tracker.config.table_reading import TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, MissingExtra, NoPoses
@@ -25,6 +23,7 @@ from mcap_logs import (
     vector,
     write_log,
 )
+from pose_files import POSE_TYPE, ROS1_TEXT, cdr_pose, ros1_pose, write_raw
 
 COUNT = 60
 POSES = smooth_poses(COUNT)
@@ -203,51 +202,20 @@ def test_a_pose_without_header_has_its_log_time(tmp_path: Path) -> None:
     assert_read(path)
 
 
-@cache
-def humble() -> Any:
-    rosbags = pytest.importorskip("rosbags.typesys")
-    return rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
-
-
-def cdr_pose(pose: Pose) -> bytes:
-    store = humble()
-    types = store.types
-    sec, nanosec = divmod(pose.stamp_ns, 10**9)
-    stamp = types["builtin_interfaces/msg/Time"](sec, nanosec)
-    point = types["geometry_msgs/msg/Point"](*pose.position_m)
-    turn = types["geometry_msgs/msg/Quaternion"](*pose.quat_xyzw)
-    message = types["geometry_msgs/msg/PoseStamped"](
-        types["std_msgs/msg/Header"](stamp, "world"), types["geometry_msgs/msg/Pose"](point, turn)
-    )
-    return bytes(store.serialize_cdr(message, "geometry_msgs/msg/PoseStamped"))
-
-
-def write_raw(
-    path: Path, kind: str, message: str, schema_encoding: str, schema: bytes, rows: list[tuple[int, bytes]]
-) -> Path:
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="", library="test")
-        schema_id = writer.register_schema(kind, schema_encoding, schema)
-        channel = writer.register_channel("/pose", message, schema_id)
-        for log_time, data in rows:
-            writer.add_message(channel, log_time, data, log_time)
-        writer.finish()
-    return path
-
-
-NAME = "geometry_msgs/msg/PoseStamped"
-
-
 @pytest.mark.parametrize(
     ("kind", "encoding", "text", "why"),
     [
-        (NAME, "", "", "the file does not define it"),
-        (NAME, "ros2msg", "", "the file does not define it"),
-        (NAME, "ros2msg", NAME, "its definition in the file cannot be used"),
-        (NAME, "ros2idl", "module {", "definitions in IDL are not read"),
-        (NAME, "ros2msg", "std_msgs/Header header\nPose pose\n", "its definition in the file lacks parts"),
-        ("geometry_msgs/PoseStamped", "ros2msg", SCHEMAS[NAME], None),
+        (POSE_TYPE, "", "", "the file does not define it"),
+        (POSE_TYPE, "ros2msg", "", "the file does not define it"),
+        (POSE_TYPE, "ros2msg", POSE_TYPE, "its definition in the file cannot be used"),
+        (POSE_TYPE, "ros2idl", "module {", "definitions in IDL are not read"),
+        (
+            POSE_TYPE,
+            "ros2msg",
+            "std_msgs/Header header\nPose pose\n",
+            "its definition in the file lacks parts",
+        ),
+        ("geometry_msgs/PoseStamped", "ros2msg", SCHEMAS[POSE_TYPE], None),
     ],
 )
 def test_a_known_type_needs_no_definition(
@@ -289,23 +257,16 @@ def test_two_types_on_one_topic_are_two_sources(tmp_path: Path) -> None:
 
 def test_ros1_messages(tmp_path: Path) -> None:
     ros1 = pytest.importorskip("mcap_ros1.writer")
-    text = SCHEMAS[NAME].replace("std_msgs/Header header", "Header header")
-    text = text.replace("builtin_interfaces/Time stamp", "uint32 seq\ntime stamp")
     path = tmp_path / "a.mcap"
 
     class PoseStamped:
-        _type, _full_text = "geometry_msgs/PoseStamped", text
+        _type, _full_text = "geometry_msgs/PoseStamped", ROS1_TEXT
 
         def __init__(self, seq: int, pose: Pose) -> None:
-            self._packed = (seq, pose)
+            self._packed = ros1_pose(seq, pose)
 
         def serialize(self, buffer: Any) -> None:
-            import struct
-
-            seq, pose = self._packed
-            sec, nanosec = divmod(pose.stamp_ns, 10**9)
-            buffer.write(struct.pack("<IIII5s", seq, sec, nanosec, 5, b"world"))
-            buffer.write(struct.pack("<7d", *pose.position_m, *pose.quat_xyzw))
+            buffer.write(self._packed)
 
     with path.open("wb") as file:
         writer = ros1.Writer(file)

@@ -131,10 +131,11 @@ def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> No
         if channel.topic in wanted
     ]
     file.seek(0)
-    loop = RecordLoop(ByteStream(file), lambda channel: channel.topic in wanted)
+    damage = list[str]()
+    loop = RecordLoop(ByteStream(file), damage.append, lambda channel: channel.topic in wanted)
     found = [(item.channel.topic, item.log_time_ns, item.data) for item in loop]
     assert found == expected
-    assert not loop.damage.text
+    assert not damage
 
 
 @given(seed=st.integers(0, 2**32 - 1), chunk=st.sampled_from([0, 200, 3_000, 200_000]))
@@ -292,14 +293,13 @@ def read_alike(path: str) -> tuple[Poses, dict[str, int]]:
     return poses, dict(log.counts)
 
 
-@pytest.mark.parametrize("resolution_ns", [10**18, 10**9, 10**8])
-@pytest.mark.parametrize("rate_hz", [30.0, 200.0, 1000.0])
+@pytest.mark.parametrize(
+    ("resolution_ns", "rate_hz"), [(10**18, 30.0), (10**18, 1000.0), (10**9, 200.0), (10**8, 200.0)]
+)
 def test_stamps_too_coarse_to_order_poses_are_not_used(
     tmp_path: Path, resolution_ns: int, rate_hz: float
 ) -> None:
     poses = smooth_poses(int(3 * rate_hz), rate_hz)
-    if rate_hz * resolution_ns < 4e9:
-        pytest.skip("three poses to a stamp")
     path = stamped(tmp_path / "a.mcap", poses.stamp_ns // resolution_ns * resolution_ns, poses)
     found, counts = read_alike(path)
     assert_same(found, poses)
@@ -314,9 +314,14 @@ def test_two_poses_per_stamp_keep_their_stamps(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "zeros", [[0], range(100), range(0, 600, 10), [300], [599], [0, 1, 7, 300, 301, 599]], ids=str
+    ("zeros", "delay_ns"),
+    [
+        *((zeros, 0) for zeros in ([0], range(100), [300], [599])),
+        (range(0, 600, 10), 3_000_000),
+        ([0, 1, 7, 300, 301, 599], -515_000 * 10**9),
+    ],
+    ids=str,
 )
-@pytest.mark.parametrize("delay_ns", [0, 3_000_000, -515_000 * 10**9])
 def test_stamps_that_are_zero_among_others_follow_from_log_time(
     tmp_path: Path, zeros: Sequence[int], delay_ns: int
 ) -> None:

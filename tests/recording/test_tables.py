@@ -415,7 +415,7 @@ def test_the_decompressed_size_of_parquet_is_limited(tmp_path: Path, rows: int, 
     path = tmp_path / "a.parquet"
     parquet.write_table(table, path, compression="zstd", use_dictionary=dictionary, row_group_size=rows)
     assert path.stat().st_size < 2**20
-    with pytest.raises(UnreadableRecording, match=r"too much for its size: more rows than \d+ bytes explain"):
+    with pytest.raises(UnreadableRecording, match=r"for its size: more records than \d+ bytes explain"):
         open_log(str(path))
 
 

@@ -5,11 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.mcap_logs import Topic, poses_topic, smooth_poses, transform, wrench_stamped, write_log
+from support.pressed_objects import pressed
 
 from contact_tracker.cli.main import run
+from contact_tracker.config.loading import load_model
 from contact_tracker.errors import InputError, UsageError
+from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wrenches
+from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wrenches, write_recording
+from contact_tracker.recording.wrenches import recorded_evidence
+from contact_tracker.states import Contact
 
 
 def wrenches_topic(poses: Poses, frame: str = "object", name: str = "/wrench") -> Topic:
@@ -80,18 +85,15 @@ def test_a_missing_topic_lists_the_existing_ones(tmp_path: Path) -> None:
         read(path, "/object/pose")
 
 
-def test_wrenches_without_free_motion_change_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrenches_without_free_motion_are_not_used(tmp_path: Path) -> None:
     """They are constant, at any pose: that is said in a line, and motion decides."""
     poses = smooth_poses(400)
     path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
-    assert run(["segment", path, "-q"]) == 0
-    without = capsys.readouterr().out
-    assert run(["segment", path, "--wrench", "/wrench"]) == 0
-    found = capsys.readouterr()
-    assert found.out == without or "kg" in found.err
-    assert "Traceback" not in found.err
+    found = recorded_evidence(path, "/wrench", open_log(path), load_model(), EMPTY_MAP)
+    assert found is not None
+    assert found.evidence is None
+    assert found.text.startswith("/wrench is not used: ")
+    assert found.warnings == (found.text,)
 
 
 def test_info_reports_the_wrench_topic(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -108,19 +110,17 @@ def test_wrong_usage_is_reported(tmp_path: Path, words: str) -> None:
     assert run(["segment", path, *words.split()]) == 2
 
 
-@pytest.fixture(scope="module")
-def pressed(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = str(tmp_path_factory.mktemp("pressed") / "pressed.mcap")
-    assert run(["simulate", "pressed", "-o", path, "-q"]) == 0
-    return path
-
-
-def test_a_mass_that_is_overruled_is_a_warning(pressed: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["segment", pressed, "--wrench", "/object/wrench", "--mass", "5", "--duration", "14"]) == 0
-    used, warning = (line for line in capsys.readouterr().err.splitlines() if "wrenches" in line)
-    said = "5 kg, does not fit the wrenches in free motion: 0.500 kg is used"
-    assert warning.startswith(f"contact-tracker: warning: {pressed}: the mass that is given, {said}")
-    assert said not in used
+def test_a_mass_that_is_overruled_is_a_warning(tmp_path: Path) -> None:
+    shown = pressed(Contact.VF, seed=3, noise=True, seconds=6.0)
+    write_recording(str(tmp_path / "a.mcap"), shown.poses, None, {}, wrenches=shown.wrenches)
+    path = str(tmp_path / "a.mcap")
+    found = recorded_evidence(path, "/object/wrench", open_log(path), load_model(), EMPTY_MAP, mass_kg=5.0)
+    assert found is not None
+    assert found.mass_doubt is not None
+    assert found.mass_doubt.startswith(
+        "the mass that is given, 5 kg, does not fit the wrenches in free motion: 2.00"
+    )
+    assert found.warnings == (found.mass_doubt,)
 
 
 def test_the_frame_of_another_body_is_refused(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 import pickle
 from collections import Counter
-from functools import cache
+from functools import cache, reduce
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -61,20 +61,17 @@ def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: b
 
 @needs_kernels
 @pytest.mark.parametrize(
-    ("name", "count", "lag_s"),
-    [("vision_30hz", 300, 1.0), ("all_states", 600, 0.0)],
+    ("name", "count", "lag_s", "known"),
+    [("vision_30hz", 150, 1.0, False), ("all_states", 300, 0.0, False), ("all_states", 200, 0.0, True)],
 )
-def test_a_restored_stream_continues_bit_for_bit(tmp_path: Path, name: str, count: int, lag_s: float) -> None:
+def test_a_restored_stream_continues_bit_for_bit(
+    tmp_path: Path, name: str, count: int, lag_s: float, known: bool
+) -> None:
     poses = recorded(name, count)
-    cuts = {1, 5, 11, 12, 13, 59, 60, 61, *range(100, count, 397)}
-    assert lines(poses, cuts, tmp_path / "s", lag_s) == lines(poses, set(), tmp_path / "s", lag_s)
-
-
-@needs_kernels
-def test_knowledge_is_part_of_the_state(tmp_path: Path) -> None:
-    poses = recorded("all_states", 400)
-    with_cuts = lines(poses, {3, 70, 150, 301}, tmp_path / "s", known=True)
-    assert with_cuts == lines(poses, set(), tmp_path / "s", known=True)
+    cuts = {1, 5, 11, 12, 13, 59, 60, 61, 100, 180}
+    assert lines(poses, cuts, tmp_path / "s", lag_s, known) == lines(
+        poses, set(), tmp_path / "s", lag_s, known
+    )
 
 
 ROUGH = st.lists(
@@ -87,7 +84,7 @@ ROUGH = st.lists(
 
 
 @given(rows=ROUGH, cut=st.integers(0, 120))
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_the_gate_continues_after_a_restore(tmp_path: Path, rows: list[tuple[int, float]], cut: int) -> None:
     clean, stamp, poses = list(smooth_poses(len(rows))), 0, list[Pose]()
     for pose, (step, shift) in zip(clean, rows, strict=True):
@@ -103,7 +100,7 @@ def test_the_gate_continues_after_a_restore(tmp_path: Path, rows: list[tuple[int
                 save(tmp_path / "gate", gate)
                 gate = load(tmp_path / "gate")
             found += gate.admit(pose)
-        return [*found, *gate.finish()], gate.own_counts
+        return [*found, *gate.finish()], gate.counts
 
     assert admitted(restore=True) == admitted(restore=False)
 
@@ -129,7 +126,7 @@ def test_the_same_state_has_the_same_bytes(tmp_path: Path, saved: tuple[Path, Tr
         st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=4
     )
 )
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_damaged_state_is_refused_or_is_the_same(
     tmp_path: Path, saved: tuple[Path, Tracker], changes: list[tuple[float, int]]
 ) -> None:
@@ -168,6 +165,7 @@ def rewritten(path: Path, target: Path, tree: Any) -> Path:
         {},
         [],
         [["tuple"]],
+        reduce(lambda tree, _: ["tuple", tree], range(500), 1),
     ],
 )
 def test_only_classes_of_a_state_are_built(tmp_path: Path, saved: tuple[Path, Tracker], tree: Any) -> None:
@@ -185,25 +183,17 @@ def test_a_forged_state_is_refused_or_goes_on(tmp_path: Path) -> None:
         tracker.update(*pose)
     tracker.save(tmp_path / "a")
     refused = 0
-    for seed in range(16):
+    for seed in range(12):
         what = forge(tmp_path / "a", tmp_path / "b", Random(seed))
         try:
             restored = contact_tracker.Tracker.load(tmp_path / "b")
-            for pose in poses[300:]:
+            for pose in poses[300:312]:
                 restored.update(*pose)
             assert len(restored.finish()) in (0, 1), what
             assert all(restored.warnings)
         except StateError:
             refused += 1
-    assert 3 < refused < 16
-
-
-def test_deep_trees_are_refused(tmp_path: Path, saved: tuple[Path, Tracker]) -> None:
-    tree: Any = 1
-    for _ in range(500):
-        tree = ["tuple", tree]
-    with pytest.raises(StateError):
-        load(rewritten(saved[0], tmp_path / "x", tree))
+    assert 3 < refused < 12
 
 
 def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, Tracker]) -> None:

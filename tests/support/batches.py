@@ -17,7 +17,7 @@ MODEL = load_model()
 BROKEN = 6
 
 
-def write_recordings(folder: Path, count: int = 3, poses: int = 60) -> list[Path]:
+def write_recordings(folder: Path, count: int = 2, poses: int = 60) -> list[Path]:
     """Some short ones that can be segmented."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{i}.mcap" for i in range(count)]

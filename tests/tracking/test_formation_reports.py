@@ -8,8 +8,15 @@ import pytest
 from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, allowed
-from contact_tracker.formations.presence import Presence
+from contact_tracker.formations.further import (
+    Candidate,
+    Formation,
+    FormationTicks,
+    Further,
+    KnownContact,
+    allowed,
+)
+from contact_tracker.formations.presence import Presence, Run
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
@@ -21,8 +28,6 @@ from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
-    FittedContact,
-    FittedFormation,
     SegmentFit,
     SegmentTicks,
     joined_by_wrenches,
@@ -61,10 +66,10 @@ def fitted(contact: Contact, **more: object) -> SegmentFit:
 
 def test_constraints_are_those_of_all_contacts_of_the_time() -> None:
     """The first to be found begins last: constraints are those of simultaneous contacts."""
-    later = FittedContact(Contact.EF, 0.9, ((6, 9),), GEOMETRY, ())
-    earlier = FittedContact(Contact.VF, 0.9, ((2, 7),), GEOMETRY, ())
+    later = Further(KnownContact(Contact.EF, np.zeros(0)), GEOMETRY, (Run(6, 10),), 9.0, ())
+    earlier = Further(KnownContact(Contact.VF, np.zeros(0)), GEOMETRY, (Run(2, 8),), 9.0, ())
     ranks = ((frozenset([0]), 4), (frozenset([1]), 3), (frozenset([0, 1]), 5))
-    fit = fitted(Contact.EF, formation=FittedFormation((later, earlier), False, ranks))
+    fit = fitted(Contact.EF, formation=Formation((later, earlier), False, ranks))
     (segment,), beliefs = finished(Contact.EF, 0, 10).with_fit(fit)
     assert [one.contact for one in segment.further] == [Contact.VF, Contact.EF]
     assert [one.constraints for one in segment.further] == [5, 5]

@@ -3,22 +3,12 @@
 import tracemalloc
 
 import numpy as np
-import pytest
 
 import as_values
 from contact_tracker.config.loading import load_model
-from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.hypotheses import bank_update
-from contact_tracker.hypotheses.bank_update import LiveHypotheses
-from contact_tracker.map.file import map_from
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid, empty_tick
-from contact_tracker.saved_state import is_same
-from contact_tracker.tracking import forward_pass
+from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.state import scales_of
-from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
 
 MODEL = load_model()
@@ -48,65 +38,6 @@ def test_thousands_of_gaps_are_not_all_filled() -> None:
     for row in range(count):
         one_by_one += [tick.stamp_ns for tick in grid.add(poses[row : row + 1])]
     assert one_by_one == [tick.stamp_ns for tick in ticks]
-
-
-def test_the_evidence_of_a_tick_without_motion_is_zero():
-    """So ticks of a gap need no evaluation when they leave the window."""
-    seen = list(forward(with_gaps(30, 1.0), MODEL, detail=Detail.WEIGHTS))[-1].state
-    empty = np.flatnonzero(~seen.window.innovation_excess.any(axis=1))
-    assert len(empty) > 100
-    settled = 0
-    for bank, contact in zip(seen.banks, CONTACT_MODELS, strict=True):
-        for row in empty[:5]:
-            oldest = seen.window.cut(int(row), int(row) + 1)
-            after = bank_update.marginalise_expired_ticks(bank, contact, oldest, scales_of(MODEL))
-            np.testing.assert_array_equal(after.words, bank.words)
-            settled += after is not bank
-    assert settled
-
-
-def test_live_hypotheses_in_gaps_equal_those_of_the_banks():
-    waiting = 0
-    for seen in forward(with_gaps(12, 1.5), MODEL, detail=Detail.WEIGHTS):
-        expected = LiveHypotheses.of(seen.state.banks, seen.state.ticks - 1)
-        assert is_same(seen.state.live_hypotheses, expected)
-        waiting += not seen.state.hazard_exposure
-    assert waiting > 100
-
-
-@pytest.mark.parametrize("count", [1, 2, 40, 299, 300, 301, 1000])
-def test_a_gap_in_one_step_is_the_same_as_tick_by_tick(count):
-    poses = with_gaps(20, 0.15)
-    ticks = TickGrid(MODEL).add(poses)
-    empty = [
-        empty_tick(ticks[-1], ticks[-1].stamp_ns + i * SECOND // 10, ticks[-1].stamp_ns + i * SECOND // 10)
-        for i in range(1, count + 4)
-    ]
-    one = ContactFilter.start(MODEL)
-    expected = [seen.state for seen in forward_pass.forward([*ticks, *empty], one, Detail.WEIGHTS)]
-    before = expected[-count - 1]
-    assert before.window.innovation_excess.any()
-    holding = ContactFilter(before)
-    assert holding.can_hold
-    holding.hold(count)
-    held, last = holding.state, expected[-1]
-    assert last.deferred_exposure == pytest.approx(held.deferred_exposure)
-    for one, other in zip(held.banks, last.banks, strict=True):  # sums in another order
-        np.testing.assert_allclose(one.words, other.words, rtol=1e-9, atol=1e-9)
-    other_fields = {"banks": (), "belief": None, "deferred_exposure": 0.0}
-    assert is_same(held._replace(**other_fields), last._replace(**other_fields))
-    for name in ("inverse", "displacement_variance"):
-        np.testing.assert_array_equal(getattr(held.window, name), getattr(last.window, name))
-
-
-def test_neither_with_a_lag_nor_with_known_elements_is_a_gap_passed_in_one_step():
-    given = map_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
-    poses = with_gaps(20, 0.15)
-    ticks = TickGrid(MODEL).add(poses)
-    for one in (ContactFilter.start(MODEL, lag_s=0.5), ContactFilter.start(MODEL, known_map=given)):
-        for tick in ticks:
-            one.update(tick)
-            assert not one.can_hold
 
 
 def test_trackers_side_by_side_take_little_memory_in_gaps():

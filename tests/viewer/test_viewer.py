@@ -1,10 +1,9 @@
 """The viewer's recordings read back: their entities, and when these appear and end."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,22 +15,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rerun.chunk import Chunk, RrdReader
 
+from contact_tracker.cli.main import run
 from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.contact_motion import ContactMotion
-from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR
+from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
+from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory, vertices_from_metadata
-from contact_tracker.viewer import canvas, scene
+from contact_tracker.viewer import canvas, scene, sinks
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.offline import begin, write_rrd
 from contact_tracker.viewer.scene import OBJECT, UNKNOWN_EXTENT, draw, hull
 from contact_tracker.viewer.sinks import to_file
+from mcap_logs import smooth_poses
 
 ORIGIN_NS = 1_700_000_000_000_000_000
 TICK_NS = 100_000_000
@@ -89,6 +92,12 @@ def truth() -> Truth:
     return Truth.from_changes(STARTS_NS, ["f-f", "?", "e-f", "e-f"], ORIGIN_NS + TICKS * TICK_NS)
 
 
+@pytest.fixture(scope="module")
+def sparse(poses: Poses) -> Poses:
+    """Too few for the curves of the paper's objectives."""
+    return poses[::5]
+
+
 def outcome(poses: Poses, segmentation: Segmentation, truth: Truth | None = None, **more: Any) -> Outcome:
     return Outcome(Trajectory(poses, **more), segmentation, labels=truth)
 
@@ -105,9 +114,20 @@ def written(
     return path
 
 
+@pytest.fixture(scope="module")
+def streamed(tmp_path_factory: pytest.TempPathFactory, poses: Poses, segmentation: Segmentation) -> Path:
+    path = tmp_path_factory.mktemp("viewer") / "live.rrd"
+    play(path, poses, segmentation.filtered)
+    return path
+
+
+@cache
+def read(path: Path) -> list[Chunk]:
+    return RrdReader(path).stream().to_chunks()
+
+
 def chunks(path: Path, entity: str, static: bool = False) -> list[Chunk]:
-    found = RrdReader(path).stream().filter(content=f"/{entity}").to_chunks()
-    return [c for c in found if c.is_static == static]
+    return [c for c in read(path) if c.entity_path == f"/{entity}" and c.is_static == static]
 
 
 def rows(path: Path, entity: str, component: str) -> list[tuple[int, Any]]:
@@ -253,24 +273,12 @@ def test_without_truth_curves_and_hull_the_rest_is_there(
     assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
     assert total(path, canvas.BODY) == 499
     assert not any(chunks(path, entity, static=True) for entity in canvas.KNOWN)
-
-
-def test_a_single_pose_and_tick_is_a_recording(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
-) -> None:
     one = Segmentation(segmentation.segments[:1], segmentation.beliefs[:1], segmentation.filtered[:1])
     write_rrd(tmp_path / "one.rrd", outcome(poses[:1], one))
     assert total(tmp_path / "one.rrd", canvas.BODY) == 1
-
-
-def test_a_failed_write_leaves_the_old_file(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
-    path = tmp_path / "kept.rrd"
-    path.write_text("old")
-    crooked = Poses(poses.stamp_ns, poses.position_m[:, :2], poses.quat_xyzw)
-    with pytest.raises(ValueError):  # noqa: PT011 - of numpy or rerun, by version
-        write_rrd(path, outcome(crooked, segmentation))
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(NoPoses):
+        write_rrd(tmp_path / "none.rrd", outcome(poses[:0], segmentation, origin_ns=ORIGIN_NS))
+    assert not (tmp_path / "none.rrd").exists()
 
 
 def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
@@ -283,27 +291,33 @@ def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
                 view.belief(due.pop(0))
 
 
-def test_a_settled_contact_is_reported_live(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
-    """As on stdout: the line of the change has 0.8, the one when settled more."""
-    beliefs = [
-        replace(b, probability=np.where(np.arange(7) == b.contact.column, 0.94, 0.01)) if i == 20 else b
-        for i, b in enumerate(segmentation.filtered)
-    ]
-    play(tmp_path / "live.rrd", poses, tuple(beliefs))
-    texts = [value[0] for _, value in rows(tmp_path / "live.rrd", canvas.EVENTS, "TextLog:text")]
-    assert len(texts) == len(PHASES) + 1
-    assert "p 0.80" in texts[0]
-    assert "p 0.94" in texts[1]
+def test_what_to_move_next_is_drawn_live(tmp_path: Path, poses: Poses) -> None:
+    """A turn as its axis and the arc about it, until there is nothing to suggest."""
+    pair, turn = (Contact.EF, Contact.VF), np.array([0.0, 0.25, 0.0])
+    motion = InformativeMotion(*pair, turn, turn, *np.array([[0.1, 0.2, 0.3]] * 2), *np.zeros((2, 3)), 9.0)
+    path = tmp_path / "live.rrd"
+    with LiveViewer(CUBE_M, to_file(path)) as view:
+        view.pose(next(iter(poses)))
+        view.suggest(int(poses.stamp_ns[0]), motion)
+        view.suggest(int(poses.stamp_ns[1]), None)
+    (_, (vector,)), (_, gone) = rows(path, canvas.SUGGESTED, "Arrows3D:vectors")
+    assert vector[1] > 0.0
+    assert not len(gone)
+    (_, (strip,)), _ = rows(path, f"{canvas.SUGGESTED}/arc", "LineStrips3D:strips")
+    arms = np.array(strip) - [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(arms[:, 1], 0.0, atol=1e-6)
+    cosine = arms[0] @ arms[-1] / np.linalg.norm(arms[0]) ** 2
+    assert np.arccos(cosine) == pytest.approx(0.25, abs=1e-3)
 
 
 def test_indistinguishable_contacts_are_shown(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
+    tmp_path: Path, sparse: Poses, segmentation: Segmentation
 ) -> None:
     first, *rest = segmentation.segments
     unsure = replace(segmentation, segments=(replace(first, inseparable=(Contact.VF, Contact.FREE)), *rest))
-    write_rrd(tmp_path / "some.rrd", outcome(poses, unsure))
+    write_rrd(tmp_path / "some.rrd", outcome(sparse, unsure))
     beliefs = [replace(b, inseparable=(Contact.VF,)) if i < 10 else b for i, b in enumerate(unsure.filtered)]
-    play(tmp_path / "live.rrd", poses, tuple(beliefs))
+    play(tmp_path / "live.rrd", sparse, tuple(beliefs))
     lane = [v for _, v in rows(tmp_path / "some.rrd", canvas.INSEPARABLE, "StateChange:state")]
     assert lane == [["or v-f, free"], [""], [""], [""]]
     lane = [v for _, v in rows(tmp_path / "live.rrd", canvas.INSEPARABLE, "StateChange:state")]
@@ -334,19 +348,13 @@ def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
     assert rows(live, canvas.BODY, "Transform3D:translation")[0][0] == 4_000_000_000
 
 
-def test_there_is_no_file_without_a_pose(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
-    with pytest.raises(NoPoses):
-        write_rrd(tmp_path / "none.rrd", outcome(poses[:0], segmentation, origin_ns=ORIGIN_NS))
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_recording_beside_others_has_its_name_and_the_list_open(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
+    tmp_path: Path, sparse: Poses, segmentation: Segmentation
 ) -> None:
     panels = []
     for several in (False, True):
         path = tmp_path / f"{several}.rrd"
-        begin(to_file(path), "shelf.mcap", several)(outcome(poses, segmentation))
+        begin(to_file(path), "shelf.mcap", several)(outcome(sparse, segmentation))
         reader = RrdReader(path)
         properties = column(reader, reader.recordings()[0], "RecordingInfo:name")
         assert properties == [["shelf.mcap"]]
@@ -376,13 +384,13 @@ def with_a_wall(segmentation: Segmentation) -> Segmentation:
 
 @pytest.mark.parametrize("live", [False, True])
 def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation, live: bool
+    tmp_path: Path, sparse: Poses, segmentation: Segmentation, live: bool
 ) -> None:
     path = tmp_path / "two.rrd"
     if live:
-        play(path, poses, with_a_wall(segmentation).filtered)
+        play(path, sparse, with_a_wall(segmentation).filtered)
     else:
-        write_rrd(path, outcome(poses, with_a_wall(segmentation), vertices_m=CUBE_M))
+        write_rrd(path, outcome(sparse, with_a_wall(segmentation), vertices_m=CUBE_M))
     lane = [value for _, value in rows(path, canvas.further_lane(1), "StateChange:state")]
     assert [value[0] for value in lane if value] == [*([] if live else [""]), "v-f", "", "v-f", ""]
     second = canvas.touching(1)
@@ -396,42 +404,22 @@ def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
     assert len({n for n in first if n}) <= 2, "no wall beside what the label is about"
 
 
-def test_live_and_offline_views_agree(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
-    path = tmp_path / "live.rrd"
-    play(path, poses, segmentation.filtered)
-    assert total(path, canvas.BODY) == POSES // 2, "200 Hz are shown at 100 Hz"
+def test_live_and_offline_views_agree(streamed: Path) -> None:
+    assert total(streamed, canvas.BODY) == POSES // 2, "200 Hz are shown at 100 Hz"
     for entity in (canvas.TRAIL, canvas.P_FILTERED, canvas.RESIDUAL):
-        assert total(path, entity) == TICKS
-    assert total(path, canvas.FILTERED) == total(path, canvas.EVENTS) == len(PHASES)
-    assert len(RrdReader(path).blueprints()) == 1
+        assert total(streamed, entity) == TICKS
+    assert total(streamed, canvas.FILTERED) == total(streamed, canvas.EVENTS) == len(PHASES)
+    assert len(RrdReader(streamed).blueprints()) == 1
+    strips = [value[0] for _, value in rows(streamed, canvas.TRAIL, "LineStrips3D:strips")]
+    assert all(before[-1] == after[0] for before, after in pairwise(strips)), "the trail is unbroken"
 
 
-def test_live_geometry_follows_twice_a_second_and_ends_with_its_contact(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
-) -> None:
-    path = tmp_path / "live.rrd"
-    play(path, poses, segmentation.filtered)
-    drawn = rows(path, MESHES[2], "Mesh3D:vertex_positions")
+def test_live_geometry_follows_twice_a_second_and_ends_with_its_contact(streamed: Path) -> None:
+    drawn = rows(streamed, MESHES[2], "Mesh3D:vertex_positions")
     for contact, first, last in PHASES:
         first_ns, last_ns = ((tick + 1) * TICK_NS - 5_000_000 for tick in (first, last))
         within = [(t, len(v) > 0) for t, v in drawn if first_ns <= t < last_ns]
         assert within == [(first_ns + 5 * i * TICK_NS, contact is not Contact.FREE) for i in range(6)]
-
-
-def test_the_live_trail_is_one_unbroken_line(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
-) -> None:
-    path = tmp_path / "live.rrd"
-    play(path, poses, segmentation.filtered)
-    strips = [value[0] for _, value in rows(path, canvas.TRAIL, "LineStrips3D:strips")]
-    assert all(before[-1] == after[0] for before, after in pairwise(strips))
-
-
-def test_importing_the_viewer_is_cheap() -> None:
-    check = "import sys, contact_tracker.viewer; sys.exit('rerun' in sys.modules)"
-    path = [p for p in sys.path if p.endswith("tracker")]
-    environment = {"PYTHONPATH": ":".join(path)}
-    assert subprocess.run([sys.executable, "-c", check], env=environment, check=False).returncode == 0
 
 
 def unit(values: list[float]) -> np.ndarray:
@@ -496,19 +484,13 @@ def test_unbounded_uncertainty_is_drawn_no_larger_than_the_element() -> None:
         assert 0.09 < np.abs(mesh.vertices).max() < 0.11
 
 
-@pytest.mark.parametrize(
-    "element",
-    [
+def test_what_is_unknown_or_not_finite_draws_nothing() -> None:
+    for element in (
         Plane(Z, 0.0),
         Point(np.zeros(3), np.full((3, 3), np.nan)),
         Line(X, np.zeros(3), np.full((6, 6), np.inf)),
-    ],
-)
-def test_unknown_uncertainty_draws_nothing(element: Element) -> None:
-    assert scene.uncertainty(element, np.zeros(3), 0.1) is scene.EMPTY
-
-
-def test_an_element_that_is_not_finite_draws_nothing() -> None:
+    ):
+        assert scene.uncertainty(element, np.zeros(3), 0.1) is scene.EMPTY
     nowhere = np.full(3, np.nan)
     for element in (Point(nowhere), Line(X, nowhere), Plane(Z, np.nan)):
         for form in (scene.of_object, scene.of_surroundings):
@@ -517,10 +499,10 @@ def test_an_element_that_is_not_finite_draws_nothing() -> None:
 
 def test_the_object_is_round_and_the_surroundings_square() -> None:
     """In the view along the rod, or from above."""
-    for element, axis in ((Line(Z, np.zeros(3)), 2), (Point(np.zeros(3)), 2), (Plane(Z, 0.0), 2)):
+    for element in (Line(Z, np.zeros(3)), Point(np.zeros(3)), Plane(Z, 0.0)):
         counts = []
         for form in (scene.of_object, scene.of_surroundings):
-            flat = np.delete(form(element, np.zeros(3), 1.0).vertices.astype(float), axis, axis=1)
+            flat = form(element, np.zeros(3), 1.0).vertices.astype(float)[:, :2]
             distance = np.linalg.norm(flat, axis=1)
             rim = flat[distance > 0.99 * distance.max()]
             counts.append(len({round(float(np.degrees(np.arctan2(y, x)))) for x, y in rim}))
@@ -547,32 +529,58 @@ def test_a_cube_has_twelve_edges() -> None:
     assert hull(CUBE_M[:4, :] * [0.0, 1.0, 1.0]) is None
 
 
-@pytest.mark.parametrize("text", ["", "not json", "[1, 2]", '[["a", 0, 0]]', "[[0, 0, NaN]]", "null"])
-def test_invalid_vertices_are_ignored(text: str) -> None:
-    assert vertices_from_metadata({"recording": {"object_vertices_m": text}}) is None
+def test_vertices_come_from_any_metadata_record_and_invalid_ones_are_ignored() -> None:
+    for text in ("", "not json", "[1, 2]", '[["a", 0, 0]]', "[[0, 0, NaN]]", "null"):
+        assert vertices_from_metadata({"recording": {"object_vertices_m": text}}) is None
     assert vertices_from_metadata({"other": {}}) is None
-
-
-def test_vertices_come_from_any_metadata_record() -> None:
     metadata = {"other": {}, "recording": {"object_vertices_m": json.dumps(CUBE_M.tolist())}}
     assert np.array_equal(vertices_from_metadata(metadata), CUBE_M)
 
 
-def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, poses: Poses) -> None:
-    path = tmp_path / "two.rrd"
-    recording = canvas.new_recording()
-    to_file(path)(recording, None)
-    sheet = canvas.Canvas(recording, ORIGIN_NS, 0.1)
-    stamp = poses.stamp_ns[:1]
-    for number, contact in enumerate((Contact.EF, Contact.VF)):
-        geometry = GEOMETRY[contact]
-        assert geometry is not None
-        sheet.drawings(stamp, [draw(geometry, poses, UNKNOWN_EXTENT)], number)
-        sheet.fade(stamp, [contact], np.ones(1), [contact.value], number)
-    recording.flush()
-    recording.disconnect()
-    entities = [entity for number in (0, 1) for entity in canvas.touching(number).meshes]
-    assert len(set(entities)) == 8
-    assert all(len(rows(path, entity, "Mesh3D:vertex_positions")[0][1]) for entity in entities)
-    labels = [rows(path, canvas.touching(n).label, "Points3D:labels")[0][1] for n in (0, 1)]
-    assert labels == [["e-f"], ["v-f"]]
+# --- the command -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of 4 s; the true contact changes after 2 s."""
+    poses = smooth_poses(400, 100.0)
+    first, last = int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])
+    path = tmp_path_factory.mktemp("view") / "log.mcap"
+    truth = Truth.from_changes([first, first + 2_000_000_000], ["free", "v-f"], last)
+    write_recording(str(path), poses, truth, {})
+    return path
+
+
+def test_a_part_has_the_times_of_the_whole(log: Path, tmp_path: Path) -> None:
+    part, begin = tmp_path / "part.rrd", tmp_path / "begin.rrd"
+    assert run(["view", str(log), "--start", "1", "--duration", "2", "--save", str(part), "-q"]) == 0
+    states = "StateChange:state"
+    assert rows(part, canvas.TRUTH, states) == [(1_000_000_000, ["free"]), (2_000_000_000, ["v-f"])]
+    assert rows(part, canvas.SMOOTHED, states)[0][0] == pytest.approx(1e9, abs=1e7)
+    assert run(["view", str(log), "--duration", "1.5", "--save", str(begin), "-q"]) == 0
+    assert rows(begin, canvas.TRUTH, states) == [(0, ["free"])], "what comes later is not shown"
+
+
+def test_several_are_shown_and_an_unusable_one_is_named_or_none_in_a_file(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = list[Path]()
+
+    def show(recording: rr.RecordingStream, blueprint: Any) -> None:
+        shown.append(tmp_path / f"{len(shown)}.rrd")
+        to_file(shown[-1])(recording, blueprint)
+
+    monkeypatch.setattr(sinks, "to_viewer", lambda: show)
+    other, broken = tmp_path / "other.mcap", tmp_path / "broken.mcap"
+    other.write_bytes(log.read_bytes())
+    broken.write_text("no recording")
+    assert run(["view", str(log), str(broken), str(other), str(log), "-q"]) == 1
+    assert capsys.readouterr().err.count("broken.mcap") == 1
+    assert sum(path.is_file() for path in shown) == 2, "one that is named twice is shown once"
+    path = tmp_path / "both.rrd"
+    assert run(["view", str(log), str(other), "--save", str(path)]) == 2
+    assert "each LOG of its own" in capsys.readouterr().err
+    assert not path.exists()
+    for command, window in (("view", ["--save", "x.rrd"]), ("live", ["--rerun"])):
+        assert run([command, str(log), "--web", *window]) == 2
+        assert "--web" in capsys.readouterr().err

@@ -52,7 +52,7 @@ def test_a_result_shows_itself_in_a_notebook_without_a_foreign_server() -> None:
     program = (
         "import contact_tracker, sys; sys.path.insert(0, sys.argv[1]);"
         "from mcap_logs import smooth_poses; from contact_tracker.api import Trajectory;"
-        "result = contact_tracker.segment(Trajectory(smooth_poses(400)));"
+        "result = contact_tracker.segment(Trajectory(smooth_poses(30)));"
         "viewer = result.show(width=800, height=500);"
         "import rerun_notebook;"
         "sys.exit(type(viewer).__name__ != 'Viewer' or rerun_notebook.ASSET_IS_URL)"
@@ -68,6 +68,6 @@ def test_a_result_shows_itself_in_a_notebook_without_a_foreign_server() -> None:
 
 def test_a_missing_notebook_extra_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun_notebook", None)
-    result = contact_tracker.segment(contact_tracker.Trajectory(smooth_poses(400)))
+    result = contact_tracker.segment(contact_tracker.Trajectory(smooth_poses(30)))
     with pytest.raises(contact_tracker.ContactTrackerError, match=r"contact-tracker\[notebook\]"):
         result.show()

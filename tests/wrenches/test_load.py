@@ -93,7 +93,7 @@ def in_axes_of_world(made: Pressed) -> Wrenches:
         (turned, "Check their sign, their frame"),
     ],
 )
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_wrenches_of_a_wrong_sign_or_frame_are_not_used(seed: int, read: Any, expected: str) -> None:
     made = pressed(Contact.VF, seed, noise=True, bias=True)
     p_free = made.is_free.astype(float)

@@ -28,7 +28,7 @@ from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Step
-from contact_tracker.motion.stamp_order import Ordered, Periods, StampOrder
+from contact_tracker.motion.stamp_order import Ordered, StampOrder
 from contact_tracker.tracker import Tracker
 
 FORMAT: Final = 2
@@ -50,7 +50,6 @@ _LAYOUTS: Final = {
 _EMPTY: Final[Mapping[str, Callable[[], Any]]] = {
     "PoseGate": PoseGate,
     "StampOrder": lambda: StampOrder(Counter()),
-    "Periods": Periods,
     "DefaultPoseFilter": lambda: DefaultPoseFilter(Counter()),
     "ExcursionFilter": lambda: ExcursionFilter(Counter()),
 }

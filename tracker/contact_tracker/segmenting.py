@@ -142,7 +142,7 @@ class OfflineTracker:
             inspected.append(some[:used])
             count += len(some)
             if used < len(some):
-                tracker.check_conventions(some[used:])
+                tracker.check("conventions", some[used:])
                 ahead.append(some[used:])
             is_known = tracker.is_decided and tracker.checks.conventions.is_settled
             if is_known or count >= MOST_POSES:
@@ -156,7 +156,7 @@ class OfflineTracker:
         """Pass poses on, after inspection and the test of the map."""
         for poses in stream:
             self._tracker.inspect_poses(poses)
-            self._tracker.check_map(poses)
+            self._tracker.check("contradiction", poses)
             yield poses
 
     def _checked(self, found: Iterator[Segmentation], early: Beliefs) -> Iterator[Segmentation]:

@@ -9,7 +9,7 @@ from contact_tracker.adaptation.comparison import mixed_with_uniform
 from contact_tracker.adaptation.filter_bank import FilterBank
 from contact_tracker.adaptation.report import Report, map_findings, map_use, report_of
 from contact_tracker.checks.check import Stream
-from contact_tracker.checks.checks import Checks
+from contact_tracker.checks.checks import INSPECTED, TRACKED, Checks
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -140,7 +140,7 @@ class Tracker:
         if self.taken_in < len(self.uninspected):
             poses = Poses.join(self.uninspected[self.taken_in :])
             beliefs += filters.add(poses, detail)
-            checks = checks.update(poses, self._stream(filters))
+            checks = checks.update(poses, self._stream(filters), *TRACKED)
         if until_ns is not None:
             beliefs += filters.pass_time(until_ns, detail)
         self.filters, self.checks = filters, checks  # an interrupted call changes nothing
@@ -169,18 +169,12 @@ class Tracker:
         elsewhere."""
         stream = self.stream
         for first in range(0, len(poses) if stream.map else 0, BATCH_POSES):
-            self.checks = self.checks.inspect(poses[first : first + BATCH_POSES], stream)
+            self.checks = self.checks.update(poses[first : first + BATCH_POSES], stream, *INSPECTED)
         self.inspection = inspect(self.inspection, poses)
 
-    def check_conventions(self, poses: Poses) -> None:
-        """Update the check of conventions by poses, which may be tracked elsewhere."""
-        known = self.checks.conventions.update(poses, self.stream)
-        self.checks = self.checks._replace(conventions=known)
-
-    def check_map(self, poses: Poses) -> None:
-        """Update the check of a contradiction to the map by poses, which are tracked elsewhere."""
-        known = self.checks.contradiction.update(poses, self.stream)
-        self.checks = self.checks._replace(contradiction=known)
+    def check(self, name: str, poses: Poses) -> None:
+        """Update one check by poses, which may be tracked elsewhere."""
+        self.checks = self.checks.update(poses, self.stream, name)
 
     def check_segments(self, segments: Iterable[Segment]) -> None:
         """Update the checks by the next segments."""
@@ -204,7 +198,7 @@ class Tracker:
             sigma,
             filters.body_m,
             filters.is_decided,
-            filters.rest.ticks_at_rest > 0,
+            filters.motion.is_at_rest,
             self.inspection,
         )
 
@@ -253,7 +247,7 @@ class Tracker:
         filters, best = self.filters, self.best
         if best is None or filters.grid is None or filters.grid.stream is None:
             return None
-        found = *self.checks.findings(self.stream, is_end=is_end), *map_findings(best.map)
+        found = *self.checks.findings(self.stream._replace(is_end=is_end)), *map_findings(best.map)
         frames = filters.filters[0].state.window.frames  # others may wait
         assert frames is not None
         report = report_of(

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 from math import sqrt
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.parameters import Model, Noise
+from contact_tracker.config.parameters import Model
 from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise
@@ -151,10 +151,12 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
     floors = [scale for scale in NOISE_SCALES if scale > LEAST_FACTOR * least]
     larger = [_with_floor(model, scale / sqrt(ratio), scale * sqrt(ratio)) for scale in floors]
     is_slow = span_s > SLOW_PERIOD_S * (len(poses) - 1)
-    smaller = [
-        replace(model, noise=replace(model.noise, estimate_share=share)) for share in SHARES if is_slow
+    smaller = [_with_noise(model, estimate_share=share) for share in SHARES if is_slow]
+    correlated = [
+        _with_noise(model, wander_position_m=scale, wander_rotation_rad=scale * WANDER_ROTATION_PER_POSITION)
+        for scale in WANDER_M
+        if scale > white[0] ** 0.5
     ]
-    correlated = [_with_wander(model, scale) for scale in WANDER_M if scale > white[0] ** 0.5]
     return (
         unchanged,
         *(Candidate(one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)),
@@ -162,28 +164,11 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
     )
 
 
-def has_less_noise(one: Noise, other: Noise) -> bool:
-    """Whether any part of the noise of a tick is less."""
-    return (
-        one.estimate_share < other.estimate_share
-        or one.floor_position_m < other.floor_position_m
-        or one.wander_position_m < other.wander_position_m
-    )
-
-
-def _with_wander(model: Model, position_m: float) -> Model:
-    rotation_rad = position_m * WANDER_ROTATION_PER_POSITION
-    noise = replace(model.noise, wander_position_m=position_m, wander_rotation_rad=rotation_rad)
-    return replace(model, noise=noise)
+def _with_noise(model: Model, **changes: Any) -> Model:
+    return replace(model, noise=replace(model.noise, **changes))
 
 
 def _with_floor(model: Model, position_m: float, rotation_rad: float) -> Model:
-    noise = model.noise
-    return replace(
-        model,
-        noise=replace(
-            noise,
-            floor_position_m=max(position_m, noise.floor_position_m),
-            floor_rotation_rad=max(rotation_rad, noise.floor_rotation_rad),
-        ),
-    )
+    floor_position_m = max(position_m, model.noise.floor_position_m)
+    floor_rotation_rad = max(rotation_rad, model.noise.floor_rotation_rad)
+    return _with_noise(model, floor_position_m=floor_position_m, floor_rotation_rad=floor_rotation_rad)

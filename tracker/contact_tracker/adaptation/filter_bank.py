@@ -7,18 +7,16 @@ but the best (``comparison``).
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.adaptation import rest
 from contact_tracker.adaptation.candidates import (
     LASTING_NS,
     RATE_POSES,
     candidates,
-    has_less_noise,
     usual_period_s,
     with_other_ticks,
     with_ticks_for,
@@ -30,11 +28,11 @@ from contact_tracker.adaptation.comparison import (
     relative_evidence,
     tick_evidence,
 )
-from contact_tracker.adaptation.rest import NO_REST, Rest
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
-from contact_tracker.motion.free_motion import NO_EXCESS
+from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS
+from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid
@@ -49,6 +47,64 @@ RATIO_POSES: Final = 60
 """Number of poses from which the ratio of the noise of position and orientation is estimated."""
 REST_NATS: Final = 10.0
 """Log weight by which a filter that takes noise for motion is reduced while the object rests."""
+SPAN_TICKS: Final = 5
+DISPLACEMENT_RATIO: Final = 4.0
+"""There is motion if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
+factor."""
+LASTING_TICKS: Final = 3
+"""Number of consecutive ticks in which it must; noise does so once, but seldom three times."""
+
+
+def is_moving(lifted_poses: Array) -> bool:
+    """Whether the object moves in the newest of the latest ticks, of zeta (n, 25): in orientation or
+    position, the displacements over several spans exceed those of noise."""
+    if len(lifted_poses) < SPAN_TICKS + LASTING_TICKS:
+        return False
+    spans = [lifted_poses[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
+    return any(all(_exceeds_noise(span[:, part]) for span in spans) for part in (R, T))
+
+
+def _exceeds_noise(values: Array) -> bool:
+    """Whether the displacement from the first to the last of the values (N, d) exceeds that of white noise;
+    ticks without frames are left out."""
+    steps_sq = (np.diff(values, axis=0) ** 2).sum(axis=1)
+    steps_sq = steps_sq[steps_sq > 0.0]
+    if len(steps_sq) < 2:
+        return False
+    return float(((values[-1] - values[0]) ** 2).sum()) > DISPLACEMENT_RATIO * float(steps_sq.mean())
+
+
+class LatestMotion(NamedTuple):
+    """Motion in the latest ticks, as the first filter finds it.
+
+    Parameters
+    ----------
+    lifted_poses : (n, 25) zeta of the latest ticks with frames.
+    moves : whether the newest has frames and unpredictable motion, and the object moves in it.
+    ticks_with_excess : number of consecutive ticks with frames and unpredictable motion. Noise leads to
+        single ones, which are averaged over ``NOW_TICKS``.
+    """
+
+    lifted_poses: Array
+    moves: bool = False
+    ticks_with_excess: int = 0
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the object rests."""
+        return not self.moves and self.ticks_with_excess <= NOW_TICKS
+
+    def then(self, tick: Tick) -> "LatestMotion":
+        """The motion after one more tick."""
+        if not tick.count:
+            return LatestMotion(self.lifted_poses)
+        lifted_poses = np.concatenate([self.lifted_poses[1 - SPAN_TICKS - LASTING_TICKS :], tick.zeta[None]])
+        has_excess = tick.innovation_excess != NO_EXCESS
+        ticks_with_excess = self.ticks_with_excess + 1 if has_excess else 0
+        return LatestMotion(lifted_poses, has_excess and is_moving(lifted_poses), ticks_with_excess)
+
+
+NO_MOTION: Final = LatestMotion(np.zeros((0, 25)))
 
 
 class TrackedTick(NamedTuple):
@@ -56,14 +112,6 @@ class TrackedTick(NamedTuple):
 
     evidence: TickEvidence
     belief: Belief | None
-
-
-class FirstTick(NamedTuple):
-    """A tick of the first filter before the others start, and whether the object ``moves`` in it."""
-
-    tick: Tick
-    tracked: TrackedTick
-    moves: bool
 
 
 @dataclass(eq=False)
@@ -74,12 +122,11 @@ class FilterBank:
     ----------
     model, known_map, lag_s : as given; ticks of the filters may be longer.
     grid : averages poses into ticks for all filters; None before the rate is known.
-    filters : none before the rate is known. While the object rests only the first is updated (``rest``).
+    filters : none before the rate is known.
     log_weight, log_prior : (K,) log weights of the filters, and the part of them that is no evidence.
     pending : poses so far, until the other filters start with them; then None.
-    first : the ticks so far, of the first filter.
     moved_s : time for which the object has moved.
-    rest : whether the object rests, and the ticks by which the others are not updated yet.
+    motion : that of the latest ticks.
     latest_ns : stamps of the latest poses, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
     body_m : (3,) point of the body that is tracked, in the body frame; by the first
@@ -97,9 +144,8 @@ class FilterBank:
     log_weight: Array = field(default_factory=lambda: np.zeros(1))
     log_prior: Array = field(default_factory=lambda: np.zeros(1))
     pending: Poses | None = NO_POSES
-    first: list[FirstTick] = field(default_factory=list)
     moved_s: float = 0.0
-    rest: Rest = NO_REST
+    motion: LatestMotion = NO_MOTION
     latest_ns: NDArray[np.int64] = field(default_factory=lambda: NO_POSES.stamp_ns)
     period_s: float | None = None
     body_m: Array = field(default_factory=ORIGIN_M.copy)
@@ -110,7 +156,7 @@ class FilterBank:
     def copied(self) -> Self:
         """A copy that is updated without a change of this one; what does not change in place is shared."""
         other = copy(self)
-        other.filters, other.first = [*map(copy, self.filters)], [*self.first]
+        other.filters = [*map(copy, self.filters)]
         other.grid = copy(self.grid)
         return other
 
@@ -121,8 +167,7 @@ class FilterBank:
 
     @property
     def best(self) -> FilterState | None:
-        """The most probable filter, at rest perhaps not updated by the latest ticks; None before the rate of
-        the stream is known."""
+        """The most probable filter; None before the rate of the stream is known."""
         return self.filters[int(self.log_weight.argmax())].state if self.filters else None
 
     @property
@@ -161,10 +206,9 @@ class FilterBank:
         if self.pending is not None and len(self.pending):
             if not self.filters:
                 beliefs = self._start_first(Detail.FORMATION)
-            self._start_others(Detail.GEOMETRY)
+            self._start_others(Detail.FORMATION)
         if self.grid is None:
             return beliefs
-        self._catch_up(Detail.FORMATION)
         last = self.grid.close()
         ended = list[list[Belief]]()
         for number, one in enumerate(self.filters):
@@ -176,13 +220,13 @@ class FilterBank:
         beliefs = list[Belief]()
         while self.pending is not None and len(poses):  # until all filters have started
             enough = RATIO_POSES if self.filters else RATE_POSES
-            missing = enough - len(self.pending)
+            missing = max(enough - len(self.pending), 1)
             some, poses = poses[:missing], poses[missing:]
             self.pending = Poses.join([self.pending, some])
             if self.grid is not None:
                 beliefs += self._update(self.grid.add(some), detail)
                 if len(some) == missing:
-                    self._start_others(min(detail, Detail.GEOMETRY))
+                    self._start_others(detail)
             elif len(some) == missing:
                 beliefs += self._start_first(detail)
         if self.grid is not None and poses.stamp_ns.size:
@@ -197,201 +241,98 @@ class FilterBank:
         assert self.best is not None
         assert self.grid is not None
         assert self.grid.origins is not None
-        frames, world = self.grid.frames, self.best.map.before_onsets()
-        first = ContactFilter.start(model, self.lag_s, self.known_map)
-        first.state = first.state._replace(map=world)
         again = FilterBank(
             self.model,
             self.lag_s,
             self.known_map,
-            TickGrid.begun(model, int(frames.stamp_ns[0]), self.grid.origins),
-            [first],
-            pending=frames[-RATIO_POSES + 1 :],
+            self.grid,
+            pending=self.grid.frames,
             body_m=self.body_m,
             latest_ns=self.latest_ns,
-            map=world,
+            map=self.best.map.before_onsets(),
             earlier_outliers=self.outliers,
         )
         vars(self).update(vars(again))
-        assert again.grid is not None
-        return [*before, *self._update(again.grid.add(frames), detail)]
+        return [*before, *self._begin([model], detail)]
 
     def _start_first(self, detail: Detail) -> list[Belief]:
         """Start the filter of the model as given, with ticks that hold frames; its beliefs so far."""
         assert self.pending is not None
         period_s = usual_period_s(self.pending.stamp_ns) if self.period_s is None else self.period_s
-        model = with_ticks_for(self.model, period_s)
-        return self._begin(model, detail)
-
-    def _begin(self, model: Model, detail: Detail) -> list[Belief]:
-        """Begin with the first filter and all poses so far; its beliefs."""
-        assert self.pending is not None
-        self.grid, self.first = TickGrid(model, self.body_m), []
-        self.filters = [ContactFilter.start(model, self.lag_s, self.known_map)]
-        return self._update(self.grid.add(self.pending), detail)
-
-    def _settle_point(self, detail: Detail) -> None:
-        """Choose the tracked point by all poses so far, and if it is another one begin again with it."""
-        assert self.pending is not None
-        point_m = independent_point(self.pending)
-        if (point_m != self.body_m).any():
-            self.body_m, self.moved_s, self.rest = point_m, 0.0, NO_REST
-            self._begin(self.filters[0].state.model, detail)  # its beliefs were reported already
+        return self._begin([with_ticks_for(self.model, period_s)], detail)
 
     def _start_others(self, detail: Detail) -> None:
-        """Start the other filters and update them by the ticks so far, which were reported already."""
+        """Choose the tracked point by the poses so far, and begin again with all filters."""
         assert self.pending is not None
         if self.period_s is None and self.map is None:
-            self._settle_point(detail)
-        model, poses = self.filters[0].state.model, self.pending.of_point(self.body_m)
-        chosen, first = candidates(model, poses), self.first
-        others = [ContactFilter.start(one.model, self.lag_s, self.known_map) for one in chosen[1:]]
-        seen = list[list[TrackedTick]]()
-        for one in others:
-            if self.map is not None:
-                one.state = one.state._replace(map=self.map)
-            seen.append([_observe(one, one.as_seen(it.tick), detail, False) for it in first])
-        self.filters += others
+            self.body_m = independent_point(self.pending)
+        chosen = candidates(self.filters[0].state.model, self.pending.of_point(self.body_m))
         self.log_weight = self.log_prior = np.array([one.log_prior for one in chosen])
-        self.pending, self.first, self.rest = None, [], self.rest.restarted()
-        alive = np.arange(len(self.filters))
-        for one, *more in zip(first, *seen, strict=True):
-            now = [one.tracked, *more]
-            alive = alive[self._weigh(one.tick, [now[i] for i in alive], one.moves)]
+        assert self.grid is not None
+        begin_ns = self.grid.begin_ns
+        self._begin([one.model for one in chosen], detail)  # the beliefs were reported already
+        for _ in range(2):  # also of ticks that were closed early, or empty
+            self._update(self.grid.pass_time(begin_ns), detail)
+        self.pending = None
+
+    def _begin(self, models: Sequence[Model], detail: Detail) -> list[Belief]:
+        """Begin with filters of these models at the first pending pose; the beliefs so far."""
+        assert self.pending is not None
+        first_ns, origins = int(self.pending.stamp_ns[0]), None if self.grid is None else self.grid.origins
+        self.filters = [ContactFilter.start(one, self.lag_s, self.known_map) for one in models]
+        if self.map is not None and origins is not None:
+            self.grid = TickGrid.begun(models[0], first_ns, origins)
+            for one in self.filters:
+                one.state = one.state._replace(map=self.map)
+        else:
+            self.grid = TickGrid(models[0], self.body_m)
+        self.moved_s, self.motion = 0.0, NO_MOTION
+        return self._update(self.grid.add(self.pending), detail)
 
     def _update(self, ticks: list[Tick], detail: Detail) -> list[Belief]:
         """Update the filters by ticks; those that are dropped are left out of later ticks."""
         beliefs = list[Belief]()
-        while ticks:
-            if len(self.filters) == 1 and self.pending is None:
-                for tick in ticks:
-                    self.filters[0].update(tick, detail)
-                    beliefs += filter(None, [self.filters[0].reported])
-                return beliefs
-            first, ahead = self.filters[0], self._rest_ahead(ticks)
-            some, ticks = ticks[: len(ahead)], ticks[len(ahead) :]
-            if self._is_gap(some[0], ahead[0]):
-                beliefs += self._pass_gap(some, ahead[-1])
-            elif ahead[0].is_waiting:
-                beliefs += self._update_first(some, ahead[-1], detail)
-            else:
-                beliefs += self._update_all(some[0], ahead[0], detail)
+        for number, tick in enumerate(ticks):
+            if self.is_decided:
+                self.filters[0].update(tick, detail)
+                beliefs += filter(None, [self.filters[0].reported])
+                continue
+            first = self.filters[0]
+            beliefs += self._update_all(tick, detail)
             if self.filters[0] is not first:  # which was dropped
                 assert self.grid is not None
-                ticks = [self.filters[0].as_seen(tick) for tick in ticks]
-                self.grid.follow(self.filters[0].state.model, self.filters[0].state.free_motion)
+                first = self.filters[0]
+                ticks[number + 1 :] = [first.as_seen(one) for one in ticks[number + 1 :]]
+                self.grid.follow(first.state.model, first.state.free_motion)
         return beliefs
 
-    def _rest_ahead(self, ticks: Sequence[Tick]) -> list[Rest]:
-        """``Rest`` after the next tick, or after each of the next ticks that are processed together: those of
-        a gap, or those in which the others wait."""
-        first, *others = (one.state for one in self.filters)
-        can_wait = bool(others) and not first.lag_history.size and not first.known_map
-        is_quietest = not any(has_less_noise(one.model.noise, first.model.noise) for one in others)
-        ahead = list[Rest]()
-        for tick in ticks:
-            now = rest.advance(
-                ahead[-1] if ahead else self.rest, tick, first.model.tick_s, can_wait, is_quietest
-            )
-            if not ahead:
-                ahead, is_gap = [now], self._is_gap(tick, now)
-            elif (is_gap and not tick.count) or (not is_gap and now.is_waiting):
-                ahead.append(now)
-            else:
-                break
-            if not is_gap and not now.is_waiting:
-                break
-        return ahead
-
-    def _is_gap(self, tick: Tick, now: Rest) -> bool:
-        """Whether all filters can pass a tick and the next ones without frames in one step."""
-        return (
-            not tick.count
-            and not now.moves
-            and not self.rest.is_waiting
-            and self.pending is None
-            and all(one.can_hold for one in self.filters)
-        )
-
-    def _pass_gap(self, ticks: Sequence[Tick], now: Rest) -> list[Belief]:
-        """Update all filters by ticks without frames."""
-        for number, one in enumerate(self.filters):
-            one.hold(len(ticks))
-            if number and now.is_waiting:
-                _stop_following(one)
-        known = [one.state.belief for one in self.filters if one.state.belief is not None]
-        self.rest, same = now.caught_up(), self._mixture(known, self.log_weight)
-        return [replace(same, stamp_ns=tick.stamp_ns) for tick in ticks]
-
-    def _update_all(self, tick: Tick, now: Rest, detail: Detail) -> list[Belief]:
+    def _update_all(self, tick: Tick, detail: Detail) -> list[Belief]:
         """Update all filters by a tick."""
-        self._catch_up(detail)
-        self.rest = now
+        self.motion = self.motion.then(tick)
         best, seen = int(self.log_weight.argmax()), list[TrackedTick]()
-        for number, (one, of_one) in enumerate(zip(self.filters, self._details(detail), strict=True)):
-            seen.append(_observe(one, one.as_seen(tick) if number else tick, *of_one))
+        for number, one in enumerate(self.filters):  # only the best looks for further contacts and curvature
+            own = detail if number == best else min(detail, Detail.GEOMETRY)
+            seen.append(_observe(one, one.as_seen(tick) if number else tick, own, number == best))
         curved = self.filters[best].state.curved  # tested by one for all
         for one in self.filters:
             if one.state.label is Contact.FREE:
                 one.state = one.state._replace(curved=curved._replace(since=one.state.free_since))
-        tracked = [seen[i] for i in self._weigh(tick, seen, now.moves)]
+        tracked = [seen[i] for i in self._weigh(tick, seen, self.motion.moves)]
         beliefs = [one.belief for one in tracked if one.belief is not None]
         if not beliefs:  # all have the same lag
             return []
         activity = np.array([one.evidence.activity for one in tracked])
-        held_for_motion = 0.0 if now.moves else REST_NATS * activity
+        held_for_motion = 0.0 if self.motion.moves else REST_NATS * activity
         return [self._mixture(beliefs, self.log_weight - held_for_motion)]
-
-    def _update_first(self, ticks: Sequence[Tick], now: Rest, detail: Detail) -> list[Belief]:
-        """Update the first filter by ticks in which the others wait."""
-        (first, *others), (own, *details) = self.filters, self._details(detail)
-        if not self.rest.is_waiting:
-            for one, of_one in zip(others, details, strict=True):
-                if one.can_hold:
-                    one.hold(1, ticks[0].outliers)
-                else:
-                    one.update(replace(ticks[0], innovation_excess=NO_EXCESS), *of_one)
-                _stop_following(one)
-        beliefs, same = list[Belief](), [one.state.belief for one in others]
-        for tick in ticks:
-            evidence, belief = _observe(first, tick, *own)
-            held_for_motion = np.append(REST_NATS * evidence.activity, np.zeros(len(others)))
-            now_same = [replace(one, stamp_ns=tick.stamp_ns) for one in same if one is not None]
-            if belief is not None:
-                beliefs.append(self._mixture([belief, *now_same], self.log_weight - held_for_motion))
-        self.rest = now
-        return beliefs
 
     def _mixture(self, beliefs: Sequence[Belief], log_weight: Array) -> Belief:
         return mixture(beliefs, log_weight, self.known_map.possible)
-
-    def _details(self, detail: Detail) -> list[tuple[Detail, bool]]:
-        """Of each filter, the detail of its beliefs, and whether it tests free motion for curved surfaces:
-        only the best one looks for further contacts and curvature."""
-        best = int(self.log_weight.argmax())
-        others = min(detail, Detail.GEOMETRY), False
-        return [(detail, True) if i == best else others for i in range(len(self.filters))]
-
-    def _catch_up(self, detail: Detail) -> None:
-        """Update the filters that wait by the ticks that they missed: those skipped as without motion, then
-        those kept."""
-        missed = self.rest
-        if missed.skipped or missed.kept:
-            for one, of_one in zip(self.filters[1:], self._details(detail)[1:], strict=True):
-                one.hold(missed.skipped, missed.outliers)
-                for tick in missed.kept:
-                    one.update(one.as_seen(tick), *of_one)
-        self.rest = missed.restarted()
 
     def _weigh(self, tick: Tick, now: Sequence[TrackedTick], moves: bool) -> NDArray[np.int64]:
         """Weigh the filters by the evidence of a ``tick``, if the object ``moves`` in it; returns the indices
         of those that are kept."""
         every = np.arange(len(now))
-        if len(now) == 1:
-            if self.pending is not None:
-                self.first.append(FirstTick(tick, now[0], moves))
-            return every
-        if not moves:
+        if len(now) == 1 or not moves:
             return every
         model = self.filters[0].state.model
         log_weight = self.log_weight + relative_evidence([one.evidence for one in now], model.motion)
@@ -410,8 +351,3 @@ def _observe(
     before = one.state
     one.update(tick, detail, tests_curvature)
     return TrackedTick(tick_evidence(before, one.state), one.reported)
-
-
-def _stop_following(one: ContactFilter) -> None:
-    """A filter that waits: its free motion will start again."""
-    one.state = one.state._replace(free_motion=None)

@@ -16,6 +16,7 @@ from contact_tracker.motion.real_numbers import real_number
 from contact_tracker.outputs.adaptation import News, warnings
 from contact_tracker.saved_state import continued, load, save
 from contact_tracker.tracking.belief import Belief
+from contact_tracker.tracking.informative_motion import InformativeMotion, informative_motions
 from contact_tracker.trajectory.arguments import (
     Deviations,
     ModelLike,
@@ -131,6 +132,14 @@ class Tracker:
             best = self._tracker.best
             learned = None if best is None else best.map.learned
             return Map(learned) if learned else None
+
+    @property
+    def suggestions(self) -> tuple[InformativeMotion, ...]:
+        """The small motions that would tell the label from what the motion so far does not tell it from, the
+        most informative first; empty where nothing is open."""
+        with continued(self._restored):
+            best = self._tracker.best
+            return () if best is None else informative_motions(best)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the state to a file, atomically; raises UsageError or OutputError."""

@@ -27,6 +27,7 @@ class Stream(NamedTuple):
     is_chosen : whether the choice of ticks and noise is final.
     is_at_rest : whether the object rests.
     inspection : of the poses alone.
+    is_end : whether the stream ends here.
     """
 
     map: Map
@@ -38,6 +39,7 @@ class Stream(NamedTuple):
     is_chosen: bool
     is_at_rest: bool
     inspection: Inspection
+    is_end: bool = False
 
 
 class Check:
@@ -58,10 +60,6 @@ class Check:
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         """What is found until now; ``earlier`` are the findings of checks that come before."""
-        return []
-
-    def final_findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
-        """What is found in addition at the end of the stream."""
         return []
 
 

@@ -1,7 +1,7 @@
 """All checks of a stream, in order of precedence."""
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.clearance import Clearance
@@ -14,6 +14,11 @@ from contact_tracker.inspection.stream_checks import Finding, findings
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment
 
+TRACKED: Final = "conventions", "contradiction"
+"""Checks that are updated by poses as the filters take them in."""
+INSPECTED: Final = "impacts", "clearance"
+"""Checks that are updated by poses as they are inspected, in batches."""
+
 
 class Checks(NamedTuple):
     """A later check may be silent where an earlier one explains the same."""
@@ -25,18 +30,9 @@ class Checks(NamedTuple):
     repeatability: Repeatability = Repeatability()
     map_use: MapUse = MapUse()
 
-    def update(self, poses: Poses, stream: Stream) -> "Checks":
-        """Updated by poses that the filters have taken in."""
-        return self._replace(
-            conventions=self.conventions.update(poses, stream),
-            contradiction=self.contradiction.update(poses, stream),
-        )
-
-    def inspect(self, poses: Poses, stream: Stream) -> "Checks":
-        """Updated by poses that are inspected, in batches."""
-        return self._replace(
-            clearance=self.clearance.update(poses, stream), impacts=self.impacts.update(poses, stream)
-        )
+    def update(self, poses: Poses, stream: Stream, *names: str) -> "Checks":
+        """The named checks updated by poses."""
+        return self._replace(**{name: getattr(self, name).update(poses, stream) for name in names})
 
     @property
     def basis(self) -> tuple[object, ...]:
@@ -57,11 +53,9 @@ class Checks(NamedTuple):
         """Whether there may soon be a finding that makes labels unreliable."""
         return any(one.is_likely(stream) for one in self)
 
-    def findings(self, stream: Stream, is_end: bool = False) -> tuple[Finding, ...]:
-        """Findings so far, or at the end of the stream."""
+    def findings(self, stream: Stream) -> tuple[Finding, ...]:
+        """Findings so far."""
         found = list(findings(stream.inspection, self.conventions.fitting_units))
         for one in self:
             found += one.findings(stream, found)
-            if is_end:
-                found += one.final_findings(stream, found)
         return tuple(found)

@@ -7,7 +7,7 @@ step. Only an object that never has a vertex in front of any such face contradic
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
 from typing import Final, NamedTuple
@@ -104,26 +104,24 @@ class Clearance(Check):
     Parameters
     ----------
     inside : number of poses with a vertex inside a convex body.
-    deep_m : largest depth; ``vertex`` has it, behind the nearest ``face``.
+    deepest : the largest depth (m), the vertex that has it, and the nearest face in front of it.
     is_behind : whether all vertices were behind all faces that are listed by themselves, in the ``behind``
         poses that were compared with these.
-    gap_m : least distance from any face that is listed by itself, the ``nearest``.
+    nearest : least distance (m) from any face that is listed by itself, and that face.
     """
 
     inside: int = 0
-    deep_m: float = 0.0
-    vertex: str = ""
-    face: str = ""
+    deepest: tuple[float, str, str] = (0.0, "", "")
     is_behind: bool = True
     behind: int = 0
-    gap_m: float = inf
-    nearest: str = ""
+    nearest: tuple[float, str] = (inf, "")
 
     def update(self, poses: Poses, stream: Stream) -> "Clearance":
-        vertices, found = vertices_of(stream.map), self
+        vertices = vertices_of(stream.map)
         if not vertices.names or not len(poses):
             return self
         world, is_inside = vertices.in_world(poses), np.zeros(len(poses), bool)
+        deepest, is_behind, behind, nearest = self.deepest, self.is_behind, self.behind, self.nearest
         for faces in faces_by_body(stream.map):
             depth_m = -faces.in_front_m(world)
             sigma_m = np.hypot(vertices.sigma_m[:, None], faces.sigma_m(world))
@@ -132,57 +130,44 @@ class Clearance(Check):
             if faces.is_solid:
                 is_inside |= inside.any(axis=1)
                 inside_m = np.where(inside, depth_m.min(axis=-1), 0.0)
-                found = found._with_depth(vertices.names, faces, inside_m, depth_m)
+                pose, vertex = divmod(int(inside_m.argmax()), inside_m.shape[1])
+                face = faces.names[int(depth_m[pose, vertex].argmin())]
+                found = float(inside_m[pose, vertex]), vertices.names[vertex], face
+                deepest = max(deepest, found, key=lambda one: one[0])
             else:
-                is_behind = found.is_behind and bool(inside.all())
-                found = replace(found, is_behind=is_behind, behind=found.behind + len(poses))
-                found = found._with_distance(faces, -depth_m - allowed_m)
-        return replace(found, inside=found.inside + int(is_inside.sum()))
-
-    def _with_distance(self, faces: Faces, off_m: Array) -> "Clearance":
-        """Updated by the distances (N, V, F) in front of faces that are listed by themselves."""
-        least = int(off_m.argmin())
-        if off_m.flat[least] >= self.gap_m:
-            return self
-        return replace(self, gap_m=float(off_m.flat[least]), nearest=faces.names[least % len(faces.names)])
-
-    def _with_depth(
-        self, vertices: Sequence[str], faces: Faces, inside_m: Array, depth_m: Array
-    ) -> "Clearance":
-        """Updated by the depths (N, V) inside, and those (N, V, F) behind each face."""
-        pose, vertex = divmod(int(inside_m.argmax()), inside_m.shape[1])
-        deep_m = float(inside_m[pose, vertex])
-        if deep_m <= self.deep_m:
-            return self
-        face = faces.names[int(depth_m[pose, vertex].argmin())]
-        return replace(self, deep_m=deep_m, vertex=vertices[vertex], face=face)
+                is_behind, behind = is_behind and bool(inside.all()), behind + len(poses)
+                off_m = -depth_m - allowed_m
+                least = int(off_m.argmin())
+                nearest = min(nearest, (float(off_m.flat[least]), faces.names[least % len(faces.names)]))
+        return Clearance(self.inside + int(is_inside.sum()), deepest, is_behind, behind, nearest)
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         misfits = list[str]()
         if self.inside >= LEAST_POSES:
-            misfits.append(
-                f"{self.vertex} of the object is up to {1e3 * self.deep_m:.0f} mm inside {self.face}"
-            )
+            deep_m, vertex, face = self.deepest
+            misfits.append(f"{vertex} of the object is up to {1e3 * deep_m:.0f} mm inside {face}")
         if self.is_behind and self.behind >= LEAST_POSES:
             misfits.append(
                 "all vertices given of the object are behind every face (normals must point to the free side)"
             )
-        return [
+        found = [
             Finding("knowledge", f"what is given does not fit the poses: {misfit}: {CHECK}", True)
             for misfit in misfits
         ]
+        return found + self._stayed_off(stream.map) if stream.is_end else found
 
-    def final_findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
+    def _stayed_off(self, known_map: Map) -> list[Finding]:
         """That the object came near none of the faces of the map.
 
         Not if other vertices of the object may have, nor if bodies are known, whose edges and vertices it may
         touch.
         """
-        bodies = any(one.solid is not None for one in stream.map.environment)
-        if not stream.map.object_complete or bodies or not 0.0 < self.gap_m < inf:
+        bodies = any(one.solid is not None for one in known_map.environment)
+        gap_m, face = self.nearest
+        if not known_map.object_complete or bodies or not 0.0 < gap_m < inf:
             return []
         text = (
-            f"the object as given stays more than {1e3 * self.gap_m:.0f} mm off {self.nearest}, the nearest "
-            f"face that is given: if it touched one, {CHECK}"
+            f"the object as given stays more than {1e3 * gap_m:.0f} mm off {face}, the nearest face that is "
+            f"given: if it touched one, {CHECK}"
         )
         return [Finding("knowledge", text, False)]

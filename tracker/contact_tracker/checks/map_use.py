@@ -8,7 +8,9 @@ on it, at a compromise between the given place and the true one.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from math import degrees, inf, radians, sqrt
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -49,89 +51,58 @@ class MapUse(Check):
     unknown : whether contacts that the motion shows touch elements without a name, of the object and of the
         surroundings.
     known : whether any confirms the place of a named one.
-    nearest, gap_m : the named face that is nearest to a face that is touched, and its distance where normals
-        agree.
-    sigmas, moved : by how much the contact that moves named elements furthest moves them together, and each,
-        by its name.
+    nearest : where normals agree, the distance (m) of a face that is touched from the nearest named face, and
+        that one's name.
+    moved : by how many standard deviations the contact that moves named elements furthest moves them
+        together, and by how much each, by its name.
     """
 
     unknown: tuple[bool, bool] = (False, False)
     known: tuple[bool, bool] = (False, False)
-    nearest: str = ""
-    gap_m: float = inf
-    sigmas: float = 0.0
-    moved: tuple[tuple[str, Difference], ...] = ()
+    nearest: tuple[float, str] = (inf, "")
+    moved: tuple[float, tuple[tuple[str, Difference], ...]] = (0.0, ())
 
     @property
     def confirmed(self) -> tuple[bool, bool]:
         """Whether contacts confirm elements of the object, and of the surroundings: also a face that is
         touched where a named one is, though not as that one."""
-        return self.known[0], self.known[1] or self.gap_m <= NEAREST_M
+        return self.known[0], self.known[1] or self.nearest[0] <= NEAREST_M
 
     @property
     def contradicts_nearest(self) -> bool:
         """Whether contacts are on elements without a name only, one a face parallel to the nearest."""
-        return self.unknown[1] and not self.known[1] and NEAREST_M < self.gap_m < inf
+        return self.unknown[1] and not self.known[1] and NEAREST_M < self.nearest[0] < inf
 
     def update_segments(self, segments: Iterable[Segment], stream: Stream) -> "MapUse":
-        found, map = self, stream.map
+        map = stream.map
         if not map.object and not map.environment:
             return self
-        for segment in segments:
-            first = segment.geometry, segment.probability, segment.inseparable
-            further = ((one.geometry, one.probability, one.inseparable) for one in segment.further)
-            for geometry, probability, inseparable in (first, *further):
-                if geometry is None:
-                    continue
-                is_open = len(inseparable) == len(STATES) - 1
-                found = found._with_touched(map, geometry, probability, is_open)
-                if probability >= LEAST:
-                    found = found._with_moved(map, geometry)
-        return found
-
-    def _with_touched(
-        self, map: Map, geometry: ContactGeometry, probability: float, is_open: bool
-    ) -> "MapUse":
-        of_object, of_environment = (name is not None for name in geometry.names)
-        # a face on a face of unknown offset is on any parallel one
-        shows_place = of_environment and not geometry.has_open_offset[0]
-        found = replace(self, known=(self.known[0] or of_object, self.known[1] or shows_place))
-        if probability < LEAST or is_open:
-            return found
-        unknown = self.unknown[0] or not of_object, self.unknown[1] or not of_environment
-        return replace(found, unknown=unknown)._with_distance(map, geometry)
-
-    def _with_distance(self, map: Map, geometry: ContactGeometry) -> "MapUse":
-        """With the named face that is nearest to the face that is touched, if it is nearer."""
-        face, found = geometry.environment, self
-        if not isinstance(face, Plane) or face.name is not None or geometry.has_open_offset[1]:
-            return self
-        for listed in map.environment:
-            one = listed.element
-            if not isinstance(one, Plane) or listed.is_covered or abs(face.normal @ one.normal) < PARALLEL:
+        unknown, known, nearest, moved = self.unknown, self.known, self.nearest, self.moved
+        parts: Iterator[Segment | FurtherContact] = chain.from_iterable(
+            (one, *one.further) for one in segments
+        )
+        for one in parts:
+            geometry = one.geometry
+            if geometry is None:
                 continue
-            gap_m = distance_of_planes_m(face, one)
-            if gap_m < found.gap_m:
-                found = replace(found, nearest=listed.name, gap_m=gap_m)
-        return found
-
-    def _with_moved(self, map: Map, geometry: ContactGeometry) -> "MapUse":
-        """With the named elements that the contact moves, if it moves them further."""
-        moved = list[tuple[str, Difference]]()
-        for element, listed in ((geometry.object, map.object), (geometry.environment, map.environment)):
-            known = next((one.element for one in listed if one.name == element.name), None)
-            if known is not None and known.covariance is not None:
-                exact = replace(element, covariance=np.zeros_like(known.covariance))
-                moved.append((str(element.name), difference(exact, known)))
-        sigmas = sqrt(sum(by.sigmas**2 for _, by in moved))
-        return replace(self, sigmas=sigmas, moved=tuple(moved)) if sigmas > self.sigmas else self
+            of_object, of_environment = (name is not None for name in geometry.names)
+            # a face on a face of unknown offset is on any parallel one
+            shows_place = of_environment and not geometry.has_open_offset[0]
+            known = known[0] or of_object, known[1] or shows_place
+            if one.probability < LEAST:
+                continue
+            moved = max(moved, _moved(map, geometry), key=itemgetter(0))
+            if len(one.inseparable) < len(STATES) - 1:
+                unknown = unknown[0] or not of_object, unknown[1] or not of_environment
+                nearest = min(nearest, _nearest(map, geometry))
+        return MapUse(unknown, known, nearest, moved)
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         """Elements that are moved far, and sides of which contacts touch elements without a name only, unless
         another finding about the map explains that."""
         if any(one.kind == "knowledge" for one in earlier):
             return []
-        texts = [self._moved_text] if self.sigmas > SIGMAS else []
+        texts = [self._moved_text] if self.moved[0] > SIGMAS else []
         for side, listed in enumerate((stream.map.object, stream.map.environment)):
             if listed and self.unknown[side] and not self.confirmed[side]:
                 texts.append(self._untouched_text(side, listed))
@@ -139,22 +110,50 @@ class MapUse(Check):
 
     @property
     def _moved_text(self) -> str:
-        places = ", ".join(f"{name} by {_size(by)}" for name, by in self.moved if _size(by))
+        sigmas, moved = self.moved
+        places = ", ".join(f"{name} by {_size(by)}" for name, by in moved if _size(by))
         return (
-            f"contacts move what is given by {self.sigmas:.0f} of its standard deviations ({places}): "
+            f"contacts move what is given by {sigmas:.0f} of its standard deviations ({places}): "
             f"{CHECK}, or give larger standard deviations"
         )
 
     def _untouched_text(self, side: int, listed: Sequence[NamedElement]) -> str:
         near = ""
         if side == 1 and self.contradicts_nearest:
-            gap_mm = 1e3 * self.gap_m
-            near = f"; a face that is touched is parallel to {self.nearest}, {gap_mm:.0f} mm from it"
+            gap_m, face = self.nearest
+            near = f"; a face that is touched is parallel to {face}, {1e3 * gap_m:.0f} mm from it"
         return (
             f"no contact confirms what is given of the {_SIDES[side]} ({_names(listed)}): contacts are on "
             f"what is not given{near}: check it (place in metres, in the frame of the "
             f"{'object' if side == 0 else 'poses'}), or leave it out"
         )
+
+
+def _nearest(map: Map, geometry: ContactGeometry) -> tuple[float, str]:
+    """The named face that is nearest to the face that is touched, if normals agree, after its distance."""
+    face = geometry.environment
+    if not isinstance(face, Plane) or face.name is not None or geometry.has_open_offset[1]:
+        return inf, ""
+    return min(
+        (
+            (distance_of_planes_m(face, one.element), one.name)
+            for one in map.environment
+            if isinstance(one.element, Plane) and not one.is_covered
+            if abs(face.normal @ one.element.normal) >= PARALLEL
+        ),
+        default=(inf, ""),
+    )
+
+
+def _moved(map: Map, geometry: ContactGeometry) -> tuple[float, tuple[tuple[str, Difference], ...]]:
+    """The named elements that a contact moves, as in ``MapUse``."""
+    moved = list[tuple[str, Difference]]()
+    for element, listed in ((geometry.object, map.object), (geometry.environment, map.environment)):
+        known = next((one.element for one in listed if one.name == element.name), None)
+        if known is not None and known.covariance is not None:
+            exact = replace(element, covariance=np.zeros_like(known.covariance))
+            moved.append((str(element.name), difference(exact, known)))
+    return sqrt(sum(by.sigmas**2 for _, by in moved)), tuple(moved)
 
 
 def _names(listed: Sequence[NamedElement]) -> str:
@@ -197,7 +196,7 @@ class FaceNameDelay:
         waiting, self._pieces = self._pieces, []
         nearest = None
         if found.contradicts_nearest:
-            nearest = next((one for one in self._environment if one.name == found.nearest), None)
+            nearest = next((one for one in self._environment if one.name == found.nearest[1]), None)
         for piece in waiting:
             if nearest is None or not isinstance(nearest.element, Plane):
                 yield piece

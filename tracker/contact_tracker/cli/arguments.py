@@ -344,8 +344,19 @@ def load_wrenches(
 
 def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **more: Any) -> None:
     """``--output`` with one of ``suffixes``, and ``--overwrite``."""
-    parser.add_argument("-o", "--output", type=output_file(*suffixes), metavar="FILE", help=text, **more)
+    parser.add_argument(
+        "-o", "--output", type=output_file(*suffixes), action=Once, metavar="FILE", help=text, **more
+    )
     add_overwrite(parser)
+
+
+class Once(argparse.Action):
+    """Stores an argument that is given once: of two outputs only the last one would be written."""
+
+    def __call__(self, _: Any, namespace: argparse.Namespace, value: Any, option: str | None = None) -> None:
+        if getattr(namespace, self.dest, None) is not None:
+            raise argparse.ArgumentError(self, "give it once: a command has one output")
+        setattr(namespace, self.dest, value)
 
 
 def add_overwrite(parser: argparse._ActionsContainer) -> None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.map.map import Map
     from contact_tracker.tracking.belief import Belief
+    from contact_tracker.tracking.informative_motion import InformativeMotion
     from contact_tracker.viewer.live import LiveViewer
     from contact_tracker.viewer.sinks import Sink
 
@@ -44,6 +45,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=0.0,
         metavar="S",
         help="report the state of S seconds ago, using the poses since then (default: 0)",
+    )
+    parser.add_argument(
+        "--suggest",
+        action="store_true",
+        help="say which small motion would decide while the contact is open: a line a second, or "
+        '"suggestions" in --json',
     )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument(
@@ -117,7 +124,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         StatusLine() as status,
         _ticks(args.output, source, check) as write,
     ):
-        printer = _Printer(args.json, source, status)
+        printer = _Printer(args.json, source, status, args.suggest)
         saved = None
         if args.state is not None:
             from contact_tracker.cli.saved_stream import SavedStream
@@ -130,10 +137,20 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
                 source.warn_of_news(tracker.report_so_far)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
-                    printer.show(belief)
+                    found = suggested()
+                    printer.show(belief, found)
                     if viewer is not None:
                         viewer.belief(belief, None if tracker.best is None else tracker.best.map)
+                        if args.suggest:
+                            viewer.suggest(belief.stamp_ns, next(iter(found), None))
                     write([belief])
+
+        def suggested() -> "tuple[InformativeMotion, ...]":
+            if not args.suggest or tracker.best is None:
+                return ()
+            from contact_tracker.tracking.informative_motion import informative_motions
+
+            return informative_motions(tracker.best)
 
         def has_to_end() -> bool:
             return saved is not None and saved.signal > 0
@@ -193,15 +210,17 @@ def _ticks(
 class _Printer:
     """Prints each belief as JSON, or a line where the contact changes or becomes settled."""
 
-    def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
+    def __init__(self, as_json: bool, source: "Source", status: StatusLine, suggests: bool) -> None:
         from contact_tracker.outputs.text import Changes
 
         self.changes = Changes()
         self._as_json = as_json
         self._source = source
         self._status = status
+        self._suggests = suggests
+        self._suggested_ns = 0
 
-    def show(self, belief: "Belief") -> None:
+    def show(self, belief: "Belief", found: "tuple[InformativeMotion, ...]") -> None:
         from contact_tracker.exports.formats import json_line
         from contact_tracker.outputs.text import (
             CHANGES_HEADER,
@@ -214,7 +233,8 @@ class _Printer:
         is_first = self.changes.label is None
         is_news, joins, leaves = self.changes.update(belief)
         if self._as_json:
-            self._status.print(json_line(belief))
+            more = {"suggestions": [one.to_json() for one in found]} if self._suggests else {}
+            self._status.print(json_line(belief, more))
         elif is_news:
             if is_first:
                 self._status.print(CHANGES_HEADER)
@@ -224,4 +244,8 @@ class _Printer:
                 self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))
             for one in joins:
                 self._status.print(join_line(one, belief.stamp_ns, self._source.origin_ns))
+            if found and belief.stamp_ns >= self._suggested_ns + 10**9:
+                self._suggested_ns = belief.stamp_ns
+                time_s = (belief.stamp_ns - self._source.origin_ns) * 1e-9
+                self._status.print(f"{time_s:8.2f}  to decide, {found[0]}")
         self._status.show(lambda: status_text(belief, self._source.origin_ns))

@@ -90,7 +90,7 @@ class SavedStream:
         self._waits = False
         log, source, changes = self._log, self._source, self._changes
         values = (
-            *(self._initial, self.tracker, self._names, log.first, log.taken, log.gate, log.stamping.values),
+            *(self._initial, self.tracker, self._names, log.first, log.taken, log.gate, tuple(log.stamping)),
             (source.origin_ns, source.first_ns, source.last_ns, source.used),
             (changes.label, changes.settled, changes.open, changes.further),
         )
@@ -122,7 +122,7 @@ class SavedStream:
                 f"{self._path} is of another recording, which does not end before {name} begins: name "
                 "another file"
             )
-        log.carry_on(gate, Stamping.of(stamping), taken, is_same_log)
+        log.carry_on(gate, Stamping(*stamping), taken, is_same_log)
         self._source.carry_on(*span)
         changes = self._changes
         changes.label, changes.settled, changes.open, changes.further = reported

@@ -233,6 +233,7 @@ def _segment(
             else:
                 count = write_pieces(pieces, args.output, args.rows, lambda: source.origin_ns, check)
             report, touched = tracker.report, tracker.map
+    source.warn_of_damage()
     if args.output is None:
         for line in table(segments, source.origin_ns, wrenches is not None):
             show(line)

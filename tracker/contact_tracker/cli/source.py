@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _LONGEST_SLEEP_S: Final = 0.1
 """Longest sleep at a time (s) between looks at whether the stream has to end."""
+_POSES_PER_LOOK: Final = 100
+"""A stream is looked at each time that so many poses have come, whether most are dropped."""
 
 
 class Source:
@@ -74,7 +76,9 @@ class Source:
     def arrivals(self) -> Iterator[Arrival]:
         """What each measured pose of the interval brings, with less delay; raises as ``batches``."""
         late = 0
-        for arrival in self._log.arrivals():
+        for count, arrival in enumerate(self._log.arrivals(), 1):
+            if count % _POSES_PER_LOOK == 0:
+                self._warn_of(self._log.loss)
             rows, has_ended = self._cut([pose.stamp_ns for pose in arrival.poses])
             late = self._warn_of_late(late)
             if self.used:
@@ -159,8 +163,7 @@ class Source:
 
     def finish(self, adapted: "Report | None") -> int:
         """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""
-        if self._log.damage is not None:
-            warn(f"{self.name}: {self._log.damage}")
+        self.warn_of_damage()
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if adapted is not None:
@@ -171,6 +174,15 @@ class Source:
         for line in self._log.remarks:
             warn(f"{self.name}: {line}")
         return DONE if self._log.damage is None else DAMAGED
+
+    def warn_of_damage(self) -> None:
+        """Warn, if that is not done yet, that most poses were dropped, or that the recording is damaged: it
+        comes before the results."""
+        self._warn_of(self._log.damage)
+
+    def _warn_of(self, damage: str | None) -> None:
+        for line in self._news.of(filter(None, [damage])):
+            warn(f"{self.name}: {line}")
 
     def warn_of_news(self, adapted: "Report | None") -> None:
         """Warn of the problems of the stream of which it was not warned before."""

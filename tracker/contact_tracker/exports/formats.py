@@ -138,9 +138,9 @@ def write_outcome(
         write(outcome, temporary, path.suffix.lower())
 
 
-def json_line(entry: "Belief | Segment") -> str:
-    """One belief or segment as one JSON object, without newline."""
-    return json.dumps(entry.to_json(), allow_nan=False)
+def json_line(entry: "Belief | Segment", more: Mapping[str, object] | None = None) -> str:
+    """One belief or segment, with ``more`` keys, as one JSON object, without newline."""
+    return json.dumps({**entry.to_json(), **(more or {})}, allow_nan=False)
 
 
 @contextmanager

@@ -56,9 +56,9 @@ class KnownContact(NamedTuple):
 
 
 class Further(NamedTuple):
-    """A further contact in ``runs`` of ticks, with ``log_odds`` (nats) against none.
+    """A further contact with ``log_odds`` (nats) against none, in ``runs`` by the numbers of ticks.
 
-    ``inseparable`` are contact kinds that explain the motion as well.
+    ``inseparable`` are contact kinds that the map allows and that explain the motion as well.
     """
 
     known: KnownContact
@@ -79,21 +79,32 @@ class Formation(NamedTuple):
     ``is_open`` : whether the motion keeps more constraints than the contacts found explain.
     """
 
-    further: tuple[Further, ...]
-    is_open: bool
+    further: tuple[Further, ...] = ()
+    is_open: bool = False
     ranks: Ranks = ()
 
+    @property
+    def constraints(self) -> int:
+        """Largest number of constraints of the contacts together; 0 without further ones."""
+        return max((rank for _, rank in self.ranks), default=0)
 
-NO_FORMATION: Final = Formation((), False)
+    def constraints_with(self, number: int) -> int:
+        """Largest number of constraints while a further contact holds."""
+        return max(rank for numbers, rank in self.ranks if number in numbers)
+
+
+NO_FORMATION: Final = Formation()
 
 
 class Candidate(NamedTuple):
-    """Elements of a possible contact, their runs and their evidence."""
+    """Elements of a possible contact, their runs and their evidence; ``fitted`` by maximum likelihood, if
+    they were."""
 
     known: KnownContact
     presence: Presence
     gain: float
     rms: float
+    fitted: FittedElements | None = None
 
 
 class FormationTicks(NamedTuple):
@@ -112,10 +123,15 @@ class FormationTicks(NamedTuple):
         """Contact kinds that the map allows."""
         return tuple(filter(self.known_map.allows, CONTACTS))
 
-    def geometry_of(self, elements: FittedElements) -> ContactGeometry | None:
-        """Elements with covariance in the user's frames, named as in the map; None where a complete map
-        lacks them."""
-        named = named_by(self.known_map, elements.geometry(self.scales, self.origins, self.systematic))
+    def numbered(self, run: Run) -> Run:
+        """A run of rows, by the numbers of ticks."""
+        return Run(int(self.window.index[run.first]), int(self.window.index[run.end - 1]) + 1)
+
+    def geometry_of(self, one: Candidate) -> ContactGeometry | None:
+        """Fitted elements with covariance in the user's frames, named as in the map; None where a complete
+        map lacks them."""
+        assert one.fitted is not None
+        named = named_by(self.known_map, one.fitted.geometry(self.scales, self.origins, self.systematic))
         complete = self.known_map.object_complete, self.known_map.environment_complete
         unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
         return None if unlisted else named
@@ -134,14 +150,16 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
         return NO_FORMATION
     free = ConditionalMotion.of(segment.window, segment.scales)
     found, is_open = _further_contacts(segment, first, free)
-    return Formation(tuple(found), is_open, _ranks(free, first, found))
+    return Formation(tuple(found), is_open, _ranks(free, segment.window.index, first, found))
 
 
-def _ranks(motion: ConditionalMotion, first: KnownContact, found: Sequence[Further]) -> Ranks:
+def _ranks(
+    motion: ConditionalMotion, index: NDArray[np.int64], first: KnownContact, found: Sequence[Further]
+) -> Ranks:
     holds = np.zeros((len(motion), len(found)), bool)
     for number, one in enumerate(found):
         for run in one.runs:
-            holds[slice(*run), number] = True
+            holds[(index >= run.first) & (index < run.end), number] = True
     ranks = list[tuple[frozenset[int], int]]()
     for pattern in np.unique(holds, axis=0):
         numbers = np.flatnonzero(pattern).tolist()
@@ -164,18 +182,18 @@ def _further_contacts(
         best = best_of(allowed(segment, [best, *some]))
         if best is None:
             return found, True
-        refined = refine(segment, motion, best, longest_run(best.presence))
-        if refined is None:
+        best = refine(segment, motion, best, longest_run(best.presence))
+        if best is None:
             return found, True
-        best, elements = refined
         run = longest_run(best.presence)
-        holding = [first, *(one.known for one in found if any(map(run.overlaps, one.runs)))]
-        confirmed = confirm(segment, motion, elements, holding, best.known, run)
+        holding = [first, *(one.known for one in found if any(map(segment.numbered(run).overlaps, one.runs)))]
+        confirmed = confirm(segment, motion, best, holding, run)
         if confirmed is None:
             return found, True
         geometry, _, new = confirmed
         others = inseparable_kinds(segment, motion, best, some, run, new)
-        found.append(Further(best.known, geometry, best.presence.runs, best.presence.log_odds, others))
+        runs = tuple(map(segment.numbered, best.presence.runs))
+        found.append(Further(best.known, geometry, runs, best.presence.log_odds, others))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
     return found, False
@@ -186,26 +204,23 @@ def allowed(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Ca
     return [one for one in candidates if one.known.contact in segment.kinds]
 
 
-def refine(
-    segment: FormationTicks, motion: ConditionalMotion, best: Candidate, run: Run
-) -> tuple[Candidate, FittedElements] | None:
-    """The candidate with its elements refitted by maximum likelihood to ``run``, and the fit.
+def refine(segment: FormationTicks, motion: ConditionalMotion, best: Candidate, run: Run) -> Candidate | None:
+    """The candidate with its elements refitted by maximum likelihood to ``run``.
 
     None if the refitted elements have no evidence beside the contacts that ``motion`` keeps: the likelihood
     does not know of these, so that the fit may end at the elements of one of them.
     """
     model = best.known.model
-    elements = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
-    refined = evaluate(segment, motion, KnownContact(model.contact, elements.bank.x[0]))
-    return None if refined is None else (refined, elements)
+    fitted = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
+    refined = evaluate(segment, motion, KnownContact(model.contact, fitted.bank.x[0]))
+    return None if refined is None else refined._replace(fitted=fitted)
 
 
 def confirm(
     segment: FormationTicks,
     motion: ConditionalMotion,
-    elements: FittedElements,
+    one: Candidate,
     holding: Sequence[KnownContact],
-    one: KnownContact,
     run: Run,
 ) -> tuple[ContactGeometry, int, int] | None:
     """The geometry of a contact in ``run`` beside those that are ``holding``, the number of constraints of
@@ -217,8 +232,8 @@ def confirm(
     part, before = motion.cut(*run), holding[0].contact.codimension
     if len(holding) > 1:
         before = count_constraints(part, [other.c for other in holding])
-    constraints = count_constraints(part, [other.c for other in (*holding, one)])
-    geometry = segment.geometry_of(elements)
+    constraints = count_constraints(part, [other.c for other in (*holding, one.known)])
+    geometry = segment.geometry_of(one)
     uses_freedom = used_directions(segment.window.cut(*run)) >= DIRECTIONS - constraints
     if geometry is None or constraints <= before or not uses_freedom:
         return None
@@ -327,14 +342,13 @@ def inseparable_kinds(
     alike = {best.known.contact}
     for one in others:
         if one.rms > SAME_FIT_RATIO and one.gain > EQUAL_GAIN * best.gain:
-            refined = refine(segment, motion, one, run)
-            one = one if refined is None else refined[0]
+            one = refine(segment, motion, one, run) or one
         near = one.presence.log_odds > best.presence.log_odds - DECISIVE
         fits = one.rms < SAME_FIT_RATIO * max(1.0, best.rms) and one.gain > EQUAL_GAIN * best.gain
         if near or fits:
             alike.add(one.known.contact)
     contained = {kind for kind in CONTACTS for one in alike if one.contains(kind) and kind.codimension >= new}
-    return tuple(kind for kind in CONTACTS if kind in contained and kind is not best.known.contact)
+    return tuple(kind for kind in segment.kinds if kind in contained and kind is not best.known.contact)
 
 
 def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:

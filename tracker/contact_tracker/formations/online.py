@@ -181,11 +181,10 @@ def _evaluated(
         refined = refine(ticks, motion, candidate, last)
         if refined is None:  # it keeps the elements that it has
             return now._replace(refit_at=_refit_at(newest, last)), candidate.presence.runs
-        better, fitted = refined
-        geometry = ticks.geometry_of(fitted)
+        geometry = ticks.geometry_of(refined)
         if geometry is None:
             return now._replace(is_present=False), candidate.presence.runs
-        now = now._replace(elements=better.known, geometry=geometry, refit_at=_refit_at(newest, last))
+        now = now._replace(elements=refined.known, geometry=geometry, refit_at=_refit_at(newest, last))
     return now, candidate.presence.runs
 
 
@@ -224,7 +223,8 @@ def _continue_search(
         candidates = allowed(ticks, candidates)
     best = best_of(candidates)
     if best is None and candidates:
-        best = best_of([_fitted(ticks, motion, max(candidates, key=lambda one: one.presence.log_odds))])
+        one = max(candidates, key=lambda one: one.presence.log_odds)  # found on a part of its run
+        best = best_of([refine(ticks, motion, one, one.presence.runs[-1]) or one])
     if best is None:
         # a contact that is present now may be reported once it has lasted longer
         search_interval = (
@@ -236,12 +236,6 @@ def _continue_search(
     if state.searches_all:
         return _accept(state, best, candidates, ticks, motion, first)
     return _queue_all_kinds(state, best, ticks)
-
-
-def _fitted(ticks: FormationTicks, motion: ConditionalMotion, one: Candidate) -> Candidate:
-    """The candidate, found on a part of its run, refitted to all of it."""
-    refined = refine(ticks, motion, one, one.presence.runs[-1])
-    return one if refined is None else refined[0]
 
 
 def _search_next_kinds(
@@ -280,10 +274,10 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
         best = own
     else:
         refined = refine(ticks, motion, best, best.presence.runs[-1])
-        geometry = None if refined is None else ticks.geometry_of(refined[1])
+        geometry = None if refined is None else ticks.geometry_of(refined)
         if refined is None or geometry is None:
             return state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
-        best = refined[0]
+        best = refined
         one = one._replace(elements=best.known, geometry=geometry)
     present = [first.c, *(other.elements.c for other in others if other.is_present)]
     part = motion.cut(*run)
@@ -325,12 +319,12 @@ def _accept(
     """Track the best candidate, if the motion uses all freedom that the contacts leave."""
     state = state._replace(queue=(), proposals=(), searches_all=False, search_interval=SEARCH_INTERVAL_TICKS)
     refined = refine(ticks, motion, best, best.presence.runs[-1])
-    if refined is None or not _is_now(refined[0].presence, motion):
+    if refined is None or not _is_now(refined.presence, motion):
         return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
-    best, elements = refined
+    best = refined
     present, last = [one for one in state.tracked if one.is_present], best.presence.runs[-1]
     holding = [first, *(one.elements for one in present)]
-    confirmed = confirm(ticks, motion, elements, holding, best.known, last)
+    confirmed = confirm(ticks, motion, best, holding, last)
     if confirmed is None:
         return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
     geometry, constraints, new = confirmed

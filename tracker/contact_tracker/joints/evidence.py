@@ -42,21 +42,15 @@ JITTER: Final = 1e-9
 
 class FittedJoint(NamedTuple):
     """A joint at its greatest likelihood: ``covariance`` (P, P) of its free parameters, ``log_evidence``
-    against free motion (nats) and ``play`` (K, K) of its constraints."""
+    against free motion (nats), ``play`` (K, K) of its constraints, and of the most probable joint the
+    ``log_odds`` (nats) against all other explanations, other joints included."""
 
     model: JointModel
     frames: JointFrames
     covariance: Array
     log_evidence: float
     play: Array
-
-
-class FoundJoint(NamedTuple):
-    """The most probable joint, with its ``log_odds`` (nats) against all other explanations, other joints
-    included."""
-
-    fitted: FittedJoint
-    log_odds: float
+    log_odds: float = 0.0
 
 
 def find_joint(
@@ -65,7 +59,7 @@ def find_joint(
     contacts: Sequence[KnownContact],
     constraints: int,
     errors: SystematicErrors,
-) -> FoundJoint | None:
+) -> FittedJoint | None:
     """The joint that explains the ticks of ``window`` better than contacts and free motion; None without any.
 
     Parameters
@@ -99,7 +93,7 @@ def find_joint(
         return None
     rivals += [one.log_evidence for one in fitted if one is not best]
     log_odds = best.log_evidence - float(np.logaddexp.reduce(rivals))
-    return FoundJoint(_with_systematic_errors(best, window, scales, errors), log_odds)
+    return _with_systematic_errors(best, window, scales, errors)._replace(log_odds=log_odds)
 
 
 class _Fit(NamedTuple):

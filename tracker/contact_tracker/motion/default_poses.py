@@ -12,12 +12,9 @@ have come.
 from collections import Counter, deque
 from collections.abc import Collection, Sequence
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from contact_tracker.motion.poses import STEPS_KEPT, Pose, Poses, Step, Steps, reach, step_between
+from contact_tracker.motion.poses import STEPS_KEPT, Pose, Step, reach, step_between
 
 STEPS: Final = 10.0
 """A pose is away from the motion if it is farther than this many usual steps, and not near."""
@@ -84,25 +81,6 @@ class DefaultPoseFilter:
             self._keep(pose)
         return waiting
 
-    def passes_all(self, steps: Steps) -> bool:
-        """Whether poses that continue from the last one by these steps pass without further checks."""
-        known = len(self._kept) == NEIGHBOURS and not self._dropped
-        return known and steps.are_near
-
-    def pass_all(self, joined: Poses, steps: Steps, repeats: NDArray[np.bool_]) -> None:
-        """Pass on poses that need no further checks.
-
-        Parameters
-        ----------
-        joined : the last pose that was passed on, and these.
-        steps, repeats : steps between them, and whether a pose repeats the one before.
-        """
-        x, y, z = joined.position_m.T
-        at_origin = (x == 0.0) & (y == 0.0) & (z == 0.0)
-        noted = np.flatnonzero(~repeats & (at_origin[1:] == at_origin[:-1]))[-STEPS_KEPT:]
-        self._steps.extend(map(Step, steps.distance_m[noted].tolist(), steps.turn[noted].tolist()))
-        self._kept.extend(joined[1:][-NEIGHBOURS:])
-
     def _keep(self, pose: Pose) -> None:
         if self._kept and self._kept[-1][1:] != pose[1:]:
             self._note_step(self._kept[-1], pose, step_between(self._kept[-1], pose))
@@ -126,21 +104,21 @@ class DefaultPoseFilter:
         """Add a step to the usual steps of the motion; steps from or to the origin do not count."""
         if (pose.position_m == _ORIGIN) == (before.position_m == _ORIGIN):
             frames = 1 + self._dropped
-            self._steps.append(Step(step.distance_m / frames, step.turn / frames))
+            self._steps.append(step if frames == 1 else Step(step.distance_m / frames, step.turn / frames))
 
     def _is_default(self, pose: Pose) -> bool:
         """Whether a pose away from the motion is a default pose; it is remembered."""
         # a pose that itself came by a jump does not count as motion near this one
         motion = [kept for kept in self._kept if kept[1:] != pose[1:] or kept[1:] not in self._arrivals]
-        away = _Away.of(pose, motion, self._steps)
-        if not away.at_all:
+        is_away, in_position = _is_away(pose, motion, self._steps)
+        if not is_away:
             return False
         known = pose[1:] in self._arrivals
         self._arrivals.pop(pose[1:], None)
         self._arrivals[pose[1:]] = None  # as the latest
         if len(self._arrivals) > _ARRIVALS_KEPT:
             del self._arrivals[next(iter(self._arrivals))]
-        return known or _is_origin(pose, away)
+        return known or _is_origin(pose, is_away, in_position)
 
     def _is_suspect(self, pose: Pose) -> bool:
         """Whether it may be a default pose, while the motion is not known yet."""
@@ -157,30 +135,26 @@ class DefaultPoseFilter:
         waiting = [
             (pose, suspect)
             for pose, suspect in self._held
-            if not suspect or not _is_origin(pose, _Away.of(pose, motion, steps))
+            if not suspect or not _is_origin(pose, *_is_away(pose, motion, steps))
         ]
         if dropped := len(self._held) - len(waiting):
             self._counts["default_pose"] += dropped
         self._held = waiting
 
 
-class _Away(NamedTuple):
+def _is_away(pose: Pose, motion: Sequence[Pose], steps: Collection[Step]) -> tuple[bool, bool]:
     """Whether a pose is away from all poses of the motion: at all, and by its position alone."""
-
-    at_all: bool
-    in_position: bool
-
-    @classmethod
-    def of(cls, pose: Pose, motion: Sequence[Pose], steps: Collection[Step]) -> "_Away":
-        reach_m, reach_turn = reach(steps, STEPS, QUANTILE)
-        between = [step_between(other, pose) for other in motion]
-        in_position = all(step.distance_m > reach_m for step in between)
-        return cls(all(s.distance_m > reach_m or s.turn > reach_turn for s in between), in_position)
+    reach_m, reach_turn = reach(steps, STEPS, QUANTILE)
+    between = [step_between(other, pose) for other in motion]
+    return (
+        all(step.distance_m > reach_m or step.turn > reach_turn for step in between),
+        all(step.distance_m > reach_m for step in between),
+    )
 
 
-def _is_origin(pose: Pose, away: _Away) -> bool:
+def _is_origin(pose: Pose, is_away: bool, in_position: bool) -> bool:
     """Whether a pose is the origin, away from the motion; an object that only turns is always there."""
-    return pose.position_m == _ORIGIN and (away.in_position or (away.at_all and _is_unturned(pose)))
+    return pose.position_m == _ORIGIN and (in_position or (is_away and _is_unturned(pose)))
 
 
 def _is_unturned(pose: Pose) -> bool:

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.rotation import between, product, rotation_vectors
-from contact_tracker.motion.poses import NEAR_M, STEPS_KEPT, Array, Pose, Step, Steps, reach, step_between
+from contact_tracker.motion.poses import NEAR_M, STEPS_KEPT, Array, Pose, Step, reach, step_between
 
 JUMP: Final = 3.0
 """A jump is longer than this many usual steps."""
@@ -147,18 +147,6 @@ class ExcursionFilter:
             assert self._last is not None
             self._pass_on(pose, step_between(self._last, pose))
         return released
-
-    def passes_all(self, steps: Steps) -> bool:
-        """Whether poses that continue from the last one by these steps pass without further checks."""
-        return not self._held and self._last is not None and steps.are_near
-
-    def pass_all(self, last: Pose, steps: Steps, new_ns: int) -> None:
-        """Pass on poses that need no further checks, up to ``last``; the last of them that does not repeat
-        the one before came at ``new_ns``."""
-        newest = slice(-STEPS_KEPT, None)
-        self._poses += len(steps.distance_m)
-        self._steps.extend(map(Step, steps.distance_m[newest].tolist(), steps.turn[newest].tolist()))
-        self._last, self._new_ns = last, max(new_ns, self._new_ns)
 
     def _pass_on(self, pose: Pose, step: Step) -> Sequence[Pose]:
         self._steps.append(step)

@@ -47,7 +47,7 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
 from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
-from contact_tracker.motion.poses import Pose, Poses, Steps
+from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS, RESET_RUN, Ordered, StampOrder
 
 ROUNDING: Final = 1e-3
@@ -65,12 +65,8 @@ _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validat
 
 def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     """The poses of a whole recording that pass the gate; ``counts`` counts those dropped or repaired."""
-    passed, parts = PoseGate(counts), list[Poses]()
-    for some in poses.batches() if isinstance(poses, Poses) else [poses]:
-        admitted = passed.admit_all(some) if isinstance(some, Poses) else None
-        if admitted is None:
-            admitted = Poses.collect([kept for pose in some for kept in passed.admit(pose)])
-        parts.append(admitted)
+    passed = PoseGate(counts)
+    parts = [passed.admit_all(some) for some in (poses.batches() if isinstance(poses, Poses) else [poses])]
     return Poses.join([*parts, Poses.collect(passed.finish())])
 
 
@@ -240,7 +236,6 @@ class PoseGate:
         self._order = StampOrder(self._counts)
         self._defaults = DefaultPoseFilter(self._counts)
         self._excursions = ExcursionFilter(self._counts)
-        self._unit: Pose | None = None
         self._last: Pose | None = None
         self._refused_xyzw: tuple[float, float, float, float] | None = None
 
@@ -250,13 +245,8 @@ class PoseGate:
         return self._refused_xyzw
 
     @property
-    def counts(self) -> Mapping[str, int]:
-        """Counts by kind so far; a live view."""
-        return MappingProxyType(self._counts)
-
-    @property
-    def own_counts(self) -> Counter[str]:
-        """The same, for adding to."""
+    def counts(self) -> Counter[str]:
+        """Counts by kind so far, which others add to."""
         return self._counts
 
     @property
@@ -304,35 +294,9 @@ class PoseGate:
         waiting = [kept for pose in defaults for kept in self._excursions.admit(pose, True, period_ns)]
         return (*passed, *map(self._continuous, (*waiting, *self._excursions.finish())))
 
-    def admit_all(self, poses: Poses) -> Poses | None:
-        """``admit`` for poses that need no further checks; None, without any effect, if one of them does."""
-        before, last, steps_ns = self._unit, self._last, self._order.steps_of_all(poses.stamp_ns)
-        if before is None or last is None or steps_ns is None:
-            return None
-        with np.errstate(all="ignore"):
-            x, y, z, w = poses.quat_xyzw.T
-            norm = np.sqrt(x * x + y * y + z * z + w * w)
-            sound = (np.abs(poses.position_m) <= RANGE_M).all() and (np.abs(norm - 1.0) <= ROUNDING).all()
-        if not sound:
-            return None
-        unit = poses.quat_xyzw / norm[:, None]
-        joined = Poses.join([before, Poses(poses.stamp_ns, poses.position_m, unit)])
-        steps = Steps.between(joined)
-        if not (self._defaults.passes_all(steps) and self._excursions.passes_all(steps)):
-            return None
-        repeats = joined.repeats
-        if held := int(np.count_nonzero(repeats)):
-            self._counts["held"] += held
-        self._order.pass_all(joined[1:], steps_ns)
-        self._defaults.pass_all(joined, steps, repeats)
-        (newest,) = joined[-1:]
-        new = np.flatnonzero(~repeats)
-        self._excursions.pass_all(newest, steps, int(poses.stamp_ns[new[-1]]) if len(new) else 0)
-        first = 1.0 if last.quat_xyzw == before.quat_xyzw else -1.0
-        sign = first * np.where(steps.cosine < 0.0, -1.0, 1.0).cumprod()
-        admitted = Poses(poses.stamp_ns, poses.position_m, unit * sign[:, None])
-        (self._unit,), (self._last,) = joined[-1:], admitted[-1:]
-        return admitted
+    def admit_all(self, poses: Iterable[Pose]) -> Poses:
+        """``admit`` for several, in columns."""
+        return Poses.collect([kept for pose in poses for kept in self.admit(pose)])
 
     def _unit_quaternion(self, pose: Pose) -> tuple[float, float, float, float] | None:
         """The unit quaternion of a pose with valid numbers; None otherwise."""
@@ -364,12 +328,12 @@ class PoseGate:
 
     def _continuous(self, pose: Pose) -> Pose:
         """The pose with the sign of its quaternion that is nearer to the last."""
-        before, last = self._unit, self._last
-        self._unit = self._last = pose
-        if before is not None and last is not None:
-            if pose[1:] == before[1:]:
-                self._counts["held"] += 1
+        last = self._last
+        if last is not None:
             a, b = pose.quat_xyzw, last.quat_xyzw
             if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0:
-                self._last = pose._replace(quat_xyzw=(-a[0], -a[1], -a[2], -a[3]))
-        return self._last
+                pose = pose._replace(quat_xyzw=(-a[0], -a[1], -a[2], -a[3]))
+            if pose[1:] == last[1:]:
+                self._counts["held"] += 1
+        self._last = pose
+        return pose

@@ -179,28 +179,6 @@ class Step(NamedTuple):
         return self.distance_m <= NEAR_M and self.turn <= NEAR_TURN
 
 
-class Steps(NamedTuple):
-    """Steps from each pose to the next: distance, turn as in ``Step``, and cosine of half its angle."""
-
-    distance_m: Array
-    turn: Array
-    cosine: Array
-
-    @classmethod
-    def between(cls, poses: Poses) -> "Steps":
-        """Steps between ``poses``, with the same rounding as ``step_between``."""
-        x, y, z = (poses.position_m[1:] - poses.position_m[:-1]).T
-        a, b, c, d = (poses.quat_xyzw[1:] * poses.quat_xyzw[:-1]).T
-        cosine = a + b + c + d
-        turn = 2.0 * np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
-        return cls(np.sqrt(x * x + y * y + z * z), turn, cosine)
-
-    @property
-    def are_near(self) -> bool:
-        """Whether all of them are."""
-        return bool(self.distance_m.max() <= NEAR_M and self.turn.max() <= NEAR_TURN)
-
-
 def reach(steps: Collection[Step], times: float, quantile: float) -> Step:
     """How far a pose may be from the last one: ``times`` the usual step, at least near."""
     if not steps:

@@ -15,12 +15,8 @@ from itertools import pairwise
 from statistics import median
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
-
 from contact_tracker.config.quantities import RANGE_NS
-from contact_tracker.motion.poses import Pose, Poses, Step, step_between
+from contact_tracker.motion.poses import Pose, Step, step_between
 
 LONGEST_WAIT_NS: Final = 100_000_000
 """Held poses delay what is said of their time by this much at most."""
@@ -75,12 +71,13 @@ class StampOrder:
         self._held: list[Pose] = []
         self._latest: deque[Pose] = deque(maxlen=LATEST)
         self._follows_other = False
-        self._periods = Periods()
+        self._periods: deque[int] = deque(maxlen=PERIODS_KEPT)
+        self._in_order: list[int] = []
 
     @property
     def period_ns(self) -> int:
-        """The usual time between poses; zero while it is unknown."""
-        return self._periods.median_ns if self._periods.known else 0
+        """The usual time between poses, the median of the latest; zero while it is unknown."""
+        return self._in_order[len(self._in_order) // 2] if self._in_order else 0
 
     @property
     def shift_ns(self) -> int:
@@ -101,7 +98,7 @@ class StampOrder:
                 return self._consider_other(pose)
             if step_ns < 0:
                 return self._consider_reset(pose)
-            if not self._held and step_ns <= self._periods.lead_ns:
+            if not self._held and step_ns <= LEAD_PERIODS * self.period_ns:
                 return (self._accept(pose),)
         self._held.append(pose)
         return self._release(ended=False)
@@ -110,24 +107,6 @@ class StampOrder:
         """The held poses that others have followed, or all if there are no others, at the end of the
         stream."""
         return self._release(ended=True)
-
-    def steps_of_all(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.int64] | None:
-        """Intervals (ns) between poses, from the last one on; None if one of them needs further checks."""
-        if self.last_ns is None or self._held or self._offset_ns or stamp_ns[-1] > RANGE_NS:
-            return None
-        steps_ns = np.empty_like(stamp_ns)
-        steps_ns[0] = stamp_ns[0] - self.last_ns
-        np.subtract(stamp_ns[1:], stamp_ns[:-1], out=steps_ns[1:])
-        if steps_ns.min() <= 0 or steps_ns.max() > GAP_NS or self._periods.lead_among(steps_ns):
-            return None
-        return steps_ns
-
-    def pass_all(self, poses: Poses, steps_ns: NDArray[np.int64]) -> None:
-        """Pass on poses that need no further checks."""
-        self._periods.extend(steps_ns[-PERIODS_KEPT:].tolist())
-        self._backward = None
-        self._latest.extend(poses[-LATEST:])
-        self.last_ns, self._follows_other = int(poses.stamp_ns[-1]), False
 
     def _release(self, ended: bool) -> Sequence[Ordered]:
         """Pass on the held poses that have been confirmed, and drop those that contradict them."""
@@ -139,7 +118,7 @@ class StampOrder:
                 if not ended:
                     break
                 # one stamp contradicts all before it; at the start there is nothing to contradict
-                if len(run) == 1 and self.last_ns is not None and self._periods.known:
+                if len(run) == 1 and self.last_ns is not None and self._periods:
                     self._counts["leading_stamp"] += len(self._held)
                     self._held = []
                     break
@@ -164,7 +143,7 @@ class StampOrder:
         if self.last_ns is None:
             return followers > 0
         lead_ns = run_ns[0] - self.last_ns
-        if lead_ns <= self._periods.lead_ns:
+        if lead_ns <= LEAD_PERIODS * self.period_ns:
             return True
         slow = followers >= SLOW_FOLLOWERS and run_ns[-1] - run_ns[0] >= SLOW_RUN_NS
         return slow or followers >= min(1 + lead_ns // LEAD_PER_FOLLOWER_NS, FOLLOWERS)
@@ -202,7 +181,7 @@ class StampOrder:
             return ()
         released = self.finish()
         assert self.last_ns is not None
-        shift_ns = self.last_ns + self._periods.median_ns - first_ns
+        shift_ns = self.last_ns + max(self.period_ns, 1) - first_ns
         self._offset_ns += shift_ns
         self._counts["clock_reset"] += 1
         return (
@@ -214,15 +193,21 @@ class StampOrder:
         continues = self.last_ns is not None
         if self.last_ns is not None:
             step_ns = pose.stamp_ns - self.last_ns
-            if step_ns > GAP_NS and self._periods.known and step_ns > GAP_PERIODS * self._periods.median_ns:
+            if step_ns > GAP_NS and self._periods and step_ns > GAP_PERIODS * self.period_ns:
                 self._counts["gap"] += 1
                 continues = False
             else:
-                self._periods.append(step_ns)
+                self._note_period(step_ns)
         self._backward = None
         self._latest.append(pose)
         self.last_ns, self._follows_other = pose.stamp_ns, False
         return Ordered(pose, continues)
+
+    def _note_period(self, period_ns: int) -> None:
+        if len(self._periods) == PERIODS_KEPT:
+            del self._in_order[bisect_left(self._in_order, self._periods[0])]
+        self._periods.append(period_ns)
+        insort(self._in_order, period_ns)
 
 
 def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
@@ -247,39 +232,3 @@ def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
     while (last := runs[last][2]) >= 0:
         indices.append(last)
     return indices[::-1]
-
-
-class Periods:
-    """The last times between poses, and their median."""
-
-    def __init__(self) -> None:
-        self._recent: deque[int] = deque(maxlen=PERIODS_KEPT)
-        self._sorted: list[int] = []
-        self.known = False
-        self.median_ns = 1
-        self.lead_ns = 0
-
-    def append(self, period_ns: int) -> None:
-        recent, in_order = self._recent, self._sorted
-        if len(recent) == PERIODS_KEPT:
-            del in_order[bisect_left(in_order, recent[0])]
-        recent.append(period_ns)
-        insort(in_order, period_ns)
-        self.known, self.median_ns = True, in_order[len(in_order) // 2]
-        self.lead_ns = LEAD_PERIODS * self.median_ns
-
-    def extend(self, periods_ns: Sequence[int]) -> None:
-        """``append`` for several."""
-        self._recent.extend(periods_ns[:-1])
-        self._sorted = sorted(self._recent)
-        self.append(periods_ns[-1])
-
-    def lead_among(self, periods_ns: NDArray[np.int64]) -> bool:
-        """Whether one of the next intervals is of a leading stamp; also True while the period is unknown."""
-        if len(self._recent) < PERIODS_KEPT:
-            return True
-        if periods_ns.max() <= LEAD_PERIODS * min(self._sorted[0], int(periods_ns.min())):
-            return False
-        before = np.concatenate([self._recent, periods_ns[:-1]])
-        medians = np.median(sliding_window_view(before, PERIODS_KEPT), axis=1)
-        return bool((periods_ns > LEAD_PERIODS * medians).any())

@@ -17,7 +17,6 @@ from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import NoiseBuffer, NoiseEstimate
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 NEIGHBOURS: Final = 5
 NOISY_M: Final = 2e-5
@@ -62,38 +61,6 @@ class StreamState(NamedTuple):
     """None if the next tick does not follow the last one."""
     last_frame: Poses
     """The last frame, if there is one."""
-
-
-class TickRun(NamedTuple):
-    """Consecutive ticks, none of them empty."""
-
-    frames: Poses
-    """Frames of all of them, of the point ``origins.body_m``."""
-    ends: Index
-    """(n,) index of the frame after the last one of each tick."""
-    origins: Origins
-    """Origins of the lifted poses in the world and in the body frame."""
-    is_rest: bool
-    """Whether the first is the rest of a tick that was closed early."""
-    last: Tick | None
-    """The tick before them; None at the start."""
-
-
-def average_run(stream: StreamState, run: TickRun, model: Model) -> tuple[StreamState, list[Tick]]:
-    """The ticks of a run, and the estimates after it."""
-    if run.is_rest:
-        stream = stream._replace(free_motion=None)
-    closed, first, last = list[Tick](), 0, run.last
-    is_new = run.frames.differ_from(stream.last_frame)
-    for end in run.ends.tolist():
-        frames, new, is_rest = run.frames[first:end], is_new[first:end], run.is_rest and not first
-        if last is not None and not new.any() and _is_stuck(frames, stream, model):
-            last = empty_tick(last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), is_rest)
-        else:
-            stream, last = _average_tick(stream, frames, new, run.origins, model, is_rest)
-        closed.append(last)
-        first = end
-    return stream._replace(last_frame=run.frames[first - 1 : first]), closed
 
 
 def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) -> Tick:
@@ -297,16 +264,24 @@ class TickGrid:
 
     def goes_on(self, stamp_ns: int) -> bool:
         """Whether a pose belongs to the current tick."""
-        return self.origin_ns is not None and (
-            stamp_ns < self.origin_ns + (self.number + 1) * self.model.tick_ns
-        )
+        return self.origin_ns is not None and stamp_ns < self._end_ns
+
+    @property
+    def begin_ns(self) -> int:
+        """When the current tick begins."""
+        assert self.origin_ns is not None
+        return self.origin_ns + self.number * self.model.tick_ns
+
+    @property
+    def _end_ns(self) -> int:
+        return self.begin_ns + self.model.tick_ns
 
     def is_late(self, stamp_ns: int) -> bool:
         """Whether a pose is more than a tick before the current one, or before its end if it was closed
         early."""
         if self.origin_ns is None:
             return False
-        begin_ns = self.origin_ns + self.number * self.model.tick_ns
+        begin_ns = self.begin_ns
         return stamp_ns < begin_ns and (self._has_closed_early or stamp_ns < begin_ns - self.model.tick_ns)
 
     def add(self, poses: Poses) -> list[Tick]:
@@ -322,13 +297,9 @@ class TickGrid:
             if not self.goes_on(first_ns):
                 closed += self._pass_to(first_ns, bool(closed) or self._has_closed_early)
                 continue
-            number = (left.stamp_ns - self.origin_ns) // self.model.tick_ns
-            number = np.maximum.accumulate(np.maximum(number, self.number))  # closed ticks stay closed
-            ends = np.flatnonzero(number[1:] > number[:-1]) + 1
-            follows = number[ends - 1] == self.number + np.arange(len(ends))
-            many = len(ends) if follows.all() else int(follows.argmin())
-            closed += self._close(left, ends[:many])
-            left = left[int(ends[many - 1]) :]
+            end = int((left.stamp_ns >= self._end_ns).argmax())  # closed ticks stay closed
+            closed.append(self._close(left[:end]))
+            left = left[end:]
         self.frames = left
         return closed
 
@@ -349,28 +320,34 @@ class TickGrid:
     def close(self) -> list[Tick]:
         """Close the current tick early, if it has poses; later poses in its time will form another tick."""
         frames, self.frames = self.frames, NO_POSES
-        return self._close(frames, np.array([count])) if (count := frames.stamp_ns.size) else []
+        return [self._close(frames)] if frames.stamp_ns.size else []
 
     def follow(self, model: Model, motion: FreeMotion | None) -> None:
         """Gate frames by the free motion of another filter from now on."""
         assert self.stream is not None
         self.model, self.stream = model, self.stream._replace(free_motion=motion)
 
-    def _close(self, frames: Poses, ends: NDArray[np.int64]) -> list[Tick]:
-        """Close the current tick and those that follow without a gap, see ``TickRun``."""
+    def _close(self, frames: Poses) -> Tick:
+        """Close the current tick, which has these poses."""
         assert self.origins is not None
         assert self.stream is not None
-        run = TickRun(frames.of_point(self.body_m), ends, self.origins, self._has_closed_early, self.last)
-        self.stream, closed = average_run(self.stream, run, self.model)
-        self.number, self.last = self.number + len(ends) - 1, closed[-1]
-        return closed
+        frames, stream, is_rest = frames.of_point(self.body_m), self.stream, self._has_closed_early
+        if is_rest:
+            stream = stream._replace(free_motion=None)
+        new = frames.differ_from(stream.last_frame)
+        if self.last is not None and not new.any() and _is_stuck(frames, stream, self.model):
+            tick = empty_tick(self.last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), is_rest)
+        else:
+            stream, tick = _average_tick(stream, frames, new, self.origins, self.model, is_rest)
+        self.stream, self.last = stream._replace(last_frame=frames[-1:]), tick
+        return tick
 
     @property
     def _has_closed_early(self) -> bool:
         """Whether the current tick is the rest of one that was closed early."""
         if self.last is None or self.origin_ns is None:
             return False
-        return self.last.stamp_ns >= self.origin_ns + self.number * self.model.tick_ns
+        return self.last.stamp_ns >= self.begin_ns
 
     def _pass_to(self, stamp_ns: int, is_closed: bool) -> list[Tick]:
         """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether

@@ -147,20 +147,9 @@ class Window:
         vars(self).update(inverse=inverse, displacement_variance=displacement_variance)
         return self
 
-    def hold(self, count: int, most: int) -> "Window":
-        """The window of at most ``most`` ticks after ``count`` further ones without frames, which repeat the
-        newest."""
-        size, numbers = self.index.size, np.arange(self.index[-1] + 1, self.index[-1] + 1 + count)
-        first = max(size + count - most, 0)
-        rows = np.minimum(np.arange(first, size + count), size - 1)
-        one = self.pick(rows, self.zeta[min(first, size) - 1] if first else self.before)
-        frames = None if self.frames is None else np.append(self.frames, np.zeros(count))[first:]
-        one = replace(one, index=np.append(self.index, numbers)[first:], frames=frames)
-        return one.with_cached(self.inverse[rows], self.displacement_variance[rows])
-
-    def expired_by(self, after: "Window", count: int = 1) -> "Window":
-        """The oldest ticks, which are not in the window ``after`` any more, ``count`` ticks later."""
-        return self.cut(0, max(self.index.size + count - after.index.size, 0))
+    def expired_by(self, after: "Window") -> "Window":
+        """The oldest tick, if it is not in the window ``after`` any more, a tick later."""
+        return self.cut(0, max(self.index.size + 1 - after.index.size, 0))
 
     def cut(self, first: int, end: int | None = None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
@@ -299,18 +288,25 @@ _TRACE: Final = EYE.ravel()
 _LEVER: Final = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
 
 
-def used_directions(window: Window) -> int:
-    """Number of directions in which the object moves beyond the noise: the rank of its twists (T24).
+class TwistPower(NamedTuple):
+    """Mean square (6, 6) of an object's twists in steps of ``STRIDE_TICKS``: the shift of the world's point
+    ``centre_m`` (3,) with the object, then the turn about the world's axes; ``sigma`` (6,) by noise alone."""
 
-    Each step of ``STRIDE_TICKS`` has a twist in the world's frame. Rotation about one axis has a constant
-    twist, so it is one direction, however far it goes; translation in a plane is two. Motion that is nearly
-    all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
+    power: Array
+    centre_m: Array
+    sigma: Array
+
+
+def twist_power(window: Window) -> TwistPower:
+    """How a window of more than ``STRIDE_TICKS`` moves (T24).
+
+    Rotation about one axis has a constant twist, so it is one direction, however far it goes; translation in
+    a plane is two.
     """
-    if len(window) <= STRIDE_TICKS:
-        return 0
     pose = window.zeta[:, : T[-1] + 1].T.copy()  # R comes before T; numbers of all ticks side by side
     rotation, place = pose[: T[0]].reshape(3, 3, -1), pose[T[0] :]
-    place -= place.sum(axis=1, keepdims=True) / len(window)
+    centre = place.sum(axis=1, keepdims=True) / len(window)
+    place -= centre
     before, after = place[:, :-STRIDE_TICKS], place[:, STRIDE_TICKS:]
     step = (rotation[:, None, :, STRIDE_TICKS:] * rotation[:, :, :-STRIDE_TICKS]).sum(axis=2).reshape(9, -1)
     # tan of half the angle along the axis, twice: exact about an axis
@@ -319,10 +315,20 @@ def used_directions(window: Window) -> int:
     shifted = after - before - _AXIS @ (middle[:, None] * turned).reshape(9, -1)
     twist = np.concatenate([shifted, turned])
     weight = window.motion_ratio[STRIDE_TICKS:] + TINY
-    power = (twist * weight) @ twist.T / weight.sum()
     position, rotational = 2.0 * window.usual_variance
     lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0
     sigma = np.sqrt([position + rotational * lever_sq] * 3 + [rotational] * 3)
+    return TwistPower((twist * weight) @ twist.T / weight.sum(), centre[:, 0], sigma)
+
+
+def used_directions(window: Window) -> int:
+    """Number of directions in which the object moves beyond the noise: the rank of its twists (T24).
+
+    Motion that is nearly all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
+    """
+    if len(window) <= STRIDE_TICKS:
+        return 0
+    power, _, sigma = twist_power(window)
     used = int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
     if used < 2:
         return used

@@ -3,7 +3,7 @@
 import csv
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -11,11 +11,11 @@ from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, NoTruth, printable
 from contact_tracker.files import near_file
 from contact_tracker.ground_truth import UNSCORED, CoarseLabel, Truth, TruthInterval
-from contact_tracker.recording.bytestream import is_regular, open_stream
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable
-from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
+from contact_tracker.recording.bytestream import is_regular
+from contact_tracker.recording.decoding import Undecodable
+from contact_tracker.recording.items import Attachment, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
-from contact_tracker.recording.mcap_file import RecordLoop, place_of, summary_of
+from contact_tracker.recording.mcap_file import summary_of
 from contact_tracker.recording.reading import Reading, is_table_file, parts_of
 from contact_tracker.recording.table_layouts import NAMED_NS
 from contact_tracker.recording.tables import exact_ns, stamp_of_date
@@ -89,65 +89,27 @@ def _is_rereadable(path: str) -> bool:
 
 
 def _stored(path: str) -> list[Attachment | Metadata]:
-    """The truth attachment and the metadata, by the index or by reading the whole file."""
-    indexed = [_indexed(part) for part in parts_of(path)]
-    items: Iterable[Item]
-    if None in indexed:
-        items = Reading(path, lambda channel: False)
-    else:
-        items = (item for part_items in indexed for item in part_items or ())
-    return [item for item in items if isinstance(item, Attachment | Metadata)]
-
-
-def _indexed(part: str) -> list[Item] | None:
-    """Attachments and metadata by the index of a file; None where it is incomplete or wrong."""
-    summary = summary_of(part)
-    if summary is None or summary.statistics is None:
-        return None
-    counted = (summary.statistics.attachment_count, summary.statistics.metadata_count)
-    if counted != (len(summary.attachment_indexes), len(summary.metadata_indexes)):
-        return None
-    places = [(a.name, place_of(a)) for a in summary.attachment_indexes if a.name == TRUTH_ATTACHMENT]
-    places += [(m.name, place_of(m)) for m in summary.metadata_indexes]
-    with open_stream(part) as stream:
-        loop = RecordLoop(stream, lambda channel: False, summary)
-        items = [item for _, place in places for item in loop.items_at(place)]
-    found = [item.name for item in items if isinstance(item, Attachment | Metadata)]
-    return items if found == [name for name, _ in places] else None
+    """The attachments and the metadata; messages are skipped unread."""
+    return [item for item in Reading(path, None) if isinstance(item, Attachment | Metadata)]
 
 
 def _from_messages(path: str) -> Truth | None:
-    if not any(map(_may_have_changes, parts_of(path))):
+    summaries = [summary_of(part) for part in parts_of(path)]
+    if not any(s is None or any(c.topic == TRUTH_TOPIC for c in s.channels.values()) for s in summaries):
         return None
-    changes: list[tuple[int, str]] = []
-    reading = Reading(path, lambda channel: True)
-    decoder = MessageDecoder(reading.budget)
-    end_ns = 0
+    changes, end_ns, reading = list[tuple[int, str]](), 0, Reading(path, lambda channel: True)
     for item in reading:
         if isinstance(item, RawMessage):
             end_ns = max(end_ns, item.log_time_ns)
-            if _is_truth(item.channel):
-                changes.append((item.log_time_ns, _label(decoder, item)))
+            if (item.channel.topic, item.channel.type) == (TRUTH_TOPIC, TRUTH_TYPE):
+                try:
+                    changes.append((item.log_time_ns, str(reading.decoder.decode(item).data)))
+                except (Undecodable, AttributeError) as error:
+                    raise NoTruth(f"a truth message cannot be decoded: {error}") from error
     if not changes:
         return None
     stamps, labels = zip(*sorted(changes), strict=True)
     return Truth.from_changes(stamps, labels, end_ns)
-
-
-def _may_have_changes(part: str) -> bool:
-    summary = summary_of(part)
-    return summary is None or any(c.topic == TRUTH_TOPIC for c in summary.channels.values())
-
-
-def _is_truth(channel: Channel) -> bool:
-    return channel.topic == TRUTH_TOPIC and channel.type == TRUTH_TYPE
-
-
-def _label(decoder: MessageDecoder, message: RawMessage) -> str:
-    try:
-        return str(decoder.decode(message).data)
-    except (Undecodable, AttributeError) as error:
-        raise NoTruth(f"a truth message cannot be decoded: {error}") from error
 
 
 _START: Final = ("start", "begin", "begin_time", "start_time", "onset", "from", "tmin")
@@ -215,7 +177,13 @@ def read_labels(
     unused = [name for name in meanings or {} if name not in found]
     if unused:
         raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], found)}")
-    intervals = (_interval(row, found[row.name], offset_ns) for row in rows)
+    intervals = list[TruthInterval]()
+    for row in rows:
+        states = found[row.name]
+        contact = states[0] if len(states) == 1 else None
+        coarse = CoarseLabel(row.name, states) if len(states) > 1 else None
+        span = row.start_ns + offset_ns, row.end_ns + offset_ns - 1
+        intervals.append(TruthInterval(*span, contact, coarse=coarse))
     how = "since the first pose" if is_since else "as stamps of the recording"
     return Truth(tuple(intervals)), f"{path}: the times of its {len(rows)} labels are taken {how}"
 
@@ -229,12 +197,6 @@ def meanings_of(given: Sequence[str]) -> dict[str, str]:
             raise ChoiceError(f"a label means states as in touch=any, not {text!r}")
         found[label.strip()] = states.strip()
     return found
-
-
-def _interval(row: _Row, states: tuple[Contact, ...], offset_ns: int) -> TruthInterval:
-    contact = states[0] if len(states) == 1 else None
-    coarse = CoarseLabel(row.name, states) if len(states) > 1 else None
-    return TruthInterval(row.start_ns + offset_ns, row.end_ns + offset_ns - 1, contact, coarse=coarse)
 
 
 def _meaning(path: str, name: str, meanings: Mapping[str, str]) -> tuple[Contact, ...]:

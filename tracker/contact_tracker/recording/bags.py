@@ -3,7 +3,7 @@
 A record of a ``.bag`` file is a header of named fields, and data. See http://wiki.ros.org/Bags/Format/2.0.
 Its chunks are found by going from record to record, so that each is read once, whatever an index says; the
 index orders them by time. A database can define tables by expressions that run when they are read: an
-authorizer allows only plain tables here, and the work is bounded.
+authorizer allows only columns of tables here, and the work is bounded.
 """
 
 import bz2
@@ -12,7 +12,8 @@ import sqlite3
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from typing import Any, Final, NamedTuple
+from itertools import count
+from typing import Final, NamedTuple
 from urllib.parse import quote
 
 from contact_tracker.errors import UnreadableRecording
@@ -50,10 +51,6 @@ class _Header(dict[bytes, bytes]):
 
     def __missing__(self, name: bytes) -> bytes:
         raise ValueError(f"a header has no field {name.decode()}")
-
-    @property
-    def kind(self) -> int:
-        return int.from_bytes(self[b"op"][:1], "little")
 
     def number(self, name: bytes) -> int:
         return int.from_bytes(self[name], "little")
@@ -115,7 +112,7 @@ class _Bag:
         self._channels: dict[int, Channel | None] = {}
         try:
             head, size = self._next_head()
-            is_head = head.kind == _BAG and stream.skip(size)
+            is_head = head.number(b"op") == _BAG and stream.skip(size)
         except (*PARSE_ERRORS, EOFError):
             is_head = False
         if not is_head:
@@ -134,11 +131,11 @@ class _Bag:
                 end = stream.position + size
                 if size >= RECORD_LIMIT or not stream.may_have(size):
                     raise EOFError("it is cut off")
-                if header.kind == _CHUNK:
+                if header.number(b"op") == _CHUNK:
                     chunks[place] = _Chunk(header, stream.position, size)
-                elif header.kind == _CHUNK_INFO:
+                elif header.number(b"op") == _CHUNK_INFO:
                     begins_ns[header.number(b"chunk_pos")] = header.time_ns(b"start_time")
-                elif header.kind == _CONNECTION:
+                elif header.number(b"op") == _CONNECTION:
                     self._note_connection(header, stream.read(size))
                 stream.seek(end)
             except EOFError as error:
@@ -158,10 +155,10 @@ class _Bag:
                 begin, end = _part(data, at)
                 header = _Header(data[begin:end])
                 begin, at = _part(data, end)
-                self._stream.budget.spend("records", 1)
-                if header.kind == _CONNECTION:
+                self._stream.budget.spend(1)
+                if header.number(b"op") == _CONNECTION:
                     self._note_connection(header, data[begin:at])
-                elif header.kind == _MESSAGE:
+                elif header.number(b"op") == _MESSAGE:
                     channel = self._channels.get(header.number(b"conn"))
                     if channel is not None:
                         found.append(RawMessage(channel, header.time_ns(b"time"), data[begin:at]))
@@ -209,7 +206,7 @@ class _Bag:
         last = self._stream.read(_LENGTH.size)
         if len(header) != size or len(last) != _LENGTH.size:
             raise EOFError("it is cut off")
-        self._stream.budget.spend("records", 1 + size // BYTES_PER_RECORD)
+        self._stream.budget.spend(1 + size // BYTES_PER_RECORD)
         return _Header(header), _LENGTH.unpack(last)[0]
 
 
@@ -225,15 +222,15 @@ def _line(error: BaseException) -> str:
     return (str(error) or type(error).__name__).splitlines()[0]
 
 
-_TABLES: Final = frozenset({"messages", "topics", "message_definitions"})
+_TABLES: Final = frozenset({"messages", "topics", "message_definitions", "sqlite_master"})
 _HIDDEN: Final = 6
 """Index in ``table_xinfo`` of whether a column is hidden or generated."""
 _STEPS: Final = 10_000
 """Steps of the virtual machine between checks of their number."""
 _LEAST_STEPS: Final = 50_000_000
 _STEPS_PER_BYTE: Final = 20
-_ERRORS: Final = (sqlite3.Error, UnicodeDecodeError)
-"""Of SQLite; the second where its message would quote bytes that are no text."""
+_SQLITE_ERRORS: Final = (sqlite3.Error, UnicodeDecodeError)
+"""The second where a message of SQLite would quote bytes that are no text."""
 _MOST_NAMED: Final = 500
 """With more topics all messages are read and filtered afterwards."""
 
@@ -248,14 +245,13 @@ def _read_sqlite(
         report("its last messages are in a write-ahead log that is not read: open it once with sqlite3")
     try:
         with closing(_opened(path, size)) as file:
-            _check_tables(file)
             topics = _channels(file, report)
             chosen = {number: channel for number, channel in topics.items() if wanted(channel)}
             try:
                 yield from _messages(file, chosen, budget, size)
-            except (*_ERRORS, TooMuchWork) as error:
+            except (*_SQLITE_ERRORS, TooMuchWork) as error:
                 report(f"it is damaged: {_words(error)}")
-    except _ERRORS as error:
+    except _SQLITE_ERRORS as error:
         raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {_words(error)}") from error
 
 
@@ -264,46 +260,35 @@ def _words(error: Exception) -> str:
 
 
 def _opened(path: str, size: int) -> sqlite3.Connection:
+    """A database of which only plain columns of its tables can be read, in steps that its size bounds; raises
+    UnreadableRecording if others are in it."""
     uri = f"file:{quote(os.path.abspath(path))}?mode=ro&immutable=1"
     file = sqlite3.connect(uri, uri=True, isolation_level=None)
     file.text_factory = lambda data: data.decode(errors="replace")
     file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, RECORD_LIMIT)
     for pragma in ("trusted_schema = off", "cell_size_check = on", "mmap_size = 0"):
         file.execute(f"pragma {pragma}")
-    left = (_LEAST_STEPS + _STEPS_PER_BYTE * size) // _STEPS
+    left = count((_LEAST_STEPS + _STEPS_PER_BYTE * size) // _STEPS, -1)
+    file.set_progress_handler(lambda: next(left) <= 0, _STEPS)
 
-    def count_steps() -> int:
-        nonlocal left
-        left -= 1
-        return left < 0
-
-    file.set_progress_handler(count_steps, _STEPS)
-    return file
-
-
-def _check_tables(file: sqlite3.Connection) -> None:
-    """Raise UnreadableRecording unless all tables of rosbag2 exist and are plain."""
-    found = dict(file.execute("select name, type from sqlite_master").fetchall())
-    missing = {"messages", "topics"} - found.keys()
-    if missing:
-        raise UnreadableRecording(f"it is no database of rosbag2: it has no table {min(missing)}")
-    for name in _TABLES & found.keys():
+    kinds = dict(file.execute("select name, type from sqlite_master").fetchall())
+    for name in _TABLES & kinds.keys():
         columns = file.execute(f"pragma table_xinfo({name})").fetchall()
-        if found[name] != "table" or any(column[_HIDDEN] for column in columns):
+        if kinds[name] != "table" or any(column[_HIDDEN] for column in columns):
+            file.close()
             raise UnreadableRecording(f"it is no database of rosbag2: {name} is no plain table")
-    file.set_authorizer(_allowed)
 
+    def allowed(action: int, table: str | None, *_: str | None) -> int:
+        is_read = action == sqlite3.SQLITE_READ and table in _TABLES
+        return sqlite3.SQLITE_OK if is_read or action == sqlite3.SQLITE_SELECT else sqlite3.SQLITE_DENY
 
-def _allowed(action: int, table: str | None, column: str | None, *_: Any) -> int:
-    is_select = action == sqlite3.SQLITE_SELECT
-    is_read = action == sqlite3.SQLITE_READ and table in _TABLES | {"sqlite_master"}
-    return sqlite3.SQLITE_OK if is_select or is_read else sqlite3.SQLITE_DENY
+    file.set_authorizer(allowed)
+    return file
 
 
 def _channels(file: sqlite3.Connection, report: Callable[[str], None]) -> Mapping[int, Channel]:
     definitions = dict[str, tuple[str, str]]()
-    is_defined = "select name from sqlite_master where name = 'message_definitions'"
-    if file.execute(is_defined).fetchone():
+    if file.execute("select name from sqlite_master where name = 'message_definitions'").fetchone():
         columns = "topic_type, encoding, encoded_message_definition"
         for kind, *definition in file.execute(f"select {columns} from message_definitions"):
             definitions[str(kind)] = str(definition[0]), str(definition[1])
@@ -335,7 +320,7 @@ def _messages(
     )
     fetch = file.cursor()
     for number, log_time_ns, row in rows:
-        budget.spend("records", 1)
+        budget.spend(1)
         channel = channels.get(number)
         if channel is None or not isinstance(log_time_ns, int):
             continue

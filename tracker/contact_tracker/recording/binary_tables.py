@@ -6,7 +6,6 @@ are in Thrift's compact protocol: https://parquet.apache.org/docs/file-format/
 """
 
 import os
-import struct
 import zipfile
 import zlib
 from collections import Counter
@@ -21,16 +20,14 @@ import pyarrow
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 from pyarrow import compute, types
-from pyarrow.parquet import ParquetFile
+from pyarrow.parquet import ColumnChunkMetaData, FileMetaData, ParquetFile
 
 from contact_tracker.config.table_reading import TableReading
 from contact_tracker.errors import UnreadableRecording, printable
-from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
+from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.table_layouts import layout_of_names, numbers
-from contact_tracker.recording.text_tables import layout_without_names
+from contact_tracker.recording.table_layouts import layout_of_names, layout_without_names, numbers
 
-_MAGIC: Final = b"PAR1"
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
 _BUFFER_BYTES: Final = 2**16
 _LONGEST_LINE: Final = 120
@@ -49,7 +46,7 @@ class _Leaf(NamedTuple):
     type: Any
 
 
-class ParquetRows:
+class ParquetTable:
     """A Parquet file in columns, some rows after others; after iteration ``damage`` says what is not read.
 
     Raises
@@ -75,7 +72,7 @@ class ParquetRows:
             if is_time:
                 self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(leaf.type))
         self._columns = list(dict.fromkeys(str(leaf.path[0]) for leaf in self._chosen.values()))
-        _check_pages(path, set(self._columns), len(self.layout.bodies), budget)
+        _check_pages(self._file.metadata, path, {*self._columns}, len(self.layout.bodies), budget)
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
         done = 0
@@ -109,7 +106,7 @@ class ParquetRows:
             yield from _leaves(field.name, (field.name,), field.type)
             return
         try:
-            _check_pages(path, {field.name}, 1, budget)
+            _check_pages(self._file.metadata, path, {field.name}, 1, budget)
             batch = next(self._file.iter_batches(1, columns=[field.name], use_threads=False), None)
         except UnreadableRecording:
             return
@@ -174,11 +171,8 @@ def _line(error: BaseException) -> str:
     return (str(error) or type(error).__name__).splitlines()[0][:_LONGEST_LINE]
 
 
-_END: Final = struct.Struct("<I4s")
 _PAGE_HEADER: Final = 2**16
 """Longest page header (bytes); it may contain statistics of long texts."""
-_TEXTS: Final = (6, 7)
-"""Physical types of columns of texts."""
 _WHOLE: Final = (0, 6)
 """Encodings in which each text is there in full; in others many values may share a long one."""
 _MOST_SHARED: Final = 2**28
@@ -189,123 +183,91 @@ _Struct = Mapping[int, Any]
 """The fields of a Thrift struct by number."""
 
 
-def _check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> None:
+def _check_pages(about: FileMetaData, path: str, names: Set[str], bodies: int, budget: WorkBudget) -> None:
     """Check the columns of these names in a file with ``bodies`` bodies; raises UnreadableRecording if they
     exceed the limits for the file's size, or page headers cannot be parsed."""
-    size = os.path.getsize(path)
-    with open(path, "rb") as file:
-        try:
-            file.seek(max(size - _END.size, 0))
-            length, magic = _END.unpack(file.read(_END.size))
-            if magic != _MAGIC or length > size - _END.size:
-                raise ValueError("it has no footer")
-            file.seek(size - _END.size - length)
-            for group in _Thrift(file.read(length)).struct().get(4, ()):
-                budget.spend("rows", group[3] * bodies)
+    try:
+        with open(path, "rb") as file:
+            for group in map(about.row_group, range(about.num_row_groups)):
+                budget.spend(SHARE_OF_RECORD * max(group.num_rows, 0) * bodies)
                 pages = list[tuple[int, int]]()
-                for column in group[1]:
-                    if column.get(1):
-                        raise ValueError("its columns are in other files")
-                    about = column[3]
-                    if about[3][0].decode(errors="replace") not in names:
+                for column in map(group.column, range(group.num_columns)):
+                    if not any(f"{column.path_in_schema}.".startswith(f"{name}.") for name in names):
                         continue
-                    if len(about[3]) > 1:  # lists have more values than there are rows
-                        budget.spend("rows", about[5] // _VALUES_PER_ROW)
-                    for page in _pages(file, about, group[3], size):
-                        budget.spend("records", 1)  # several columns may name the same pages
+                    if "." in column.path_in_schema:  # lists have more values than there are rows
+                        budget.spend(SHARE_OF_RECORD * max(column.num_values, 0) / _VALUES_PER_ROW)
+                    for page in _pages(file, column):
+                        budget.spend(1)  # several columns may name the same pages
                         pages.append(page)
-                if pages:
-                    budget.inflate(sum(packed for packed, _ in pages), sum(plain for _, plain in pages))
-        except TooMuchWork as error:
-            raise UnreadableRecording(f"it is too much for its size: {error}") from error
-        except (ValueError, LookupError, TypeError, struct.error, AttributeError, RecursionError) as error:
-            raise UnreadableRecording(
-                f"it is damaged: where its pages begin cannot be read ({error})"
-            ) from error
+                budget.inflate(sum(packed for packed, _ in pages), sum(plain for _, plain in pages))
+    except TooMuchWork as error:
+        raise UnreadableRecording(f"it is too much for its size: {error}") from error
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise UnreadableRecording(f"it is damaged: where its pages begin cannot be read ({error})") from error
 
 
-def _pages(file: IO[bytes], column: _Struct, rows: int, size: int) -> Iterator[tuple[int, int]]:
+def _pages(file: IO[bytes], column: ColumnChunkMetaData) -> Iterator[tuple[int, int]]:
     """Stored and decompressed bytes of each page of a column."""
-    at = min(column[9], column.get(11) or column[9])
-    end = at + column[7]
-    if not 0 < at <= end <= size or (column[5] > rows and len(column[3]) == 1):
-        raise ValueError("a column is elsewhere, or has more values than there are rows")
-    values = longest = shared = 0
+    at = min(column.data_page_offset, column.dictionary_page_offset or column.data_page_offset)
+    end, values, longest, shared = at + column.total_compressed_size, 0, 0, 0
     while at < end:
         file.seek(at)
-        header = _Thrift(file.read(min(_PAGE_HEADER, end - at)))
-        page = header.struct()
+        page, size = _thrift_struct(file.read(min(_PAGE_HEADER, end - at)), 0)
         plain, packed = page[2], page[3]
-        of_data = page.get(5) or page.get(8)
-        values += of_data[1] if of_data else 0
-        if plain < 0 or packed < 0 or (of_data or page.get(7) or {1: 0})[1] < 0 or values > column[5]:
+        of_data = page.get(5) or page.get(8) or {}
+        values += of_data.get(1, 0)
+        if min(plain, packed, of_data.get(1, 0)) < 0 or values > column.num_values:
             raise ValueError("a page has more values than its column")
-        at += header.at + packed
-        longest = max(longest, plain)
-        if column[1] in _TEXTS and of_data and of_data[2 if page.get(5) else 4] not in _WHOLE:
+        at, longest = at + size + packed, max(longest, plain)
+        if (
+            column.physical_type.endswith("BYTE_ARRAY")
+            and of_data.get(2 if page.get(5) else 4, 0) not in _WHOLE
+        ):
             shared += of_data[1] * longest
         if shared > _MOST_SHARED:
-            raise UnreadableRecording(
-                f"its column {column[3][0].decode(errors='replace')} is text: write numbers"
-            )
-        yield header.at + packed, plain
+            raise UnreadableRecording(f"its column {column.path_in_schema} is text: write numbers")
+        yield size + packed, plain
     if at != end:
         raise ValueError("a page is longer than its column")
 
 
-class _Thrift:
-    """Parser of the compact protocol; raises LookupError, ValueError or RecursionError for invalid data."""
+def _thrift_struct(data: bytes, at: int) -> tuple[_Struct, int]:
+    """The struct at an offset, and the offset after it; raises LookupError, ValueError or RecursionError."""
+    fields, number = dict[int, Any](), 0
+    while head := data[at]:
+        at += 1
+        if head >> 4:
+            number += head >> 4
+        else:
+            number, at = _varint(data, at)
+            number = number >> 1
+        fields[number], at = _thrift_value(data, at, head & 15)
+    return fields, at + 1
 
-    def __init__(self, data: bytes) -> None:
-        self.at = 0
-        self._data = data
 
-    def struct(self) -> _Struct:
-        fields, number = dict[int, Any](), 0
-        while head := self._take(1)[0]:
-            number = number + (head >> 4) if head >> 4 else self._number(is_signed=True)
-            fields[number] = self._value(head & 15)
-        return fields
+def _thrift_value(data: bytes, at: int, kind: int) -> tuple[Any, int]:
+    if kind in (1, 2):
+        return kind == 1, at
+    if kind == 3:
+        return data[at], at + 1
+    if kind in (4, 5, 6):
+        number, at = _varint(data, at)
+        return (number >> 1) ^ -(number & 1), at
+    if kind == 8:
+        size, at = _varint(data, at)
+        return None, at + size
+    if kind == 12:
+        return _thrift_struct(data, at)
+    raise ValueError(f"a field of the kind {kind}")
 
-    def _value(self, kind: int) -> Any:
-        match kind:
-            case 1 | 2:
-                return kind == 1
-            case 3:
-                return self._take(1)[0]
-            case 4 | 5 | 6:
-                return self._number(is_signed=True)
-            case 7:
-                return self._take(8)
-            case 8:
-                return self._take(self._number())
-            case 9 | 10:
-                head = self._take(1)[0]
-                count = self._number() if head >> 4 == 15 else head >> 4
-                if count > len(self._data) - self.at:
-                    raise ValueError("a list is longer than what is left")
-                if head & 15 in (1, 2):
-                    return list(self._take(count))
-                return [self._value(head & 15) for _ in range(count)]
-            case 12:
-                return self.struct()
-        raise ValueError(f"a field of the kind {kind}")
 
-    def _take(self, count: int) -> bytes:
-        if count > len(self._data) - self.at:
-            raise ValueError("it is cut off")
-        self.at += count
-        return self._data[self.at - count : self.at]
-
-    def _number(self, is_signed: bool = False) -> int:
-        """A number of 7 bits in each byte; signed ones are zigzag."""
-        number = 0
-        for shift in range(0, 70, 7):
-            byte = self._take(1)[0]
-            number |= (byte & 127) << shift
-            if byte < 128:
-                return (number >> 1) ^ -(number & 1) if is_signed else number
-        raise ValueError("a number is too long")
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """A number of 7 bits in each byte."""
+    number = shift = 0
+    while data[at] > 127:
+        number |= (data[at] & 127) << shift
+        at, shift = at + 1, shift + 7
+    return number | data[at] << shift, at + 1
 
 
 _MOST_ARRAYS: Final = 200
@@ -315,7 +277,7 @@ _ARRAY_ERRORS: Final = (
 )
 
 
-class ArrayRows:
+class ArrayTable:
     """The columns of arrays with as many rows, some rows after others; they have no ``damage``.
 
     Raises

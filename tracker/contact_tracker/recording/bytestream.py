@@ -8,7 +8,6 @@ import os
 import stat
 import sys
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -29,16 +28,13 @@ _TOTAL_RATIO: Final = 400
 """The same for all chunks together."""
 BYTES_PER_RECORD: Final = 128
 """Bytes of a message or header that count as the work of one record."""
-_ADVICE: Final = "if it is sound, decompress the file first"
-_WORK: Final = {
-    "records": ("more records", 40_000, 12, _ADVICE),
-    "definitions": ("longer definitions", 40_000, 12, _ADVICE),
-    "framed records": ("more records", 40_000, 4, _ADVICE),
-    "rows": ("more rows", 100_000, 4, "if it is sound, write it as CSV"),
-}
-"""Kinds of work: in words what is too much, how much is always allowed, the bytes read that explain one more,
-and a remedy. Records are those in chunks, and poses; framed ones those outside of chunks, in which
-uncompressed ones take over twice as many bytes; rows those of compressed tables, in columns."""
+_MOST_RECORDS: Final = 40_000
+_BYTES_OF_RECORD: Final = 12
+"""So many records are always allowed, and one more for so many bytes read."""
+SHARE_OF_RECORD: Final = 0.25
+"""Work of a row of a compressed table, of a pose among others, or of a record outside of chunks, in records:
+uncompressed ones take over twice as many bytes there."""
+_ADVICE: Final = "if it is sound, write it without compression"
 
 
 class TooMuchWork(ValueError):
@@ -58,15 +54,14 @@ class WorkBudget:
         self.bytes_read = 0
         self.is_message_left_out = False
         self._inflated = 0
-        self._spent: Counter[str] = Counter()
+        self._records = 0.0
 
-    def spend(self, kind: str, many: int) -> None:
-        """Count work of a kind; raises TooMuchWork, then nothing is counted: only what takes too long is left
-        out."""
-        more, always, bytes_each, advice = _WORK[kind]
-        if self._spent[kind] + many > always + self.bytes_read // bytes_each:
-            raise TooMuchWork(f"{more} than {self.bytes_read} bytes explain; {advice}")
-        self._spent[kind] += many
+    def spend(self, records: float) -> None:
+        """Count records, rows, poses, or work that takes as long; raises TooMuchWork, then nothing is
+        counted: only what takes too long is left out."""
+        if self._records + records > _MOST_RECORDS + self.bytes_read // _BYTES_OF_RECORD:
+            raise TooMuchWork(f"more records than {self.bytes_read} bytes explain; {_ADVICE}")
+        self._records += records
 
     def inflate(self, compressed: int, size: int) -> None:
         """Count the expansion of ``compressed`` bytes to ``size``; raises TooMuchWork as ``spend``."""
@@ -184,6 +179,9 @@ class ByteStream:
 
     def skip(self, count: int) -> bool:
         """Skip ``count`` bytes; returns whether there were that many."""
+        if self._size is not None and self.may_have(count) and self.seek(self.position + count):
+            self.budget.bytes_read += count
+            return True
         while count and (got := len(self.read(min(count, _BLOCK)))):
             count -= got
         return count == 0

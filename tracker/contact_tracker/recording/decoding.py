@@ -7,15 +7,15 @@ body are those of the message or the part of it next to the pose that has one. W
 a name, their number is the child frame: ``0`` is the first pose of a PoseArray. The stamp of a type without
 one is zero, like an unset stamp.
 
-Poses in CDR are read at fixed offsets, several times faster than by field: with constant frame names, the
-messages of a channel differ only in stamps and seven numbers per pose, at offsets that follow from the known
-definition of the type. If a file defines the type differently, its messages are left to the library.
+Poses of the usual types in CDR are read at their offsets, several times faster than by field; these follow
+from the known definition of the type and the lengths of the names. If a file defines the type differently,
+its messages are left to the library.
 """
 
 import json
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import redirect_stderr, suppress
 from io import StringIO
 from itertools import islice
@@ -28,15 +28,19 @@ from mcap_ros2.decoder import DecoderFactory
 
 from contact_tracker.errors import MissingExtra, module_of_extra
 from contact_tracker.motion.poses import Pose
-from contact_tracker.recording.bytestream import BYTES_PER_RECORD, ZSTD_MAGIC, TooMuchWork, WorkBudget
+from contact_tracker.recording.bytestream import (
+    BYTES_PER_RECORD,
+    SHARE_OF_RECORD,
+    ZSTD_MAGIC,
+    TooMuchWork,
+    WorkBudget,
+)
 from contact_tracker.recording.definitions import (
-    DecodingWork,
     Definition,
     canonical,
     known_definition,
     parse_definition,
     ros1_decoder,
-    work_of,
 )
 from contact_tracker.recording.items import ROWS, Channel, Item, PoseSource, RawMessage, Rows
 from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_zstd
@@ -202,38 +206,33 @@ USUAL: Final = (
     "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
     "foxglove.PoseInFrame and foxglove.FrameTransform"
 )
-MESSAGE_LIMIT: Final = 2**22
-POSES_PER_RECORD: Final = 4
-"""Number of poses of a known layout that count as the work of one record."""
+READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
+_MESSAGE_LIMIT: Final = 2**22
 _RECORDS_PER_DEFINITION: Final = 64
 """Records whose work a definition takes, whatever its length."""
 _DEFINITION_BYTES_PER_RECORD: Final = 8
 """Bytes of a definition that count as the work of one record more."""
+_ELEMENTS_PER_RECORD: Final = 16
+"""Elements of an array in a message that count as the work of one record."""
 _INFLATED_PER_RECORD: Final = 2**17
 """Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
-READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 _ENCAPSULATION: Final = 4
-_PLAIN: Final = (b"\0\0", b"\0\1")
-"""How messages of the first version of CDR begin, in big and little endian."""
-_STAMP: Final = 8
-_NUMBERS: Final = 56
+_ORDERS: Final = {b"\0\0": ">", b"\0\1": "<"}
+"""How messages of the first version of CDR begin, and their order of bytes."""
 _COVARIANCE: Final = 288
 _TWIST: Final = 48 + _COVARIANCE
-_PER_SIZE: Final = 8
-_MOST: Final = 64
-"""Most layouts of one size, and in all: some channels have endlessly many frame names."""
+_MOST_SOURCES: Final = 64
+"""Most sources of a channel that are kept: some have endlessly many frame names."""
 
-_Definition = tuple[str, str, str, bytes]
-"""Encoding, type, encoding of the schema, and schema."""
 Observation = tuple[PoseSource, Pose]
 """One pose as published, before validation; the child frame is empty where the type has none."""
 LoggedPose = tuple[PoseSource, Pose, int]
 """The same with its log time in nanoseconds."""
 
 
-class _Type(NamedTuple):
-    """Layout of a message type: ``stamp_at``, offset of the first stamp; number of names after it; bytes
-    after the numbers; whether there may be several such blocks after their count."""
+class _Layout(NamedTuple):
+    """Layout of a message type in CDR: ``stamp_at``, offset of the first stamp; number of names after it;
+    bytes after the numbers of the pose; whether there may be several such blocks after their count."""
 
     stamp_at: int
     names: int
@@ -241,95 +240,72 @@ class _Type(NamedTuple):
     repeats: bool = False
 
 
-_TYPES: Final[Mapping[str, _Type]] = MappingProxyType(
+_LAYOUTS: Final[Mapping[str, _Layout]] = MappingProxyType(
     {
-        "geometry_msgs/msg/PoseStamped": _Type(4, 1, 0),
-        "geometry_msgs/msg/PoseWithCovarianceStamped": _Type(4, 1, _COVARIANCE),
-        "geometry_msgs/msg/TransformStamped": _Type(4, 2, 0),
-        "nav_msgs/msg/Odometry": _Type(4, 2, _COVARIANCE + _TWIST),
-        "tf2_msgs/msg/TFMessage": _Type(8, 2, 0, repeats=True),
+        "geometry_msgs/msg/PoseStamped": _Layout(4, 1, 0),
+        "geometry_msgs/msg/PoseWithCovarianceStamped": _Layout(4, 1, _COVARIANCE),
+        "geometry_msgs/msg/TransformStamped": _Layout(4, 2, 0),
+        "nav_msgs/msg/Odometry": _Layout(4, 2, _COVARIANCE + _TWIST),
+        "tf2_msgs/msg/TFMessage": _Layout(8, 2, 0, repeats=True),
     }
 )
+_HEAD, _SIZE, _POSE = ({o: struct.Struct(o + kinds) for o in "<>"} for kinds in ("iII", "I", "7d"))
+"""By the order of bytes: stamp and size of a name, a size, and the numbers of a pose."""
 
 
-class _Layout(NamedTuple):
-    """``fixed`` are the constant bytes around stamps and numbers, with their offsets."""
+class _KnownLayout:
+    """Reads the poses of one channel at their places in the layout of its type."""
 
-    fixed: tuple[tuple[int, int, bytes], ...]
-    values: struct.Struct
-    sources: tuple[PoseSource, ...]
+    def __init__(self, channel: Channel, layout: _Layout) -> None:
+        self._channel, self._layout = channel, layout
+        self._sources = dict[bytes, PoseSource]()
 
     def read(self, data: bytes) -> list[Observation] | None:
-        """The poses if the constant bytes match, else None; ``data`` has the size of the layout."""
-        for start, end, expected in self.fixed:
-            if data[start:end] != expected:
-                return None
-        values = self.values.unpack(data)
+        """The poses in a message; None unless it has the size of its type and names, and if one of several
+        bodies has no name or is in it twice: such messages are left to the library."""
+        try:
+            return self._read(data)
+        except (struct.error, KeyError, UnicodeDecodeError):
+            return None
+
+    def _read(self, data: bytes) -> list[Observation] | None:
+        at, names, tail, repeats = self._layout
+        order = _ORDERS[data[:2]]
+        read_head, read_size, read_pose = _HEAD[order].unpack_from, _SIZE[order].unpack_from, _POSE[order]
+        count = read_size(data, _ENCAPSULATION)[0] if repeats else 1
         found = list[Observation]()
-        for i, source in enumerate(self.sources):
-            sec, nanosec, px, py, pz, x, y, z, w = values[9 * i : 9 * i + 9]
-            found.append((source, Pose(sec * SECOND_NS + nanosec, (px, py, pz), (x, y, z, w))))
-        return found
+        while len(found) < count:
+            sec, nanosec, size = read_head(data, at)
+            end = at + 12 + size
+            for _ in range(names - 1):
+                end += -end % 4
+                end += 4 + read_size(data, end)[0]
+            start = end + (_ENCAPSULATION - end) % 8
+            x, y, z, qx, qy, qz, qw = read_pose.unpack_from(data, start)
+            key = data[at + 8 : end]
+            source = self._sources.get(key)
+            if source is None:
+                source = self._new_source(key, order)
+            found.append((source, Pose(sec * SECOND_NS + nanosec, (x, y, z), (qx, qy, qz, qw))))
+            at = start + _POSE[order].size + tail
+        is_whole = at == len(data) and (count == 1 or len({source for source, _ in found}) == count)
+        return found if is_whole else None
 
-
-class _Layouts:
-    """The known layouts of one channel, by message size."""
-
-    def __init__(self, message_type: str) -> None:
-        self._type = _TYPES.get(message_type)
-        self._by_size: dict[int, list[_Layout]] = {}
-        self._left = _MOST
-
-    def read(self, data: bytes) -> list[Observation] | None:
-        """The poses in a message; None if no layout fits."""
-        found = (layout.read(data) for layout in self._by_size.get(len(data), ()))
-        return next((one for one in found if one is not None), None)
-
-    def learn(self, data: bytes, found: Sequence[Observation]) -> None:
-        """Add the layout of a message, in which the library has ``found`` these poses."""
-        if self._type is None or not self._left or len(self._by_size.get(len(data), ())) >= _PER_SIZE:
-            return
-        blocks, order = _blocks(data, self._type), _order(data)
-        if not blocks or len(blocks) != len(found):
-            return
-        bodies = {(one.frame_id, one.child_frame_id.partition("#")[0]) for one, _ in found}
-        if len(bodies) < len(found):  # their names depend on whether their stamps are equal
-            return
-        fields, fixed, at = [order], list[tuple[int, int, bytes]](), 0
-        for stamp_at, numbers_at in blocks:
-            names_at = stamp_at + _STAMP
-            fixed += [(at, stamp_at, data[at:stamp_at]), (names_at, numbers_at, data[names_at:numbers_at])]
-            fields.append(f"{stamp_at - at}xiI{numbers_at - names_at}x7d")
-            at = numbers_at + _NUMBERS + self._type.tail
-        values = struct.Struct("".join([*fields, f"{self._type.tail}x"]))
-        layout = _Layout(tuple(fixed), values, tuple(source for source, _ in found))
-        self._by_size.setdefault(len(data), []).append(layout)
-        self._left -= 1
-
-
-def _blocks(data: bytes, kind: _Type) -> list[tuple[int, int]]:
-    """Offsets of the stamp and of the numbers of each pose; none unless the message has the size of its type
-    and names."""
-    if len(data) < max(kind.stamp_at, _ENCAPSULATION + 4) or data[:2] not in _PLAIN:
-        return []
-    order = _order(data)
-    count = struct.unpack_from(f"{order}I", data, _ENCAPSULATION)[0] if kind.repeats else 1
-    stamp_at, blocks = kind.stamp_at, list[tuple[int, int]]()
-    while len(blocks) < count and stamp_at + _STAMP <= len(data):
-        end = stamp_at + _STAMP
-        for _ in range(kind.names):
-            end += (_ENCAPSULATION - end) % 4
-            if end + 4 > len(data):
-                return []
-            end += 4 + struct.unpack_from(f"{order}I", data, end)[0]
-        start = end + (_ENCAPSULATION - end) % 8
-        blocks.append((stamp_at, start))
-        stamp_at = start + _NUMBERS + kind.tail
-    return blocks if len(blocks) == count and stamp_at == len(data) else []
-
-
-def _order(data: bytes) -> str:
-    return "<" if data[1] & 1 else ">"
+    def _new_source(self, key: bytes, order: str) -> PoseSource:
+        """The source with the names in ``key``, each after its size and ended by a zero byte."""
+        names, at = list[str](), 0
+        while at < len(key):
+            at += -at % 4
+            end = at + 4 + _SIZE[order].unpack_from(key, at)[0]
+            names.append(key[at + 4 : max(end - 1, at + 4)].decode())
+            at = end
+        frame, child = (*names, "")[:2]
+        if self._layout.repeats and not child:
+            raise KeyError("a body among others that has no name gets a number")
+        source = PoseSource(self._channel.topic, self._channel.type, frame, child)
+        if len(self._sources) >= _MOST_SOURCES:
+            self._sources.clear()
+        return self._sources.setdefault(key, source)
 
 
 class Undecodable(Exception):
@@ -337,15 +313,20 @@ class Undecodable(Exception):
 
 
 class _Decoder(NamedTuple):
-    """A library's decoder, the work of its messages, and whether its definition is the known one of CDR."""
+    """The decoder of messages.
 
-    decode: Callable[[bytes], Any]
-    work: DecodingWork = DecodingWork()
+    Parameters
+    ----------
+    decode : None where their definition cannot be used.
+    is_known : whether that is the known one of CDR.
+    why : why the known one is used instead of that of the file, in words, if it is.
+    bytes_per_record : bytes of a message that count as the work of one record.
+    """
+
+    decode: Callable[[bytes], Any] | None
     is_known: bool = False
-
-
-_Reading = tuple[_Decoder | None, _Layouts]
-"""How the messages of a channel are read; the decoder is None where its definition cannot be used."""
+    why: str | None = None
+    bytes_per_record: int = BYTES_PER_RECORD
 
 
 class MessageDecoder:
@@ -365,30 +346,22 @@ class MessageDecoder:
         self.assumed: dict[tuple[str, str], str] = {}
         self._field = field
         self._budget = budget
-        self._readings: dict[Channel, _Reading] = {}
-        self._decoders: dict[_Definition, tuple[_Decoder | None, str | None]] = {}
-        self._current: tuple[Channel, _Reading] | None = None
+        self._decoders: dict[tuple[str, str, str, bytes], _Decoder] = {}
 
     def decode(self, message: RawMessage) -> Any:
         """The message as an object with attributes; raises Undecodable, or MissingExtra without its
         library."""
-        return self._decoded(message)[0]
-
-    def _decoded(self, message: RawMessage) -> tuple[Any, int]:
-        """As ``decode``, with the work that was counted (records)."""
         channel, _, data = message
+        decode, _, _, bytes_per_record = self._decoder(channel)
+        if decode is None:
+            raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
         try:
-            decoder, _ = self._reading(channel)
-            if decoder is None:
-                raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
-            decode, work, _ = decoder
             if data.startswith(ZSTD_MAGIC):
-                self._count_work(message, 1)  # before and after: its size is not known
-                data = inflate_zstd(data, MESSAGE_LIMIT)
-                self._count_work(message, len(data) // _INFLATED_PER_RECORD)
-            records = max(len(data) // BYTES_PER_RECORD, work.records(len(data)))
-            self._count_work(message, records)
-            return decode(data), records
+                self._spend(message, 1)  # before and after: its size is not known
+                data = inflate_zstd(data, _MESSAGE_LIMIT)
+                self._spend(message, len(data) // _INFLATED_PER_RECORD)
+            self._spend(message, len(data) // bytes_per_record)
+            return decode(data)
         except (Undecodable, MissingExtra):
             raise
         except (*PARSE_ERRORS, TypeError, AttributeError, AssertionError) as error:
@@ -400,32 +373,25 @@ class MessageDecoder:
 
     def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose | None]:
         """The poses in messages of pose types, and in rows; None for each message that cannot be decoded."""
-        current: Channel | None = None
-        path: str | None = None
+        ways = dict[Channel, tuple[str | None, _KnownLayout | None]]()
+        channel: Channel | None = None
         for item in items:
             if isinstance(item, Rows):
-                columns = zip(*item.poses, strict=True)
-                yield from (
-                    (source, pose, pose.stamp_ns)
-                    for row in columns
-                    for source, pose in zip(item.sources, row, strict=True)
-                )
+                for row in zip(*item.poses, strict=True):
+                    for source, pose in zip(item.sources, row, strict=True):
+                        yield source, pose, pose.stamp_ns
             elif isinstance(item, RawMessage):
-                if item.channel is not current:
-                    current = item.channel
-                    has_field = may_have_poses(current, self._field)
-                    path = pose_field(current, self._field if has_field else None)
-                    path = path if has_field or may_have_poses(current) else None
+                if item.channel is not channel:  # hashing takes longer than reading a pose
+                    channel = item.channel
+                    if channel not in ways:
+                        ways[channel] = self._way(channel)
+                    path, layout = ways[channel]
                 if path is None:
                     continue
                 try:
-                    _, layouts = self._reading(item.channel)
-                    found = layouts.read(item.data)
-                    if found is None:
-                        found = self._observe(item, path)
-                        layouts.learn(item.data, found)
-                    else:
-                        self._count_work(item, (len(found) - 1) // POSES_PER_RECORD)
+                    found = None if layout is None else layout.read(item.data)
+                    found = self._observe(item, path) if found is None else found
+                    self._spend(item, SHARE_OF_RECORD * (len(found) - 1))
                 except Undecodable:
                     yield None
                 else:
@@ -433,58 +399,49 @@ class MessageDecoder:
                         yield source, pose, item.log_time_ns
 
     def _observe(self, message: RawMessage, path: str) -> list[Observation]:
-        """The poses at a path in a message, by the library's decoder; more of them than the records that
-        decoding took are counted as work."""
-        decoded, records = self._decoded(message)
-        topic, name, found = message.channel.topic, message.channel.type, list[Observation]()
+        """The poses at a path in a message, by the library's decoder."""
+        decoded, (channel, _, _) = self.decode(message), message
         try:
-            for number, one in enumerate(poses_at(path, decoded), 1):
-                is_more = number % POSES_PER_RECORD == 0 and number // POSES_PER_RECORD > records
-                self._count_work(message, int(is_more))
-                if one is not None:
-                    frame, child, pose = one
-                    found.append((PoseSource(topic, name, frame, child), pose))
+            observed = [one for one in poses_at(path, decoded) if one is not None]
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
-            raise Undecodable(f"{topic}: {error}") from error
-        return found
+            raise Undecodable(f"{channel.topic}: {error}") from error
+        return [
+            (PoseSource(channel.topic, channel.type, frame, child), pose) for frame, child, pose in observed
+        ]
 
-    def _reading(self, channel: Channel) -> _Reading:
-        if self._current is not None and self._current[0] is channel:
-            return self._current[1]  # hashing takes longer than reading a pose
-        reading = self._readings.get(channel)
-        if reading is None:
-            reading = self._readings[channel] = self._new_reading(channel)
-        self._current = channel, reading
-        return reading
+    def _way(self, channel: Channel) -> tuple[str | None, _KnownLayout | None]:
+        """The path to the poses in a channel's messages, if they have any; their layout, if it is known."""
+        has_field = may_have_poses(channel, self._field)
+        if not has_field and not may_have_poses(channel):
+            return None, None
+        layout = _LAYOUTS.get(canonical(channel.type)) if self._decoder(channel).is_known else None
+        path = pose_field(channel, self._field if has_field else None)
+        return path, None if layout is None else _KnownLayout(channel, layout)
 
-    def _new_reading(self, channel: Channel) -> _Reading:
+    def _decoder(self, channel: Channel) -> _Decoder:
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
         if key not in self._decoders:
             self._decoders[key] = self._new_decoder(channel)
-        decoder, why = self._decoders[key]
-        if why is not None:
-            self.assumed[channel.topic, channel.type] = why
-        has_layouts = decoder is not None and decoder.is_known
-        return decoder, _Layouts(canonical(channel.type) if has_layouts else "")
+        decoder = self._decoders[key]
+        if decoder.why is not None:
+            self.assumed[channel.topic, channel.type] = decoder.why
+        return decoder
 
-    def _new_decoder(self, channel: Channel) -> tuple[_Decoder | None, str | None]:
-        """The decoder by a definition, and why the known one of the type is used, if it is."""
-        decoder: _Decoder | None = None
-        why: str | None = "its definition in the file is too long, or one of too many"
+    def _new_decoder(self, channel: Channel) -> _Decoder:
+        found = _Decoder(None, why="its definition in the file is too long, or one of too many")
         with suppress(TooMuchWork):
-            work = _RECORDS_PER_DEFINITION + len(channel.schema) // _DEFINITION_BYTES_PER_RECORD
-            self._budget.spend("definitions", work)
-            decoder, why = _decoder_of(channel)
-        if decoder is None and channel.encoding == "cdr":
-            known = known_definition(channel.type)
-            decoder = None if known is None else _cdr(known)
-        return decoder, why if decoder is not None and channel.encoding == "cdr" else None
+            self._budget.spend(_RECORDS_PER_DEFINITION + len(channel.schema) // _DEFINITION_BYTES_PER_RECORD)
+            found = _decoder_of(channel)
+        known = known_definition(channel.type) if channel.encoding == "cdr" else None
+        if found.decode is None and known is not None:
+            return _cdr(known)._replace(why=found.why)
+        return found if found.decode is not None else _Decoder(None)
 
-    def _count_work(self, message: RawMessage, records: int) -> None:
+    def _spend(self, message: RawMessage, records: float) -> None:
         """Count the work beyond that of one record; raises Undecodable where it exceeds the budget."""
-        if records:
+        if records > 0:
             try:
-                self._budget.spend("records", records)
+                self._budget.spend(records)
             except TooMuchWork as error:
                 self._budget.is_message_left_out = True
                 raise Undecodable(f"{message.channel.topic}: {error}") from error
@@ -512,50 +469,43 @@ def is_readable(channel: Channel) -> bool:
     return False
 
 
-def _decoder_of(channel: Channel) -> tuple[_Decoder | None, str | None]:
-    """The decoder of a channel by its schema, None if that is unusable; and why the known definition of its
-    type is used, if it is."""
+def _decoder_of(channel: Channel) -> _Decoder:
+    """The decoder of a channel by its schema, without one but with a reason if that is unusable."""
     if channel.schema_encoding == "ros2idl":
-        return None, "definitions in IDL are not read"
+        return _Decoder(None, why="definitions in IDL are not read")
     if channel.encoding == "cdr" and not channel.schema.strip():
-        return None, "the file does not define it"
-    try:
+        return _Decoder(None, why="the file does not define it")
+    if channel.encoding == "protobuf":
+        factory = module_of_extra("mcap_protobuf.decoder", "foxglove", "protobuf").DecoderFactory()
+    with suppress(Exception):  # an invalid schema can raise anything
         match channel.encoding:
             case "cdr":
                 definition = parse_definition(channel.schema.decode(errors="replace"), channel.type)
                 lacks = None if definition.is_complete else "its definition in the file lacks parts"
-                if (decoder := _cdr(definition)) is not None:
-                    return decoder, lacks
+                return _cdr(definition)._replace(why=lacks)
             case "ros1":
                 definition = parse_definition(channel.schema.decode(), channel.type)
-                return _Decoder(ros1_decoder(definition), work_of(definition)), None
-            case "protobuf":
-                return _protobuf(channel), None
+                return _Decoder(ros1_decoder(definition), bytes_per_record=_bytes_per_record(definition))
             case "json":
-                return _Decoder(_decode_json), None
-    except MissingExtra:
-        raise
-    except Exception:  # an invalid schema can raise anything
-        return None, "its definition in the file cannot be used"
-    return None, "its definition in the file cannot be used"
+                return _Decoder(_decode_json)
+            case "protobuf":
+                schema = Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
+                return _Decoder(factory.decoder_for(channel.encoding, schema))
+    return _Decoder(None, why="its definition in the file cannot be used")
 
 
-def _cdr(definition: Definition) -> _Decoder | None:
+def _cdr(definition: Definition) -> _Decoder:
     """The decoder of messages; an invalid definition can raise any error of the library."""
     schema = Schema(id=1, name=definition.type, encoding="ros2msg", data=definition.ros2msg.encode())
     with redirect_stderr(StringIO()):  # the parser also prints its errors
         decode = DecoderFactory().decoder_for("cdr", schema)
     known = known_definition(definition.type)
     is_known = known is not None and known.fields == definition.fields
-    return None if decode is None else _Decoder(decode, work_of(definition), is_known)
+    return _Decoder(decode, is_known, None, _bytes_per_record(definition))
 
 
-def _protobuf(channel: Channel) -> _Decoder | None:
-    """The decoder of messages; an invalid schema can raise any error of the library."""
-    factory = module_of_extra("mcap_protobuf.decoder", "foxglove", "protobuf").DecoderFactory()
-    schema = Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
-    decode = factory.decoder_for(channel.encoding, schema)
-    return None if decode is None else _Decoder(decode)
+def _bytes_per_record(definition: Definition) -> int:
+    return min(BYTES_PER_RECORD, _ELEMENTS_PER_RECORD * definition.element_bytes)
 
 
 def _decode_json(data: bytes) -> Any:

@@ -10,6 +10,7 @@ import re
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from graphlib import TopologicalSorter
 from itertools import groupby
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
@@ -32,6 +33,7 @@ PRIMITIVES: Final[Mapping[str, int]] = {
     **dict.fromkeys(("int64", "uint64", "float64", "time", "duration"), 8),
 }
 """Types without fields, and least sizes of their values (bytes)."""
+_SIZE_OF_LENGTH: Final = 4
 
 _HEADER: Final = "std_msgs/Header header\n"
 _PARTS: Final = {
@@ -89,18 +91,20 @@ class Definition(NamedTuple):
     type : of the message, as ``package/Name``.
     fields : of each type, the message itself first.
     is_complete : whether the file defines all of these types; the known definition of others is used.
+    element_bytes : least size of the elements of arrays that are no numbers or texts.
     """
 
     type: str
     fields: Mapping[str, Sequence[Field]]
     is_complete: bool
+    element_bytes: int
 
     @property
     def ros2msg(self) -> str:
         """The definition in ros2msg."""
         parts = list[str]()
         for name, fields in self.fields.items():
-            lines = "".join(f"{field.type}{_brackets(field.length)} {field.name}\n" for field in fields)
+            lines = "".join(f"{kind}{_brackets(length)} {field}\n" for kind, field, length in fields)
             parts.append(f"{'=' * 80}\nMSG: {name}\n{lines}" if parts else lines)
         return "".join(parts)
 
@@ -115,10 +119,47 @@ def parse_definition(text: str, type_name: str) -> Definition:
     """
     if len(text) > LONGEST_DEFINITION:
         raise ValueError("the definition is too long")
-    name = _short(canonical(type_name))
-    types = _Types(_bodies(text, name))
-    types.add(name)
-    return Definition(name, types.added, types.is_complete)
+    message = _short(canonical(type_name))
+    bodies = _bodies(text, message)
+    last_names = {name.rpartition("/")[2]: name for name in bodies}
+
+    def resolved(written: str, package: str) -> str:
+        """The name of a field's type: without package it is that of the same package, or the only one."""
+        if written in PRIMITIVES:
+            return written
+        name = _short(written)
+        names = [name] if "/" in name else [f"{package}/{name}", last_names.get(name, ""), f"std_msgs/{name}"]
+        found = next((one for one in names if one in bodies or one in _PARTS), None)
+        if found is None:
+            raise ValueError(f"the type {written} is not defined")
+        return found
+
+    fields, is_complete, waiting = dict[str, list[Field]](), True, [message]
+    for name in waiting:  # which grows
+        if name in fields:
+            continue
+        is_complete &= name in bodies or name.startswith("builtin_interfaces/")  # which ROS 2 leaves out
+        body = bodies[name] if name in bodies else _PARTS[name].splitlines()
+        package = name.rpartition("/")[0]
+        written = filter(None, map(_field, body))
+        fields[name] = [field._replace(type=resolved(field.type, package)) for field in written]
+        waiting += [field.type for field in fields[name] if field.type not in PRIMITIVES]
+        if sum(map(len, fields.values())) > _MOST_FIELDS:
+            raise ValueError("the definition has too many fields")
+    parts = {name: {field.type for field in own} - PRIMITIVES.keys() for name, own in fields.items()}
+    levels, sizes = dict[str, int](), dict[str, int](PRIMITIVES)
+    for name in TopologicalSorter(parts).static_order():  # raises ValueError where a type is part of itself
+        levels[name] = 1 + max((levels[part] for part in parts[name]), default=0)
+        own_sizes = [
+            _SIZE_OF_LENGTH if length == 0 else (length or 1) * sizes[kind]
+            for kind, _, length in fields[name]
+        ]
+        sizes[name] = max(sum(own_sizes), 1)
+    if levels[message] > _DEEPEST:
+        raise ValueError("the definition is too deep")
+    arrays = {kind for own in fields.values() for kind, _, length in own if length is not None}
+    element_bytes = min((sizes[kind] for kind in arrays - PRIMITIVES.keys()), default=sizes[message])
+    return Definition(message, fields, is_complete, element_bytes)
 
 
 @cache
@@ -126,56 +167,6 @@ def known_definition(type_name: str) -> Definition | None:
     """The known definition of a type of ROS 2; None for other types."""
     body = _MESSAGES.get(_short(canonical(type_name)))
     return None if body is None else parse_definition(body, type_name)
-
-
-class _Types:
-    """The types of a message, each added with the types of its fields."""
-
-    def __init__(self, bodies: Mapping[str, Sequence[str]]) -> None:
-        self._bodies = bodies
-        self._named = {name.rpartition("/")[2]: name for name in bodies}
-        self._levels = dict[str, int | None]()
-        self.added = dict[str, list[Field]]()
-        self.is_complete = True
-
-    def add(self, name: str, depth: int = 0) -> int:
-        """Add a type at ``depth`` levels; returns the number of levels in it, and raises ValueError."""
-        if name not in self._levels:
-            if depth > _DEEPEST:
-                raise ValueError("the definition is too deep")
-            self._levels[name] = None
-            fields = self.added[name] = self._fields_of(name)
-            if sum(map(len, self.added.values())) > _MOST_FIELDS:
-                raise ValueError("the definition has too many fields")
-            parts = (field.type for field in fields if field.type not in PRIMITIVES)
-            self._levels[name] = 1 + max((self.add(part, depth + 1) for part in parts), default=0)
-        levels = self._levels[name]
-        if levels is None:
-            raise ValueError(f"the type {name} is part of itself")
-        if levels > _DEEPEST:
-            raise ValueError("the definition is too deep")
-        return levels
-
-    def _fields_of(self, name: str) -> list[Field]:
-        body = self._bodies.get(name)
-        if body is None:
-            self.is_complete &= name.startswith("builtin_interfaces/")  # which ROS 2 leaves out
-            body = _PARTS[name].splitlines()
-        package = name.rpartition("/")[0]
-        fields = filter(None, map(_field, body))
-        return [field._replace(type=self._resolved(field.type, package)) for field in fields]
-
-    def _resolved(self, written: str, package: str) -> str:
-        """The name of a field's type: without package it is that of the same package, or the only one."""
-        if written in PRIMITIVES:
-            return written
-        name = _short(written)
-        inside = f"{package}/{name}"
-        names = [name] if "/" in name else [inside, self._named.get(name, ""), f"std_msgs/{name}"]
-        found = next((one for one in names if one in self._bodies or one in _PARTS), None)
-        if found is None:
-            raise ValueError(f"the type {written} is not defined")
-        return found
 
 
 def _bodies(text: str, name: str) -> dict[str, list[str]]:
@@ -218,46 +209,6 @@ def _short(name: str) -> str:
     return name.replace("/msg/", "/")
 
 
-_STEPS_PER_RECORD: Final = 48
-"""Steps that count as the work of one record; a pose takes 13, a transform 23."""
-_SIZE_OF_LENGTH: Final = 4
-_STEPS: Final = 2
-"""Steps of a message without its fields."""
-
-
-class DecodingWork(NamedTuple):
-    """Most steps that messages of a definition take: ``steps``, and ``steps_per_byte`` of their sequences."""
-
-    steps: int = 0
-    steps_per_byte: float = 0.0
-
-    def records(self, size: int) -> int:
-        """The work of decoding a message of ``size`` bytes, as a number of usual records beyond the first."""
-        return int((self.steps + self.steps_per_byte * size) / _STEPS_PER_RECORD)
-
-
-def work_of(definition: Definition) -> DecodingWork:
-    """The work of messages by a definition."""
-
-    @cache
-    def extent(name: str) -> tuple[int, int]:
-        """Most steps and the least size (bytes) of the messages of a type, without what is in sequences."""
-        steps, size = _STEPS, 0
-        for kind, _, length in definition.fields[name]:
-            count = length or 1
-            if length == 0 or kind in PRIMITIVES:
-                steps, size = steps + 1, size + (count * PRIMITIVES[kind] if length != 0 else _SIZE_OF_LENGTH)
-            else:
-                inner_steps, inner_size = extent(kind)
-                steps, size = steps + count * inner_steps, size + count * inner_size
-        return steps, max(size, 1)
-
-    every = (field for fields in definition.fields.values() for field in fields)
-    elements = [extent(one.type) for one in every if one.length == 0 and one.type not in PRIMITIVES]
-    dense = max((steps / size for steps, size in elements), default=0.0)
-    return DecodingWork(extent(definition.type)[0], dense)
-
-
 _FORMATS: Final = {
     **{"bool": "?", "int8": "b", "uint8": "B", "byte": "b", "char": "B"},
     **{"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
@@ -289,27 +240,24 @@ def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
         return SimpleNamespace(**values), at
 
     def value(field: Field, data: bytes, at: int) -> tuple[Any, int]:
-        if field.length is None:
-            return one(field.type, data, at)
-        count, at = (field.length, at) if field.length else _count(data, at)
+        count = field.length
+        if not count and (count == 0 or field.type == "string"):
+            (count,) = _LENGTH.unpack_from(data, at)
+            at += _LENGTH.size
+        if count is None:
+            return message(field.type, data, at)
         if count > len(data) - at:
-            raise ValueError("an array is longer than its message")
+            raise ValueError("an array or a text is longer than its message")
+        if field.type == "string" and field.length is None:
+            return data[at : at + count].decode(errors="replace"), at + count
         if field.type in _FORMATS:
             numbers = struct.Struct(f"<{count}{_FORMATS[field.type]}")
             return numbers.unpack_from(data, at), at + numbers.size
-        values = list[Any]()
+        values, element = list[Any](), field._replace(length=None)
         for _ in range(count):
-            found, at = one(field.type, data, at)
+            found, at = value(element, data, at)
             values.append(found)
         return values, at
-
-    def one(kind: str, data: bytes, at: int) -> tuple[Any, int]:
-        if kind != "string":
-            return message(kind, data, at)
-        size, at = _count(data, at)
-        if size > len(data) - at:
-            raise ValueError("a text is longer than its message")
-        return data[at : at + size].decode(errors="replace"), at + size
 
     def decode(data: bytes) -> Any:
         found, end = message(definition.type, data, 0)
@@ -333,9 +281,3 @@ def _plan(name: str, fields: Sequence[Field]) -> list[_Step]:
     if not steps:
         raise ValueError(f"{name} has no fields")
     return steps
-
-
-def _count(data: bytes, at: int) -> tuple[int, int]:
-    """The number of elements that is written at an offset, and the offset after it."""
-    (many,) = _LENGTH.unpack_from(data, at)
-    return many, at + _LENGTH.size

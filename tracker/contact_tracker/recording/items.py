@@ -105,12 +105,6 @@ class DamageReport:
         else:
             self._more += 1
 
-    def add_all(self, other: "DamageReport", prefix: str = "") -> None:
-        """Add another report, with ``prefix`` before each text."""
-        for text in other._shown:
-            self.add(prefix + text)
-        self._more += other._more
-
     @property
     def text(self) -> str | None:
         """The line, or None without damage."""

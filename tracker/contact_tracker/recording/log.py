@@ -1,7 +1,7 @@
 """A recording as a stream of validated poses of one source."""
 
 from collections import Counter
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice
@@ -21,14 +21,13 @@ from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, assumption_text
 from contact_tracker.recording.items import BUFFER_BYTES, PoseSource, RawMessage, Rows
-from contact_tracker.recording.mcap_file import channel_of, summary_of
-from contact_tracker.recording.reading import STDIN, Reading, is_table_file, parts_of, size_budget
+from contact_tracker.recording.reading import STDIN, Reading, size_budget
 from contact_tracker.recording.sources import (
     ChannelFilter,
     Logged,
     Stamping,
     admitted,
-    message_counts,
+    messages_by_topic,
     only_one,
     peek,
     poses_by_source,
@@ -39,7 +38,6 @@ from contact_tracker.recording.transforms import (
     ARROW,
     Chain,
     Composer,
-    FrameFilter,
     chain_between,
     chain_relative,
     composed_source,
@@ -65,8 +63,9 @@ class PoseLog:
     ----------
     source : the source of the poses.
     first : the first pose of the source, valid or not, with its log time.
-    taken : number of poses read from the source, valid or not.
     note : one line if the parent frame of the poses may itself move.
+    gate : validates the poses.
+    stamping : gives the poses their stamps.
     is_stamped : whether all poses have their stamps, also where these are zero: in tables, and composed.
     late_sources : matching sources that appeared after this one was chosen.
     counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
@@ -86,32 +85,26 @@ class PoseLog:
         self,
         source: PoseSource,
         reading: Reading,
-        decoder: MessageDecoder,
         logged: Iterator[LoggedPose | None],
         prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
         composer: Composer | None = None,
         note: str | None = None,
-        is_table: bool = False,
     ) -> None:
         self.source = source
         self.note = note
-        self._composer = composer
-        self.late_sources: tuple[PoseSource, ...] = ()
-        self._taken = 0
         self.first = prefix[0]
-        self._skipped = 0
-        self._is_resumed = False
+        self.late_sources: tuple[PoseSource, ...] = ()
+        self.stamping = Stamping.by(prefix)
+        self.is_stamped = reading.is_table or composer is not None
         self._counts: Counter[str] = Counter()
-        self._gate = PoseGate(self._counts)
-        self._reading = reading
-        self._assumed = decoder.assumed
-        self._stamping = Stamping(prefix)
-        self.is_stamped = is_table or composer is not None
-        self._frame = frame
-        self._count_late = count_late
-        self._logged = logged
+        self.gate = PoseGate(self._counts)
+        self._taken = self._skipped = 0
+        self._is_resumed = False
+        self._reading, self._composer, self._logged = reading, composer, logged
+        self._assumed = reading.decoder.assumed
+        self._frame, self._count_late = frame, count_late
         self._arrivals = self._arrive()
 
     @property
@@ -122,7 +115,7 @@ class PoseLog:
     @property
     def loss(self) -> str | None:
         """One line with the likely cause if most poses were dropped; unknown of a log that was carried on."""
-        return None if self._is_resumed else remark_on_loss(self.counts, self.taken, self._gate.refused_xyzw)
+        return None if self._is_resumed else remark_on_loss(self.counts, self.taken, self.gate.refused_xyzw)
 
     @property
     def damage(self) -> str | None:
@@ -133,10 +126,9 @@ class PoseLog:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
         guess; many poses are out of order (unknown of a log that was carried on); a folder's clock was
         reset."""
-        counts = self.counts
-        count = counts.get("known_definition", 0)
-        why = self.assumed.get((self.source.topic, self.source.type))
+        counts, why = self.counts, self._assumed.get((self.source.topic, self.source.type))
         why = self._composer.why if self._composer is not None else why
+        count = counts.get("known_definition", 0)
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
         many = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
         is_reset = counts.get("clock_reset") and self._reading.is_folder
@@ -147,22 +139,10 @@ class PoseLog:
         """All that is doubtful of the poses, one line each, the damage first; final after iteration."""
         return tuple(filter(None, (self.damage, self.note, *self.remarks)))
 
-    def __iter__(self) -> Iterator[Pose]:
-        return (pose for arrival in self._arrivals for pose in arrival.poses)
-
-    def arrivals(self) -> Iterator[Arrival]:
-        """What each measured pose brings, instead of the poses."""
-        return self._arrivals
-
     @property
     def taken(self) -> int:
-        """Number of poses of the log that have been read, here or before it was carried on."""
+        """Number of poses of the log that have been read, valid or not, here or before it was carried on."""
         return max(self._taken, self._skipped)
-
-    @property
-    def gate(self) -> PoseGate:
-        """The gate that validates its poses."""
-        return self._gate
 
     @property
     def first_stamp_ns(self) -> int:
@@ -170,30 +150,19 @@ class PoseLog:
         return self._assigned.stamped(*self.first, Counter()).stamp_ns
 
     @property
-    def stamping(self) -> Stamping:
-        """The rule that gives poses their stamps."""
-        return self._stamping
-
-    @property
     def _assigned(self) -> Stamping:
         """The rule for stamps that are not yet assigned."""
-        return Stamping(()) if self.is_stamped else self._stamping
+        return Stamping() if self.is_stamped else self.stamping
 
-    def carry_on(
-        self,
-        gate: PoseGate,
-        stamping: Stamping,
-        taken: int,
-        is_same_log: bool,
-    ) -> None:
+    def carry_on(self, gate: PoseGate, stamping: Stamping, taken: int, is_same_log: bool) -> None:
         """Continue, before the first pose, where another reading of the source has stopped.
 
         ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped.
         """
-        self._gate, self._counts = gate, gate.own_counts
+        self.gate, self._counts = gate, gate.counts
         self._is_resumed = True
         if is_same_log:
-            self._stamping, self._skipped = stamping, taken
+            self.stamping, self._skipped = stamping, taken
 
     @property
     def assumed(self) -> Mapping[tuple[str, str], str]:
@@ -205,22 +174,29 @@ class PoseLog:
         and None for each message that cannot be decoded."""
         return self._logged
 
+    def __iter__(self) -> Iterator[Pose]:
+        return (pose for arrival in self._arrivals for pose in arrival.poses)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """What each measured pose brings, instead of the poses."""
+        return self._arrivals
+
+    def _arrive(self) -> Iterator[Arrival]:
+        stamping = self._assigned
+        for logged in self._own():
+            yield self.gate.arrive(stamping.stamped(*logged, self._counts))
+        yield self.gate.end()
+
     def batches(self) -> Iterator[Poses]:
         """The poses in columns, many at once; with more delay than iteration."""
         own, many, stamping = self._own(), min(_FEW, BATCH), self._assigned
         while some := list(islice(own, many)):
             many = BATCH
-            poses = admitted(self._gate, stamping, some, self._counts)
+            poses = admitted(self.gate, stamping, some, self._counts)
             if len(poses):
                 yield poses
-        if rest := self._gate.finish():
+        if rest := self.gate.finish():
             yield Poses.collect(rest)
-
-    def _arrive(self) -> Generator[Arrival]:
-        stamping = self._assigned
-        for logged in self._own():
-            yield self._gate.arrive(stamping.stamped(*logged, self._counts))
-        yield self._gate.end()
 
     def _own(self) -> Iterator[Logged]:
         """The poses of the source from where the log goes on; what else is read is counted."""
@@ -244,20 +220,10 @@ class PoseLog:
         if not fits and (not other.child_frame_id or other.child_frame_id != self.source.child_frame_id):
             return
         if fits and not self._count_late:
-            only_one(self._reading.path, [self.source, other, *self._further()])
+            only_one(self._reading.path, [self.source, other])
         self._counts["other_source"] += 1
         if other not in self.late_sources and len(self.late_sources) < _LATE:
             self.late_sources = (*self.late_sources, other)
-
-    def _further(self) -> set[PoseSource]:
-        """The sources of what follows."""
-        found = set[PoseSource]()
-        for one in filter(None, self._logged):
-            if self._frame is None or one[0].is_named(self._frame):
-                found.add(one[0])
-            if len(found) == _LATE:
-                break
-        return found
 
 
 def open_log(
@@ -297,10 +263,9 @@ def open_log(
         Several sources match.
     """
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
-    wanted = FrameFilter(topic, relative_to, table) if is_chain else ChannelFilter(topic, table)
+    wanted = ChannelFilter(topic, table, is_chain, relative_to)
     reading = Reading(path, wanted, follow, table)
-    decoder, is_table = MessageDecoder(reading.budget, table.field), is_table_file(path)
-    items = iter(reading)
+    decoder, items = reading.decoder, iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
     count_late = count_late or follow is not None
     all_known = dict(known)
@@ -308,37 +273,32 @@ def open_log(
     head_poses = head_bytes = 0
     while True:
         fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
+        logged = decoder.poses(chain(head, items))
         if fitting and relative_to is None:
             source = only_one(path, fitting, composition_hint(fitting))
             if follow is None:
-                source = replace(source, messages=_messages_by_topic(path).get(source.topic))
+                source = replace(source, messages=messages_by_topic(path).get(source.topic))
             note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
-            logged = decoder.poses(chain(head, items))
-            return PoseLog(
-                source, reading, decoder, logged, known[source], frame, count_late, None, note, is_table
-            )
+            prefix = known[source]
+            return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
         found = _chain(path, all_known, fitting, frame, relative_to)
         if found is not None:
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
             composer = Composer(steps, steps.body, source, decoder.assumed, at_once)
-            if not is_table:
+            if not reading.is_table:
                 composer.learn(all_known)
-            logged = composer.compose(decoder.poses(chain(head, items)))
-            prefix = all_known[steps[steps.body].source]
-            return PoseLog(source, reading, decoder, logged, prefix, None, count_late, composer)
+            prefix, logged = all_known[steps[steps.body].source], composer.compose(logged)
+            return PoseLog(source, reading, logged, prefix, None, count_late, composer)
         more = take_prefix(items)
+        head = [*head, *more] if is_chain else more
         if is_chain:
-            head += more
             head_poses += sum(one.many if isinstance(one, Rows) else 1 for one in more)
             head_bytes += sum(len(one.data) for one in more if isinstance(one, RawMessage))
-        else:
-            head = more
         if not more or head_poses > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
             raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         known = poses_by_source(more, decoder)
-        for new, poses in known.items():
-            all_known.setdefault(new, poses)
+        all_known = {**known, **all_known}
 
 
 def _chain(
@@ -373,7 +333,7 @@ def _note(
     sources = set(known)
     if follow is None:
         with suppress(NoPoses, MissingExtra):
-            messages = peek(path, FrameFilter(None, None))
+            messages = peek(path, ChannelFilter(None, with_transforms=True))
             sources |= poses_by_source(messages, MessageDecoder(size_budget(path))).keys()
     return moving_parent_note(sources, source)
 
@@ -391,20 +351,9 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
         messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted, table=table)))
     except NoPoses:
         return []
-    counts = _messages_by_topic(path)
+    counts = messages_by_topic(path)
     sources = sorted(poses_by_source(messages, MessageDecoder(size_budget(path), table.field)))
     return [replace(source, messages=counts.get(source.topic)) for source in sources]
-
-
-def _messages_by_topic(path: str) -> Counter[str]:
-    """Messages by topic, as far as indexes tell."""
-    counts: Counter[str] = Counter()
-    for part in parts_of(path):
-        summary = summary_of(part)
-        for channel_id, count in message_counts(summary):
-            assert summary is not None
-            counts[channel_of(summary.channels[channel_id], summary.schemas).topic] += count
-    return counts
 
 
 def _explain(

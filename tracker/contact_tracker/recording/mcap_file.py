@@ -3,51 +3,46 @@
 The loop reads messages, attachments and metadata of a stream in the order of the file. It serves files that
 are complete, truncated, without index, unchunked, growing or piped, and holds one record at a time. A damaged
 chunk is left out; where the framing of records is lost, the loop continues at the next chunk of the index, if
-there is one. The index is not read by the mcap library, which also decompresses chunks in it, whatever their
-size.
+there is one. Chunks in the index are not decompressed.
 """
 
 import os
 import struct
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from io import BytesIO
-from itertools import chain, pairwise, repeat
-from typing import IO, Any, Final, NamedTuple, cast
+from itertools import chain, pairwise
+from typing import IO, Final, NamedTuple, cast
 
-import numpy as np
 import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
     RECORD_LIMIT,
+    SHARE_OF_RECORD,
     ByteStream,
     TooMuchWork,
     WorkBudget,
     is_regular,
     is_text,
 )
-from contact_tracker.recording.items import Attachment, Channel, DamageReport, Item, Metadata, RawMessage
+from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 
 IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 FIRST_UNKNOWN: Final = max(Opcode) + 1
 """Opcodes from here on are of later versions of the format, or private, and skipped."""
-_MOST: Final = 128
-"""Messages handled at a time."""
 MAGIC: Final = b"\x89MCAP0\r\n"
 """First and last bytes of a file."""
 RECORD_HEAD: Final = struct.Struct("<BQ")
 MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
-_ALIKE: Final = RECORD_HEAD.size + 2
-"""Bytes that hold opcode, length and channel of a message."""
-_LOG_TIME_AT: Final = 6
 PARSE_ERRORS: Final = (
     McapError,
     ValueError,
@@ -100,62 +95,19 @@ def inflate_lz4(data: bytes, limit: int) -> bytes:
     return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit))
 
 
-class Run(NamedTuple):
-    """``many`` consecutive records of one ``opcode`` from byte ``at``, with payloads of ``size`` bytes each;
-    messages are of one channel."""
-
-    opcode: int
-    at: int
-    size: int
-    many: int
-
-    @property
-    def end(self) -> int:
-        """Offset of the next record."""
-        return self.at - RECORD_HEAD.size + self.many * (RECORD_HEAD.size + self.size)
-
-    def log_times_ns(self, data: bytes) -> list[int]:
-        """Log times of messages (ns)."""
-        step, at = RECORD_HEAD.size + self.size, self.at + _LOG_TIME_AT
-        times = np.ndarray(self.many, "<u8", data, at, step)
-        return cast(list[int], times.tolist())
-
-    def payloads(self, data: bytes) -> list[bytes]:
-        """Payloads of messages, without their headers."""
-        step = RECORD_HEAD.size + self.size
-        ends = range(self.at + self.size, self.end + 1, step)
-        return [data[end - self.size + MESSAGE_HEAD.size : end] for end in ends]
-
-
-def runs(data: bytes, budget: WorkBudget) -> Iterator[Run]:
-    """The records of a chunk; consecutive messages of one channel and size are grouped.
-
-    A record that is not allowed in a chunk ends it.
-    """
-    first = 0
-    while first < len(data):
-        opcode, size = RECORD_HEAD.unpack_from(data, first)
-        at = first + RECORD_HEAD.size
-        if size > len(data) - at:
+def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of each record of a chunk; one that is not allowed in a chunk ends it."""
+    begin = 0
+    while begin < len(data):
+        opcode, size = RECORD_HEAD.unpack_from(data, begin)
+        begin += RECORD_HEAD.size
+        if size > len(data) - begin:
             raise ValueError("a record is longer than its chunk")
         if opcode not in IN_CHUNKS and opcode < FIRST_UNKNOWN:
             raise ValueError(f"a record of the kind {opcode} in a chunk")
-        is_message = opcode == Opcode.MESSAGE and size >= MESSAGE_HEAD.size
-        run = Run(opcode, at, size, _alike(data, first, RECORD_HEAD.size + size) if is_message else 1)
-        budget.spend("records", run.many)
-        yield run
-        first = run.end
-
-
-def _alike(data: bytes, first: int, step: int) -> int:
-    """Number of messages from byte ``first`` on with the same length and channel."""
-    head = data[first : first + _ALIKE]
-    if data[first + step : first + step + _ALIKE] != head:
-        return 1
-    many = min((len(data) - first) // step, _MOST)
-    heads = np.frombuffer(data, np.uint8, many * step, first).reshape(many, step)[:, :_ALIKE]
-    same = (heads == heads[0]).all(axis=1)
-    return many if same.all() else int(same.argmin())
+        budget.spend(1)
+        yield opcode, begin, begin + size
+        begin += size
 
 
 def attachment_of(payload: bytes) -> Attachment:
@@ -172,14 +124,6 @@ def payload_stream(payload: bytes) -> ReadDataStream:
 
 _FOOTER: Final = struct.Struct("<BQQQI")
 """Footer record: opcode, length, start of the index, start of the offsets in it, checksum."""
-_OF_INDEX: Final[Mapping[int, Any]] = {
-    Opcode.STATISTICS: records.Statistics,
-    Opcode.SCHEMA: records.Schema,
-    Opcode.CHANNEL: records.Channel,
-    Opcode.CHUNK_INDEX: records.ChunkIndex,
-    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex,
-    Opcode.METADATA_INDEX: records.MetadataIndex,
-}
 
 
 class Place(NamedTuple):
@@ -239,17 +183,9 @@ def _read(file: IO[bytes]) -> Summary | None:
     if opcode != Opcode.FOOTER or file.read() != MAGIC or not 0 < start <= end <= start + RECORD_LIMIT:
         return None
     file.seek(start)
-    data, at, summary = file.read(end - start), 0, Summary()
-    while at < len(data):
-        opcode, length = RECORD_HEAD.unpack_from(data, at)
-        at += RECORD_HEAD.size + length
-        if at > len(data):
-            raise ValueError("a record is longer than its file")
-        if opcode == Opcode.SUMMARY_OFFSET or opcode >= FIRST_UNKNOWN:
-            continue
-        if opcode not in _OF_INDEX:
-            return None
-        match record := _OF_INDEX[opcode].read(payload_stream(data[at - length : at])):
+    summary = Summary()
+    for record in StreamReader(BytesIO(file.read()), skip_magic=True, emit_chunks=True).records:
+        match record:
             case records.Statistics():
                 summary.statistics = record
             case records.Schema():
@@ -262,6 +198,10 @@ def _read(file: IO[bytes]) -> Summary | None:
                 summary.attachment_indexes.append(record)
             case records.MetadataIndex():
                 summary.metadata_indexes.append(record)
+            case records.SummaryOffset() | records.Footer():
+                pass
+            case _:
+                return None
     return summary
 
 
@@ -280,17 +220,19 @@ _READ: Final = frozenset(
 
 
 class RecordLoop:
-    """Iterate once for the items of one MCAP stream; afterwards ``damage`` is set.
+    """Iterate once for the items of one MCAP stream.
 
     Parameters
     ----------
     stream : positioned at the start of the file.
-    wanted : messages of other channels are skipped unread.
+    report : called with one line for each damage.
+    wanted : messages of other channels are skipped unread; None of all, with their chunks.
     summary : of the same file, where known: replaces damaged channel records and gives chunk offsets.
 
     Attributes
     ----------
     messages : number of messages so far, of all channels.
+    is_sound : whether no damage was found so far.
 
     Raises
     ------
@@ -301,10 +243,13 @@ class RecordLoop:
     def __init__(
         self,
         stream: ByteStream,
-        wanted: Callable[[Channel], bool],
+        report: Callable[[str], None],
+        wanted: Callable[[Channel], bool] | None,
         summary: Summary | None = None,
     ) -> None:
-        self.damage = DamageReport()
+        self._opcodes = _READ if wanted is not None else _READ - {Opcode.CHUNK, Opcode.MESSAGE}
+        self._report = report
+        self.is_sound = True
         self.messages = 0
         self._stream = stream
         self._wanted = wanted
@@ -345,14 +290,14 @@ class RecordLoop:
             return []
         payload = self._stream.read(length) if opcode is not None and length <= RECORD_LIMIT else b""
         if opcode is None or len(payload) != length:
-            self.damage.add(f"no MCAP record at byte {place.offset}")
+            self._damage(f"no MCAP record at byte {place.offset}")
             return []
         return self._group(opcode, payload, place.offset)
 
     def report_orphans(self) -> None:
         """Add messages without channel to the damage, once nothing more is read."""
         if self._orphans:
-            self.damage.add(f"{self._orphans} messages of channels whose description is missing")
+            self._damage(f"{self._orphans} messages of channels whose description is missing")
             self._orphans = 0
 
     def _group(self, opcode: int, payload: bytes, start: int) -> list[Item]:
@@ -362,12 +307,17 @@ class RecordLoop:
             if opcode == Opcode.CHUNK:
                 budget = self._stream.budget
                 data = inflate(records.Chunk.read(payload_stream(payload)), budget)
-                for run in runs(data, budget):
-                    group += self._items(data, run)
+                for inner, begin, end in _records_in(data, budget):
+                    if inner == Opcode.MESSAGE:
+                        self._add_message(group, data, begin, end)
+                    else:
+                        self._add(group, inner, data[begin:end])
+            elif opcode == Opcode.MESSAGE:
+                self._add_message(group, payload, 0, len(payload))
             else:
-                group += self._items(payload, Run(opcode, 0, len(payload), 1))
+                self._add(group, opcode, payload)
         except PARSE_ERRORS as error:
-            self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
+            self._damage(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
         return _in_log_order(group)
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
@@ -381,11 +331,11 @@ class RecordLoop:
                 return
             opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
             try:
-                stream.budget.spend("framed records", 1)
+                stream.budget.spend(SHARE_OF_RECORD)
             except TooMuchWork as error:
                 self._note_end(str(error))
                 return
-            look = opcode in _READ and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
+            look = opcode in self._opcodes and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
             payload, complete, fault = b"", False, f"no MCAP record at byte {start}"
             if opcode != 0 and not (look and length > RECORD_LIMIT):
                 fault = f"it is cut off inside a record at byte {start}"
@@ -399,9 +349,9 @@ class RecordLoop:
                 yield opcode, payload, start
             if complete and opcode == Opcode.FOOTER:
                 if stream.read(len(MAGIC)) != MAGIC:
-                    self.damage.add("its last bytes are missing")
+                    self._damage("its last bytes are missing")
                 elif not stream.follows and stream.read(1):
-                    self.damage.add("what follows its end is ignored")
+                    self._damage("what follows its end is ignored")
                 return
             if not complete and not self._resume(start, fault):
                 self._note_end(fault)
@@ -412,46 +362,47 @@ class RecordLoop:
         following = bisect_right(self._chunk_starts, start)
         if following == len(self._chunk_starts) or not self._stream.seek(self._chunk_starts[following]):
             return False
-        self.damage.add(text)
+        self._damage(text)
         return True
 
     def _note_end(self, damage: str) -> None:
         """Add why the input ends to the damage, unless the caller has stopped it."""
         if not self._stream.stopped:
-            self.damage.add(f"{damage} ({self._stream.error})" if self._stream.error else damage)
+            self._damage(f"{damage} ({self._stream.error})" if self._stream.error else damage)
 
-    def _items(self, data: bytes, run: Run) -> Iterable[Item]:
-        if run.opcode == Opcode.MESSAGE:
-            channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, run.at)
-            self.messages += run.many
-            try:
-                channel = self._channels[channel_id]
-            except KeyError:
-                self._orphans += run.many
-                return ()
-            if channel is None:
-                return ()
-            if run.many == 1:
-                message = data[run.at + MESSAGE_HEAD.size : run.at + run.size]
-                return (RawMessage(channel, log_time_ns, message),)
-            return map(RawMessage, repeat(channel), run.log_times_ns(data), run.payloads(data))
-        payload = data[run.at : run.at + run.size]
-        if run.opcode == Opcode.ATTACHMENT:
-            return (attachment_of(payload),)
-        if run.opcode == Opcode.METADATA:
-            self._stream.budget.spend("records", len(payload) // BYTES_PER_RECORD)
+    def _add_message(self, group: list[Item], data: bytes, begin: int, end: int) -> None:
+        """Add the message in ``data``, if its channel is wanted."""
+        channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, begin)
+        self.messages += 1
+        try:
+            channel = self._channels[channel_id]
+        except KeyError:
+            self._orphans += 1
+            return
+        if channel is not None:
+            group.append(RawMessage(channel, log_time_ns, data[begin + MESSAGE_HEAD.size : end]))
+
+    def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
+        """Add what a record of another kind holds."""
+        if opcode == Opcode.ATTACHMENT:
+            group.append(attachment_of(payload))
+        elif opcode == Opcode.METADATA:
+            self._stream.budget.spend(len(payload) // BYTES_PER_RECORD)
             metadata = records.Metadata.read(payload_stream(payload))
-            return (Metadata(metadata.name, metadata.metadata),)
-        if run.opcode == Opcode.SCHEMA:
+            group.append(Metadata(metadata.name, metadata.metadata))
+        elif opcode == Opcode.SCHEMA:
             schema = records.Schema.read(payload_stream(payload))
             self._schemas[schema.id] = schema
-        elif run.opcode == Opcode.CHANNEL:
+        elif opcode == Opcode.CHANNEL:
             self._add_channel(records.Channel.read(payload_stream(payload)))
-        return ()
+
+    def _damage(self, text: str) -> None:
+        self.is_sound = False
+        self._report(text)
 
     def _add_channel(self, record: records.Channel) -> None:
         channel = channel_of(record, self._schemas)
-        self._channels[record.id] = channel if self._wanted(channel) else None
+        self._channels[record.id] = channel if self._wanted is not None and self._wanted(channel) else None
 
 
 def _in_log_order(items: list[Item]) -> list[Item]:

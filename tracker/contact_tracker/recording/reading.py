@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from glob import has_magic
 from itertools import pairwise
 from typing import Final
@@ -21,6 +21,7 @@ from contact_tracker.recording.bytestream import (
     is_regular,
     open_stream,
 )
+from contact_tracker.recording.decoding import MessageDecoder
 from contact_tracker.recording.items import Channel, DamageReport, Item, RawMessage, in_log_order
 from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, place_of, summary_of
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
@@ -64,16 +65,14 @@ def parts_of(path: str) -> list[str]:
         raise UnreadableRecording(f"{path}: {error.strerror}") from error
     if not names:
         raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{_packed_in(path)}")
-    every = frozenset(names)
-    return [os.path.join(path, n) for n in names if not _is_there_twice(n, every)]
+    there = {*names}
+    return [os.path.join(path, n) for n in names if _better(n) == n or _better(n) not in there]
 
 
-def _is_there_twice(name: str, names: Set[str]) -> bool:
-    """Whether a part also exists decompressed or converted to MCAP."""
+def _better(name: str) -> str:
+    """The name under which a part is preferred: decompressed, or converted to MCAP."""
     plain = _plain(name)
-    if plain != name:
-        return plain in names
-    return name.lower().endswith(".db3") and f"{name[:-4]}.mcap" in names
+    return f"{name[:-4]}.mcap" if name.lower().endswith(".db3") else plain
 
 
 def recording_of(path: str) -> str:
@@ -114,7 +113,7 @@ def size_budget(path: str) -> WorkBudget:
     return budget
 
 
-def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
+def _refuse_unrelated(path: str, parts: Sequence[str]) -> None:
     """Raise AmbiguousSource if the files of a folder are separate recordings.
 
     Parts of one recording have a metadata.yaml or are consecutive in log time; files without an index have
@@ -122,32 +121,24 @@ def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
     """
     if len(parts) < 2 or os.path.exists(os.path.join(path, _METADATA)):
         return
-    if not all(_may_follow(a, b) for a, b in pairwise([(part, _interval_ns(part)) for part in parts])):
-        names = [os.path.basename(part) for part in parts]
+    names = [os.path.basename(part) for part in parts]
+    spans = [_interval_ns(part) for part in parts]
+    for (name, before), (next_name, after) in pairwise(zip(names, spans, strict=True)):
+        if before is None or after is None:
+            follows = re.sub(r"\d+", "", _plain(name)) == re.sub(r"\d+", "", _plain(next_name))
+        else:
+            is_near = -_OVERLAP_NS <= after[0] - before[1] <= _PAUSE_NS
+            follows = is_near and after[0] > before[0] and after[1] > before[1]
+        if follows:
+            continue
         formats = sorted({os.path.splitext(_plain(name))[1].lower() for name in names})
-        how = (
-            f"of different formats ({', '.join(formats)})"
-            if len(formats) > 1
-            else "that do not follow each other"
-        )
+        several = f"of different formats ({', '.join(formats)})"
+        how = several if len(formats) > 1 else "that do not follow each other"
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         raise AmbiguousSource(
             f"{path} holds recordings {how}: {', '.join(names[:_NAMED])}{more}; "
             f"name one of them (parts of one recording are taken together beside a {_METADATA})"
         )
-
-
-def _may_follow(
-    first: tuple[str, tuple[int, int] | None], second: tuple[str, tuple[int, int] | None]
-) -> bool:
-    (name, before), (next_name, after) = first, second
-    if before is None or after is None:
-        return _without_numbers(name) == _without_numbers(next_name)
-    return -_OVERLAP_NS <= after[0] - before[1] <= _PAUSE_NS and after[0] > before[0] and after[1] > before[1]
-
-
-def _without_numbers(part: str) -> str:
-    return re.sub(r"\d+", "", _plain(os.path.basename(part)))
 
 
 def _interval_ns(part: str) -> tuple[int, int] | None:
@@ -175,13 +166,15 @@ class Reading:
     Parameters
     ----------
     path : file, folder or ``-``.
-    wanted : messages of other channels are skipped unread.
+    wanted : messages of other channels are skipped unread; None of all.
     follow : wait for more data; a folder is complete once it has a metadata.yaml.
     table : what the columns of a table are, where their names do not say it.
 
     Attributes
     ----------
     assumption : one line on what was assumed about a table, or None.
+    is_table : whether it is a table, which has poses and nothing else.
+    decoder : of the messages, with the work that the bytes read explain.
 
     Raises
     ------
@@ -190,22 +183,23 @@ class Reading:
     ChoiceError
         The file cannot be followed, or ``table`` does not fit.
     AmbiguousSource
-        A folder of separate recordings.
+        A folder of separate recordings, whose messages are read.
     """
 
     def __init__(
         self,
         path: str,
-        wanted: Callable[[Channel], bool],
+        wanted: Callable[[Channel], bool] | None,
         follow: Follow | None = None,
         table: TableReading = AS_NAMED,
     ) -> None:
         path = recording_of(path)
-        if follow is None:
-            refuse_unrelated(path, parts_of(path))
-        if table.is_of_table and not is_table_file(path):
+        if follow is None and wanted is not None:
+            _refuse_unrelated(path, parts_of(path))
+        self.is_table = is_table_file(path)
+        if table.is_of_table and not self.is_table:
             raise ChoiceError(f"{_shown(path)}: {NO_TABLE}")
-        if table.field is not None and is_table_file(path):
+        if table.field is not None and self.is_table:
             raise ChoiceError(
                 f"{_shown(path)}: it is a table: say which columns the poses are in by --columns"
             )
@@ -216,6 +210,7 @@ class Reading:
         self.assumption: str | None = None
         self._damage = DamageReport()
         self.budget = WorkBudget()
+        self.decoder = MessageDecoder(self.budget, table.field)
 
     @property
     def is_folder(self) -> bool:
@@ -249,6 +244,8 @@ class Reading:
             self._damage.add(prefix + text)
 
         if (is_bag := begin.startswith(_BAGS)) or is_table(part, begin):
+            if self._wanted is None:
+                return
             if self._follow:
                 raise ChoiceError(f"{_shown(part)}: only an MCAP file can be followed")
             if is_bag:
@@ -262,18 +259,25 @@ class Reading:
         refuse_other_formats(part, begin)
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
-            loop = RecordLoop(stream, self._wanted, summary)
+            loop = RecordLoop(stream, report, self._wanted, summary)
             try:
-                yield from loop if summary is None else self._by_log_time(part, summary, loop, stream)
+                if summary is None or self._wanted is None:
+                    yield from loop
+                else:
+                    yield from self._by_log_time(part, summary, loop, stream, report)
             finally:
                 loop.report_orphans()
-                self._damage.add_all(loop.damage, prefix)
 
     def _assume(self, text: str) -> None:
         self.assumption = text
 
     def _by_log_time(
-        self, part: str, summary: Summary, loop: RecordLoop, stream: ByteStream
+        self,
+        part: str,
+        summary: Summary,
+        loop: RecordLoop,
+        stream: ByteStream,
+        report: Callable[[str], None],
     ) -> Iterator[Item]:
         """The items of a file with an index, messages by log time. If the file is not in this order,
         attachments and metadata come first, and messages are buffered as long as others may be earlier."""
@@ -293,8 +297,8 @@ class Reading:
         stream.seek(0)
         yield from in_log_order(pieces)
         assert summary.statistics is not None
-        if loop.damage.text is None and (lost := summary.statistics.message_count - loop.messages) > 0:
-            loop.damage.add(f"{lost} messages outside of chunks, which overlap in log time, are left out")
+        if loop.is_sound and (lost := summary.statistics.message_count - loop.messages) > 0:
+            report(f"{lost} messages outside of chunks, which overlap in log time, are left out")
 
     def _is_unsorted_without_chunks(self, part: str, summary: Summary) -> bool:
         """Whether wanted messages of a file without chunks, which no index orders, are not in the order of
@@ -302,7 +306,7 @@ class Reading:
         if summary.statistics is None or summary.statistics.chunk_count or summary.chunk_indexes:
             return False
         with open_stream(part) as stream:
-            loop = RecordLoop(stream, self._wanted, summary)
+            loop = RecordLoop(stream, lambda text: None, self._wanted, summary)
             times_ns = (item.log_time_ns for item in loop if isinstance(item, RawMessage))
             return any(before > after for before, after in pairwise(times_ns))
 

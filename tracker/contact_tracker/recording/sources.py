@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from statistics import median
-from typing import Final
+from typing import Final, NamedTuple
 
 from mcap.summary import Summary
 
@@ -60,43 +60,35 @@ Logged = tuple[Pose, int]
 """A pose with the stamp of its header, and its log time in nanoseconds."""
 
 
-class Stamping:
+class Stamping(NamedTuple):
     """Assigns stamps to the poses of one source.
 
     Parameters
     ----------
-    prefix : the first poses of the source: one second of log time, and at most 2000.
-
-    Attributes
-    ----------
     by_log_time : whether every pose gets its log time: all stamps of the prefix are zero, or most differing
         poses share one.
+    offset_ns : median delay from stamps to log times; None if unknown.
+    near_zero_ns : how far from zero stamps of the prefix may be, as a clock may run faster than log time.
     """
 
-    def __init__(self, prefix: Sequence[Logged]) -> None:
-        self.by_log_time = _are_zero(prefix) or _are_coarse([pose for pose, _ in prefix])
+    by_log_time: bool = False
+    offset_ns: int | None = None
+    near_zero_ns: int = PREFIX_NS
+
+    @classmethod
+    def by(cls, prefix: Sequence[Logged]) -> "Stamping":
+        """By the first poses of a source: one second of log time, and at most 2000."""
+        by_log_time = _are_zero(prefix) or _are_coarse([pose for pose, _ in prefix])
         good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
-        offsets_ns = [log_time_ns - stamp_ns for stamp_ns, log_time_ns in good]
-        self._offset_ns = round(median(offsets_ns)) if good else None
-        # A clock may run faster than log time, so stamps of the prefix may reach this far from zero.
-        self._near_zero_ns = max(PREFIX_NS, max(good)[0] - min(good)[0]) if good else PREFIX_NS
+        if not good:
+            return cls(by_log_time)
+        offset_ns = round(median(log_time_ns - stamp_ns for stamp_ns, log_time_ns in good))
+        return cls(by_log_time, offset_ns, max(PREFIX_NS, max(good)[0] - min(good)[0]))
 
     @property
     def log_offset_ns(self) -> int:
         """Median delay from a pose's stamp to its log time (ns)."""
-        return 0 if self.by_log_time or self._offset_ns is None else self._offset_ns
-
-    @property
-    def values(self) -> tuple[bool, int | None, int]:
-        """The values derived from the prefix."""
-        return self.by_log_time, self._offset_ns, self._near_zero_ns
-
-    @classmethod
-    def of(cls, values: tuple[bool, int | None, int]) -> "Stamping":
-        """A stamping from its ``values``."""
-        stamping = cls(())
-        stamping.by_log_time, stamping._offset_ns, stamping._near_zero_ns = values
-        return stamping
+        return 0 if self.by_log_time or self.offset_ns is None else self.offset_ns
 
     def stamped(self, pose: Pose, log_time_ns: int, counts: Counter[str]) -> Pose:
         """The pose with its log time as stamp if it lacks one, which is counted.
@@ -105,10 +97,10 @@ class Stamping:
         """
         stamp_ns = log_time_ns
         if not self.by_log_time:
-            if pose.stamp_ns or self._offset_ns is None:
+            if pose.stamp_ns or self.offset_ns is None:
                 return pose
-            stamp_ns -= self._offset_ns
-            if abs(stamp_ns) <= self._near_zero_ns:
+            stamp_ns -= self.offset_ns
+            if abs(stamp_ns) <= self.near_zero_ns:
                 return pose
         counts["log_time_as_stamp"] += 1
         return pose._replace(stamp_ns=min(stamp_ns, _LATEST_NS))
@@ -120,10 +112,8 @@ def is_prefix(first: Sequence[Logged]) -> bool:
 
 
 def admitted(gate: PoseGate, stamping: Stamping, logged: Iterable[Logged], counts: Counter[str]) -> Poses:
-    """The valid ones of some poses: in columns if nothing has to be decided for single ones."""
-    stamped = [stamping.stamped(*one, counts) for one in logged]
-    passed = gate.admit_all(Poses.collect(stamped)) if stamped else None
-    return Poses.collect(one for pose in stamped for one in gate.admit(pose)) if passed is None else passed
+    """The valid ones of some poses."""
+    return gate.admit_all(stamping.stamped(*one, counts) for one in logged)
 
 
 def _are_zero(prefix: Sequence[Logged]) -> bool:
@@ -140,7 +130,18 @@ def _are_coarse(poses: Sequence[Pose]) -> bool:
 _STATIC: Final = "tf_static"
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
+_FOXGLOVE: Final = ("FrameTransform", "FrameTransforms")
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
+
+
+TRANSFORM_TYPES: Final = frozenset(
+    {
+        "tf2_msgs/msg/TFMessage",
+        "tf/msg/tfMessage",
+        "geometry_msgs/msg/TransformStamped",
+        *(f"{package}{name}" for package in ("foxglove.", "foxglove_msgs/msg/") for name in _FOXGLOVE),
+    }
+)
 
 
 class ChannelFilter:
@@ -151,21 +152,35 @@ class ChannelFilter:
     topic : ``/name``, or ``/name:TYPE`` where a topic has several types; TYPE may be without its package.
     table : with the path to the poses in messages, if these are not those of known types, and the command
         that reads them.
+    with_transforms : whether transforms are accepted as well, and the topic ``relative_to``.
     """
 
-    def __init__(self, topic: str | None, table: TableReading = AS_NAMED) -> None:
+    def __init__(
+        self,
+        topic: str | None,
+        table: TableReading = AS_NAMED,
+        with_transforms: bool = False,
+        relative_to: str | None = None,
+    ) -> None:
         self._topic = topic
         self._table = table
         self._field = table.field
+        self._with_transforms, self._relative_to = with_transforms, relative_to
         self.seen: dict[tuple[str, str, str], Channel] = {}
 
     def __call__(self, channel: Channel) -> bool:
         self.seen[channel.topic, channel.type, channel.encoding] = channel
-        return may_have_poses(channel, self._field) and self._is_asked(channel)
+        return self._has_poses(channel) or (self._with_transforms and may_be_step(channel, self._relative_to))
 
     def takes(self, source: PoseSource) -> bool:
         """Whether this source may be that of the poses; transforms are read as well."""
-        return True
+        return any(
+            (channel.topic, channel.type) == (source.topic, source.type) and self._has_poses(channel)
+            for channel in self.seen.values()
+        )
+
+    def _has_poses(self, channel: Channel) -> bool:
+        return may_have_poses(channel, self._field) and self._is_asked(channel)
 
     def _is_asked(self, channel: Channel) -> bool:
         if self._topic is None:
@@ -210,6 +225,12 @@ class ChannelFilter:
         return NoPoses(f"{path}: no pose topic among {topics or 'no topics at all'}; poses are {USUAL}")
 
 
+def may_be_step(channel: Channel, relative_to: str | None) -> bool:
+    """Whether a channel may be part of a chain: it has transforms, or is the topic that poses are relative
+    to."""
+    return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
+
+
 def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
     """The prefix of each wanted channel in an index; reads only the chunks that have its first messages.
 
@@ -222,12 +243,11 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
     read_channels: set[Channel] = set()
     indexed = True
     for part in parts_of(path):
-        summary = summary_of(part)
-        indexed = indexed and summary is not None
-        if summary is None:
+        if (summary := summary_of(part)) is None:
+            indexed = False
             continue
         missing = dict[int, Channel]()
-        for channel_id, count in message_counts(summary):
+        for channel_id, count in _message_counts(summary):
             channel = channel_of(summary.channels[channel_id], summary.schemas)
             if wanted(channel) and count and channel not in read_channels:
                 missing[channel_id] = channel
@@ -246,7 +266,7 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     budget.bytes_read += sum(chunk.chunk_length for chunk in summary.chunk_indexes)
     kept = 0
     with open_stream(part, budget=budget) as stream:
-        loop = RecordLoop(stream, prefixes.__contains__, summary)
+        loop = RecordLoop(stream, lambda text: None, prefixes.__contains__, summary)
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
             there = missing.keys() & chunk.message_index_offsets.keys()
             if kept >= 4 * BUFFER_BYTES or all(prefixes[missing[channel_id]].is_full for channel_id in there):
@@ -258,10 +278,18 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     return [message for prefix in prefixes.values() for message in prefix.messages]
 
 
-def message_counts(summary: Summary | None) -> list[tuple[int, int]]:
+def messages_by_topic(path: str) -> Counter[str]:
+    """Messages by topic, as far as indexes tell."""
+    counts: Counter[str] = Counter()
+    for summary in filter(None, map(summary_of, parts_of(path))):
+        for channel_id, count in _message_counts(summary):
+            counts[summary.channels[channel_id].topic] += count
+    return counts
+
+
+def _message_counts(summary: Summary) -> list[tuple[int, int]]:
     """Channel ids with their number of messages, by id."""
-    if summary is None or summary.statistics is None:
-        return []
+    assert summary.statistics is not None
     counts = summary.statistics.channel_message_counts
     return [(channel_id, counts.get(channel_id, 0)) for channel_id in sorted(summary.channels)]
 

@@ -12,10 +12,10 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
-from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, assumption_text
+from contact_tracker.recording.decoding import LoggedPose, assumption_text
 from contact_tracker.recording.items import ROWS, Attachment, Item, Metadata, PoseSource, RawMessage, Rows
 from contact_tracker.recording.log import PoseLog
-from contact_tracker.recording.reading import Reading, is_table_file
+from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import Logged, Stamping, admitted, is_prefix
 
 SOURCES_KEPT: Final = 256
@@ -121,13 +121,12 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
             yield item
 
     reading = Reading(path, lambda channel: True, table=table)
-    decoder = MessageDecoder(reading.budget, table.field)
-    logged, is_table = decoder.poses(noted(reading)), is_table_file(path)
-    sources, undecodable, more_sources = _summaries(logged, decoder.assumed, is_table)
+    logged, assumed = reading.decoder.poses(noted(reading)), reading.decoder.assumed
+    sources, undecodable, more_sources = _summaries(logged, assumed, reading.is_table)
     assumptions = [
         f"{one.source.topic}: {assumption_text(one.observed, one.source.type, why)}"
         for one in sources
-        if (why := decoder.assumed.get((one.source.topic, one.source.type))) is not None
+        if (why := assumed.get((one.source.topic, one.source.type))) is not None
     ]
     return RecordingSummary(
         sources,
@@ -193,22 +192,15 @@ class _Tally:
     """Running figures of one source, of which ``observed`` poses were published."""
 
     def __init__(self, is_stamped: bool) -> None:
-        self._is_stamped = is_stamped
         self.counts: Counter[str] = Counter()
-        self.observed = 0
+        self.observed = self._poses = self._kept = self._first_ns = 0
         self._gate = PoseGate(self.counts)
-        self._waiting: list[Logged] = []
-        self._stamping: Stamping | None = None
-        self._poses = 0
-        self._kept = 0
-        self._beginning: list[Poses] = []
-        self._first_ns = 0
+        self._stamping = Stamping() if is_stamped else None
+        self._waiting, self._beginning = list[Logged](), list[Poses]()
         self._last = NO_POSES
-        self._steps_ns = _Sample()
-        self._offsets_ns = _Sample()
+        self._steps_ns, self._offsets_ns = _Sample(), _Sample()
         self._path_m = 0.0
-        self._low_m = np.full(3, np.inf)
-        self._high_m = np.full(3, -np.inf)
+        self._low_m, self._high_m = np.full(3, np.inf), np.full(3, -np.inf)
 
     def add(self, pose: Pose, log_time_ns: int, keep: bool) -> int:
         """Add a pose; the first are buffered until their stamping is determined. Returns how many poses were
@@ -219,14 +211,11 @@ class _Tally:
         return self._admit(keep) if is_enough else 0
 
     def _admit(self, keep: bool) -> int:
-        stamps, log_times_ns = zip(
-            *((pose.stamp_ns, time_ns) for pose, time_ns in self._waiting), strict=True
-        )
+        waiting, self._waiting = self._waiting, []
+        self._stamping = self._stamping or Stamping.by(waiting)
+        stamps, log_times_ns = zip(*((pose.stamp_ns, time_ns) for pose, time_ns in waiting), strict=True)
         self._offsets_ns.add(_clipped(log_times_ns) - _clipped(stamps))
-        if self._stamping is None:
-            self._stamping = Stamping(() if self._is_stamped else self._waiting)
-        passed, self._waiting = admitted(self._gate, self._stamping, self._waiting, self.counts), []
-        return self._note(passed, keep)
+        return self._note(admitted(self._gate, self._stamping, waiting, self.counts), keep)
 
     def _note(self, poses: Poses, keep: bool) -> int:
         """Add valid poses; returns how many were kept."""

@@ -1,13 +1,14 @@
 """Layouts of poses in tables: columns by their names and by what users say of them, units and rotations.
 
-Layouts are determined by the first lines or the column names alone.
+Names and systems are in tables here: what columns are called, how known systems mean theirs, and what as many
+numbered columns usually are.
 """
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,19 +85,48 @@ NAMED_NS: Final[Mapping[str, int]] = {
     **dict.fromkeys(("\u00b5s", "\u03bcs"), TIMES_NS["us"]),
 }
 """Units in names of columns."""
+_METRES: Final = {"": 1.0, "centi": 1e-2, "milli": 1e-3, "micro": 1e-6}
 LENGTHS_M: Final[Mapping[str, float]] = {
-    **dict.fromkeys(("m", "meters", "metres", "meter", "metre"), 1.0),
-    **dict.fromkeys(("cm", "centimeters", "centimetres", "centimeter", "centimetre"), 1e-2),
-    **dict.fromkeys(("mm", "millimeters", "millimetres", "millimeter", "millimetre"), 1e-3),
-    **dict.fromkeys(("um", "\u00b5m", "\u03bcm", "micrometers", "micrometres"), 1e-6),
+    **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6},
+    **{f"{part}met{end}": m for part, m in _METRES.items() for end in ("er", "re", "ers", "res")},
 }
 ANGLE_UNITS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("deg", "degs", "degree", "degrees", "\u00b0"), "deg"),
     **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
 }
-
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
+SEPARATORS: Final[Mapping[str, str]] = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+"""Characters that separate values, and what messages call them."""
+
+
+def number(value: str) -> float:
+    """The number in a cell, which may have quotes or a decimal comma; raises ValueError."""
+    return float(value.strip(BLANKS).replace(",", "."))
+
+
+def numbers(cells: Sequence[str]) -> Array:
+    """The numbers in cells; NaN for other text."""
+
+    def one(cell: str) -> float:
+        try:
+            return number(cell)
+        except ValueError:
+            return np.nan
+
+    try:
+        return np.array(list(map(float, cells)), np.float64)
+    except ValueError:
+        return np.array(list(map(one, cells)), np.float64)
+
+
+def are_numbers(values: Sequence[str]) -> bool:
+    """Whether values are numbers and empty cells, with at least one number."""
+    given = [value for value in values if value.strip(BLANKS)]
+    try:
+        return bool(given) and all(number(value) is not None for value in given)
+    except ValueError:
+        return False
 
 
 class OpenReading(UnreadableRecording):
@@ -113,7 +143,7 @@ class Body:
     Parameters
     ----------
     metres : factor of the position.
-    kind : of the rotation, a key of ``table_readings.ROTATIONS``.
+    kind : of the rotation, a key of ``ROTATIONS``.
     how : order and unit of angles.
     """
 
@@ -123,7 +153,7 @@ class Body:
     kind: str = "quaternion"
     how: str = ""
 
-    def poses(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def poses(self, values: Array) -> Array:
         """Positions (m) and quaternions ``xyzw`` (N, 7) of the values of its columns (N, k)."""
         return np.hstack([values[:, :3] * self.metres, quaternions(self.kind, values[:, 3:], self.how)])
 
@@ -137,7 +167,7 @@ class TableLayout:
     kind : description of the format.
     separator : of the values in a line; None for white space.
     skip : lines before the first row.
-    time : index of the time column.
+    time : index of the time column; -1 where rows are numbered.
     time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
     rest : index of a column with the nanoseconds of the second.
     has_own_unit : whether the format itself defines the unit of its times.
@@ -159,10 +189,6 @@ class TableLayout:
         """Indices of the columns that are read, the time first."""
         times = [self.time] if self.rest is None else [self.time, self.rest]
         return list(dict.fromkeys([*times, *(place for body in self.bodies for place in body.columns)]))
-
-
-SEPARATORS: Final[Mapping[str, str]] = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
-"""Characters that separate values, and what messages call them."""
 
 
 def bodies_of(
@@ -197,7 +223,7 @@ def bodies_of(
             continue
         roles, _ = ROTATIONS[kind]
         position = [columns[places[r]] for r in POSITION]
-        metres = metres_of([(label, reading.unit or named or unit) for label, named in position])
+        metres = _metres_of([(label, reading.unit or named or unit) for label, named in position])
         how = _how(reading, [columns[places[role]] for role in roles])
         bodies.append(Body(name, tuple(places[r] for r in (*POSITION, *roles)), metres, kind, how))
     if open_names and not bodies:
@@ -217,17 +243,11 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     return f"{reading.euler}:{units.pop()}"
 
 
-def metres_of(columns: Sequence[tuple[str, str]]) -> float:
-    """The factor to metres of x, y and z by their names and units; metres without a unit.
-
-    Raises
-    ------
-    UnreadableRecording
-        A unit is unknown, or they differ.
-    """
+def _metres_of(columns: Sequence[tuple[str, str]]) -> float:
+    """The factor to metres of x, y and z by their names and units, metres without one."""
     for name, unit in columns:
         if unit and unit.lower() not in LENGTHS_M:
-            raise UnreadableRecording(unknown_unit(unit, name, "m, cm, mm, um"))
+            raise UnreadableRecording(_unknown_unit(unit, name, "m, cm, mm, um"))
     factors = {LENGTHS_M[unit.lower()] if unit else 1.0 for _, unit in columns}
     if len(factors) > 1:
         names = ", ".join(name for name, _ in columns)
@@ -235,37 +255,8 @@ def metres_of(columns: Sequence[tuple[str, str]]) -> float:
     return factors.pop()
 
 
-def unknown_unit(unit: str, name: str, known: str) -> str:
-    """The message on a unit that is not read."""
+def _unknown_unit(unit: str, name: str, known: str) -> str:
     return f"the unit '{unit}' of column '{name.strip()}' is not known: {known}"
-
-
-def are_numbers(values: Sequence[str]) -> bool:
-    """Whether values are numbers and empty cells, with at least one number; commas are decimal points."""
-    try:
-        return len([number(value) for value in values if value.strip(BLANKS)]) > 0
-    except ValueError:
-        return False
-
-
-def number(value: str) -> float:
-    """The number in a cell, which may have quotes or a decimal comma; raises ValueError."""
-    return float(value.strip(BLANKS).replace(",", "."))
-
-
-def numbers(cells: Sequence[str]) -> Array:
-    """The numbers in cells; NaN for other text."""
-
-    def one(cell: str) -> float:
-        try:
-            return number(cell)
-        except ValueError:
-            return np.nan
-
-    try:
-        return np.array(list(map(float, cells)), np.float64)
-    except ValueError:
-        return np.array(list(map(one, cells)), np.float64)
 
 
 _UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
@@ -278,23 +269,25 @@ _REST: Final = re.compile(r"(?:.*[./ _])?(?:nano_?|n)sec(?:s|onds)?")
 _FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
+_BODY: Final = r"(.*?)[._/: -]*"
 _QUATERNION: Final = re.compile(
-    r"(.*?)[._/: -]*(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzw])"
+    _BODY + r"(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzw])"
 )
-_FIRST_IS_REAL: Final = re.compile(r"(.*?)[._/: -]*(?<![a-z])(?:q|quat)[._/: -]*0")
+_FIRST_IS_REAL: Final = re.compile(_BODY + r"(?<![a-z])(?:q|quat)[._/: -]*0")
 _POSITION: Final = re.compile(
-    r"(.*?)[._/: -]*(?:(?<![a-z])(?:p|t|pos|position|trans|translation|p_\w+)[._/: -]*)?(?<![a-z])([xyz])"
+    _BODY + r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|p_\w+)[._/: -]*)?(?<![a-z])([xyz])"
 )
-_PREFIXED: Final = re.compile(r"(.*?)[._/: -]*(?<![a-z])[pt]([xyz])")
+_PREFIXED: Final = re.compile(_BODY + r"(?<![a-z])[pt]([xyz])")
 _ANGLE: Final = re.compile(
-    r"(.*?)[._/: -]*(?<![a-z])(?:(roll|pitch|yaw)|(?:r|rot|rotation|euler|angle|rotvec|axis_?angle)"
-    r"[._/: -]*([xyz]))"
+    _BODY
+    + r"(?<![a-z])(?:(roll|pitch|yaw)|(?:r|rot|rotation|euler|angle|rotvec|axis_?angle)[._/: -]*([xyz]))"
 )
 _TURN: Final = {"roll": "x", "pitch": "y", "yaw": "z"}
-_ELEMENT: Final = re.compile(r"(.*?)[._/: -]*(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])")
+_ELEMENT: Final = re.compile(_BODY + r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])")
 _NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
+_MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 _NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _EXAMPLE: Final = "time [s],x [m],y [m],z [m],qx,qy,qz,qw"
 _SHOWN: Final = 12
@@ -303,31 +296,25 @@ _LONGEST_NAME: Final = 200
 _A_RATE: Final = "100Hz"
 UNNAMED: Final = "c"
 """Columns without names are ``c0``, ``c1``, ..."""
+_POSE_ROLES: Final = (*POSITION, *QUATERNION)
+_NANOSECONDS: Final = 10
 
-
-class Known(NamedTuple):
-    """Columns of a known system: names, in lower case, by which it is recognised, and how it means them."""
-
-    system: str
-    names: tuple[str, ...]
-    reading: TableReading
-
-
-KNOWN: Final = (
-    Known(
+KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
+    (
         "UR's RTDE",
         ("actual_tcp_pose_0", "actual_tcp_pose_5"),
         reading_of("position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]", rotation_vector=True),
     ),
-    Known("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
-    Known("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
-    Known("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
-    Known("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
-    Known("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
-    Known("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
-    Known("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
-    Known("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
+    ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
+    ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
+    ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
+    ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
+    ("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
+    ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
+    ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
+    ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
+"""Known systems: name; names of columns, in lower case, by which one is recognised; how it means them."""
 _LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
     16: ("matrix={0}", reading_of(matrix="rows")),
     12: ("matrix={0}", reading_of(matrix="rows")),
@@ -345,21 +332,9 @@ class _Columns:
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
         self.names = [name.strip()[:_LONGEST_NAME] for name in names]
-        self.plain = [_split_unit(name)[0] for name in self.names]
-        named = [_split_unit(name)[1] for name in self.names]
-        self.units = [a or b for a, b in zip(named, [*units, *[""] * len(names)], strict=False)]
-
-    def place(self, name: str) -> int:
-        """The index of a column as users name it; raises ChoiceError."""
-        for names in (self.names, [one.lower() for one in self.names], self.plain):
-            if (name if names is self.names else name.lower()) in names:
-                return names.index(name if names is self.names else name.lower())
-        one = _SLICE.fullmatch(name)
-        places = self.numbered(one[1]) if one is not None and one[3] is None else {}
-        if one is None or int(one[2]) not in places:
-            shown = suggestion(name, self.names) or f"; there are {_listed(self.names)}"
-            raise ChoiceError(f"no column {name!r}{shown}")
-        return places[int(one[2])]
+        split = [_split_unit(name) for name in self.names]
+        self.plain = [plain for plain, _ in split]
+        self.units = [a or b for (_, a), b in zip(split, [*units, *[""] * len(names)], strict=False)]
 
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number."""
@@ -370,29 +345,40 @@ class _Columns:
                 found.setdefault(int(match[2]), place)
         return dict(sorted(found.items()))
 
-    def group(self, name: str) -> list[int]:
-        """Indices of the numbered columns of a name, or some of them, ``name[3:7]``; raises ChoiceError."""
+    def places(self, name: str, is_group: bool) -> list[int]:
+        """Indices of a column as users name it, or of a group of numbered ones: ``name`` or ``name[3:7]``;
+        raises ChoiceError."""
+        lower = name.lower()
+        for names, wanted in (
+            (self.names, name),
+            ([n.lower() for n in self.names], lower),
+            (self.plain, lower),
+        ):
+            if not is_group and wanted in names:
+                return [names.index(wanted)]
         part = _SLICE.fullmatch(name)
-        if part is None or part[3] is None:
-            places = self.numbered(name)
-            if not places:
-                raise ChoiceError(f"no columns {name}[0], {name}[1], ...; there are {_listed(self.names)}")
-            return list(places.values())
-        places = self.numbered(part[1])
-        wanted = range(int(part[2]), int(part[3]))
-        if not all(number in places for number in wanted):
-            raise ChoiceError(f"no columns {name}; there are {_listed(self.names)}")
-        return [places[number] for number in wanted]
+        if part is not None and (part[3] is not None) == is_group:
+            first = int(part[2])
+            numbered = self.numbered(part[1])
+            wanted_numbers = range(first, int(part[3] or first + 1))
+            if all(number in numbered for number in wanted_numbers):
+                return [numbered[number] for number in wanted_numbers]
+        elif is_group and (numbered := self.numbered(name)):
+            return list(numbered.values())
+        group = f"s {name}" if part is not None else f"s {name}[0], {name}[1], ..."
+        what = group if is_group else f" {name!r}"
+        raise ChoiceError(
+            f"no column{what}{suggestion(name, self.names) or f'; there are {_listed(self.names)}'}"
+        )
 
     def find(self, reading: TableReading) -> dict[str, dict[str, int]]:
         """Indices by body and role: those that the reading states, and others by their names."""
         stated = dict(chain.from_iterable(self._stated(*one, reading) for one in reading.columns))
         found: dict[str, dict[str, int]] = {}
         for place, name in enumerate(self.plain):
-            for body, role in (
-                _roles(name, reading.matrix == "columns") if place not in stated.values() else ()
-            ):
-                found.setdefault(body, {}).setdefault(role, place)
+            if place not in stated.values():
+                for body, role in _roles(name, reading.matrix == "columns"):
+                    found.setdefault(body, {}).setdefault(role, place)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
         if stated:  # the body without a name, or else that of most columns
             main = "" if "" in found or not found else max(found, key=lambda body: len(found[body]))
@@ -400,23 +386,20 @@ class _Columns:
         return {**found, TIME: times}
 
     def _stated(self, role: str, name: str, reading: TableReading) -> list[tuple[str, int]]:
+        places = self.places(name, role in GROUPS)
         if role not in GROUPS:
-            return [(role, self.place(name))]
-        places = self.group(name)
+            return [(role, places[0])]
         if role != "matrix":
             if len(places) != len(GROUPS[role]):
                 raise ChoiceError(f"{role} has {len(GROUPS[role])} columns, and {name} {len(places)}")
             return list(zip(GROUPS[role], places, strict=True))
-        shape = {9: (3, 3), 12: (3, 4), 16: (4, 4)}.get(len(places))
-        if shape is None:
+        if len(places) not in _MATRIX_SHAPES:
             raise ChoiceError(f"a matrix has 9, 12 or 16 values, and {name} {len(places)}")
-        rows, width = shape
-        roles = dict[str, int]()
-        for i, place in enumerate(places):
-            row, column = divmod(i, width) if reading.matrix != "columns" else divmod(i, rows)[::-1]
-            if row < 3:
-                roles[f"r{row + 1}{column + 1}" if column < 3 else POSITION[row]] = place
-        return list(roles.items())
+        shape = _MATRIX_SHAPES[len(places)]
+        order: Any = "F" if reading.matrix == "columns" else "C"
+        values = np.reshape(places, shape, order=order)[:3].tolist()
+        rotation = [(f"r{i + 1}{j + 1}", row[j]) for i, row in enumerate(values) for j in range(3)]
+        return rotation + [(POSITION[i], row[3]) for i, row in enumerate(values) if len(row) > 3]
 
     def time(self, reading: TableReading, times: Mapping[str, int]) -> tuple[int | None, int | None]:
         """Indices of the time, and of the nanoseconds of its second."""
@@ -431,6 +414,13 @@ class _Columns:
         return (-1 if reading.has_frame_numbers else None), None
 
 
+def _split_unit(name: str) -> tuple[str, str]:
+    """A column's name in lower case, and its unit."""
+    plain = _CAMEL.sub("_", name.strip().lstrip("#").strip()).lower()
+    unit = _UNIT.search(plain)
+    return (plain, "") if unit is None else (plain[: unit.start()], (unit[1] or unit[2] or "").strip())
+
+
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
     """Body and role of a column, of which ``rotation_x`` may have two."""
     if match := _QUATERNION.fullmatch(plain):
@@ -442,8 +432,12 @@ def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
     if match := _ANGLE.fullmatch(plain):
         yield _body(match[1]), f"r{_TURN.get(match[2] or '', match[3])}"
     if match := _ELEMENT.fullmatch(plain):
-        row, column = (match[3], match[2]) if by_columns else (match[2], match[3])
-        yield _body(match[1]), f"r{row}{column}"
+        yield _body(match[1]), f"r{match[3]}{match[2]}" if by_columns else f"r{match[2]}{match[3]}"
+
+
+def _body(prefix: str) -> str:
+    words = [word for word in re.split(r"[./: ]+", prefix) if word not in _GENERIC]
+    return "/".join(words).strip("_-")
 
 
 def layout_of_names(
@@ -477,21 +471,65 @@ def layout_of_names(
         raise UnreadableRecording(proposal) from error
 
 
+def layout_without_names(
+    values: Sequence[str],
+    reading: TableReading,
+    path: str,
+    kind: str,
+    separator: str | None = None,
+    skip: int = 0,
+) -> TableLayout:
+    """The layout of columns that have no names, by the values of the first row; raises UnreadableRecording
+    where the reading does not say which columns are what."""
+    if not reading.columns:
+        how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
+        meant = _meaning(values)
+        if meant is not None:
+            how = f"if they are meant so, read them by {meant.with_(reading).command(path)}"
+            if meant.has_frame_numbers and not reading.has_frame_numbers:
+                how += f", with the rate of your poses instead of {meant.time_unit}"
+        raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
+    return layout_of_names(
+        [f"{UNNAMED}{i}" for i in range(len(values))], reading, path, kind, separator, skip
+    )
+
+
+def _meaning(values: Sequence[str]) -> TableReading | None:
+    """What rows without names usually are: TUM, messages of ``ros2 topic echo --csv``, poses without times
+    and matrices, as KITTI's."""
+
+    def named(first: int, **stated: str) -> TableReading:
+        return reading_of({**stated, **{role: f"{UNNAMED}{first + i}" for i, role in enumerate(_POSE_ROLES)}})
+
+    texts = [i for i, value in enumerate(values) if not are_numbers([value])]
+    pose = len(_POSE_ROLES)
+    if not texts and len(values) in (12, 16):
+        return reading_of(f"matrix={UNNAMED}", matrix="rows", time_unit="10Hz")
+    if not texts and len(values) == pose:
+        return named(0).with_(reading_of(time_unit="10Hz"))
+    if not texts and len(values) == 1 + pose:
+        return named(1, time=f"{UNNAMED}0")
+    is_stamp = len(values) > 2 and all(map(str.isdigit, values[:2])) and len(values[1]) < _NANOSECONDS
+    if is_stamp and texts[:1] == [2] and len(values) >= texts[-1] + 1 + pose:
+        return named(texts[-1] + 1, time=f"{UNNAMED}0", nanoseconds=f"{UNNAMED}1")
+    return None
+
+
 def _layout(
-    columns: _Columns, reading: TableReading, kind: str, separator: str | None, skip: int
+    columns: _Columns, reading: TableReading, kind: str = "", separator: str | None = None, skip: int = 0
 ) -> TableLayout:
     found = columns.find(reading)
     time, rest = columns.time(reading, found.pop(TIME))
     time_ns = reading.time_ns if time is None or reading.time_ns else _time_ns(columns, time)
-    for places in found.values():
-        for role in [role for role, place in places.items() if place == time]:
-            del places[role]
-    named = list(zip(columns.names, columns.units, strict=True))
-    bodies = bodies_of(found, named, reading)
+    found = {
+        body: {r: place for r, place in places.items() if place != time} for body, places in found.items()
+    }
+    bodies = bodies_of(found, list(zip(columns.names, columns.units, strict=True)), reading)
     if time is None or not bodies:
         best = sorted(found.values(), key=len)[-1:]
-        roles = ROLES_OF_A_POSE if bodies else tuple(*best)
-        raise UnreadableRecording(_lacking(columns.names, time is not None, roles))
+        raise UnreadableRecording(
+            _lacking(columns.names, time is not None, _POSE_ROLES if bodies else tuple(*best))
+        )
     return TableLayout(kind, separator, skip, time, 1e9 if rest is not None else time_ns, bodies, rest)
 
 
@@ -501,7 +539,7 @@ def _time_ns(columns: _Columns, time: int) -> int | None:
     if unit in _CLOCKS:
         return NAMED_NS.get(columns.plain[time])
     if unit not in NAMED_NS:
-        raise UnreadableRecording(unknown_unit(unit, columns.names[time], "s, ms, us, ns"))
+        raise UnreadableRecording(_unknown_unit(unit, columns.names[time], "s, ms, us, ns"))
     return NAMED_NS[unit]
 
 
@@ -513,10 +551,10 @@ def _proposal(columns: _Columns, reading: TableReading, path: str) -> str | None
         reading = reading.with_(reading_of(time_unit=_A_RATE))
         about_rate = f", with the rate of your frames instead of {_A_RATE}"
     lower = {name.lower() for name in columns.names}
-    for known in KNOWN:
-        one = known.reading.with_(reading)
-        if lower.issuperset(known.names) and not _fault(columns, one):
-            return f"if its columns are those of {known.system}, read them by {one.command(path)}{about_rate}"
+    for system, names, meant in KNOWN:
+        one = meant.with_(reading)
+        if lower.issuperset(names) and not _fault(columns, one):
+            return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
     fault = _fault(columns, reading)
     if fault is None:
         return f"its times are numbers of frames: read them by {reading.command(path)}{about_rate}"
@@ -527,41 +565,30 @@ def _proposal(columns: _Columns, reading: TableReading, path: str) -> str | None
             f"its rotations are three numbers, {fault}, angles or a rotation vector: read them by {commands}"
             f"{about_rate}. Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
         )
-    numbered = _by_number(columns, reading)
-    if numbered is None:
-        return None
-    return f"if its columns are meant so, read them by {numbered.command(path)}{about_rate}"
-
-
-def _by_number(columns: _Columns, reading: TableReading) -> TableReading | None:
-    """The reading of numbered columns, or of lists, of as many values as a pose or a part of it has."""
     bases = dict.fromkeys(match[1] for name in columns.names if (match := _NUMBERED.fullmatch(name)))
     parts = [(base, many) for base in bases if (many := len(columns.numbered(base))) in _LISTS]
     for some in chain(([part] for part in parts), ([a, b] for a in parts for b in parts if a[1] < b[1])):
         one = reading
         for base, many in some:
-            stated, kind = _LISTS[many]
-            one = kind.with_(reading_of(stated.format(base))).with_(one)
+            stated, meant = _LISTS[many]
+            one = meant.with_(reading_of(stated.format(base))).with_(one)
         if not _fault(columns, one):
-            return one
+            return f"if its columns are meant so, read them by {one.command(path)}{about_rate}"
     return None
 
 
 def _fault(columns: _Columns, reading: TableReading) -> Exception | None:
     """Why columns cannot be read so; None if they can."""
     try:
-        _layout(columns, reading, "", None, 0)
+        _layout(columns, reading)
     except (UnreadableRecording, ChoiceError) as error:
         return error
     return None
 
 
-ROLES_OF_A_POSE: Final = (*POSITION, *QUATERNION)
-
-
 def _lacking(names: Sequence[str], has_time: bool, roles: Sequence[str]) -> str:
     """The message on columns that are missing beside those of these roles."""
-    missing = [role for role in ROLES_OF_A_POSE if role not in roles]
+    missing = [role for role in _POSE_ROLES if role not in roles]
     if not missing:
         return (
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
@@ -577,17 +604,3 @@ def _lacking(names: Sequence[str], has_time: bool, roles: Sequence[str]) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-
-
-def _split_unit(name: str) -> tuple[str, str]:
-    """A column's name in lower case, and its unit."""
-    plain = _CAMEL.sub("_", name.strip().lstrip("#").strip()).lower()
-    unit = _UNIT.search(plain)
-    if unit is None:
-        return plain, ""
-    return plain[: unit.start()], (unit[1] if unit[1] is not None else unit[2]).strip()
-
-
-def _body(prefix: str) -> str:
-    words = [word for word in re.split(r"[./: ]+", prefix) if word not in _GENERIC]
-    return "/".join(words).strip("_-")

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
-from itertools import islice
+from itertools import compress
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -19,9 +19,9 @@ from contact_tracker.config.table_reading import AS_NAMED, TICK, TIME_UNITS_NS, 
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
-from contact_tracker.recording.items import ROWS, ROWS_AT_ONCE, Channel, PoseSource, Rows
+from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import BLANKS, SEPARATORS, TIME_WORDS, Body, TableLayout, numbers
-from contact_tracker.recording.text_tables import TextRows, head_of, layout_of_text
+from contact_tracker.recording.text_tables import TextTable
 
 _STEP_S: Final = (0.0005, 0.2)
 """Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
@@ -147,21 +147,30 @@ class TableTimes:
             if not dates and not known.any():
                 return np.full(len(times), NEVER)
             self._are_dates = dates > known.sum()
-            if self._are_dates and self._reading.time_unit is not None:
+            if not self._are_dates:
+                self._find_unit(floats[known])
+            elif self._reading.time_unit is not None:
                 raise ChoiceError(
                     f"{self._path}: its times are dates: leave out --time-unit, which is for tables whose "
                     "times are numbers"
                 )
-            if not self._are_dates:
-                self._find_unit(floats[known])
         if self._are_dates:
             dated = map(stamp_of_date, times)
             return np.array([NEVER if stamp is None else stamp for stamp in dated], np.int64)
-        stamps = self._stamps_of_numbers(times, floats)
+        assert self._scale is not None
+        known &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
+        if self._scale == round(self._scale):  # exact to the written nanosecond
+            written = compress(times, known)
+            exact = [exact_ns(time, round(self._scale)) - self._epoch_ns for time in written]
+        else:
+            exact = np.round(floats[known] * self._scale).tolist()
+        stamps = np.full(len(times), NEVER)
+        stamps[known] = exact
         if rests is not None:
-            floats = numbers(rests)
-            is_rest = (stamps != NEVER) & (floats >= 0) & (floats < 1e9)
-            stamps = np.where(is_rest, stamps + np.where(is_rest, floats, 0.0).astype(np.int64), NEVER)
+            more_ns = numbers(rests)
+            has_rest = (more_ns >= 0) & (more_ns < 1e9)
+            stamps[has_rest & known] += more_ns[has_rest & known].astype(np.int64)
+            stamps[~has_rest] = NEVER
         return stamps
 
     def _find_unit(self, times: NDArray[np.float64]) -> None:
@@ -183,17 +192,6 @@ class TableTimes:
             doubt = doubt_of_unit(times, self._scale)
         if doubt is not None:
             self._assume(doubt)
-
-    def _stamps_of_numbers(self, times: Sequence[str], floats: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Stamps of numbers as text, exact to the written nanosecond, since their epoch."""
-        unit_ns, epoch_ns = self._scale, self._epoch_ns
-        assert unit_ns is not None
-        known = np.isfinite(floats) & (np.abs(floats * unit_ns - epoch_ns) < RANGE_NS)
-        if unit_ns != round(unit_ns):
-            return np.where(known, np.round(np.where(known, floats, 0.0) * unit_ns), NEVER).astype(np.int64)
-        unit, pairs = round(unit_ns), zip(times, known.tolist(), strict=True)
-        exact = [exact_ns(time, unit) - epoch_ns if is_known else NEVER for time, is_known in pairs]
-        return np.array(exact, np.int64)
 
 
 def exact_ns(time: str, unit_ns: int) -> int:
@@ -222,13 +220,10 @@ def stamp_of_date(text: str) -> int | None:
 
 
 if TYPE_CHECKING:
-    from contact_tracker.recording.binary_tables import ArrayRows, ParquetRows
+    from contact_tracker.recording.binary_tables import ArrayTable, ParquetTable
 
 _PARQUET: Final = b"PAR1"
 _NPY, _NPZ = b"\x93NUMPY", b"PK\x03\x04"
-_CUT_OFF: Final = (
-    "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
-)
 _LONGEST_TIME: Final = 40
 _BEGIN: Final = 4096
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
@@ -366,34 +361,15 @@ def read_table(
         report(damage)
 
 
-def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ParquetRows | ArrayRows":
+def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ParquetTable | ArrayTable":
     budget.bytes_read += os.path.getsize(path)
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
-    if begin.startswith(_PARQUET):
-        from contact_tracker.recording.binary_tables import ParquetRows
+    if not begin.startswith(_PARQUET) and not _is_array_file(path, begin):
+        return TextTable(path, begin, reading)
+    from contact_tracker.recording.binary_tables import ArrayTable, ParquetTable
 
-        return ParquetRows(path, reading, budget)
-    if _is_array_file(path, begin):
-        from contact_tracker.recording.binary_tables import ArrayRows
-
-        return ArrayRows(path, reading, budget)
-    return TextTable(path, begin, reading)
-
-
-class TextTable:
-    """A text table in columns, some rows after others; after iteration ``damage`` says what is not read."""
-
-    def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
-        self.layout = layout_of_text(head_of(path, begin), reading, path)
-        self.damage: tuple[str, ...] = ()
-        self._rows = TextRows(path, begin, self.layout)
-
-    def __iter__(self) -> Iterator[Columns]:
-        places, rows = self.layout.places, iter(self._rows)
-        while some := list(islice(rows, ROWS_AT_ONCE)):
-            yield dict(zip(places, zip(*some, strict=True), strict=True))
-        self.damage = (_CUT_OFF,) if self._rows.is_cut else ()
+    return (ParquetTable if begin.startswith(_PARQUET) else ArrayTable)(path, reading, budget)
 
 
 def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) -> str:

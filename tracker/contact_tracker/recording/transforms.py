@@ -16,25 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import AmbiguousSource
 from contact_tracker.motion.poses import Pose, Poses, ReadAs
 from contact_tracker.recording.decoding import LoggedPose
 from contact_tracker.recording.definitions import canonical
-from contact_tracker.recording.items import Channel, PoseSource
-from contact_tracker.recording.sources import ChannelFilter, Logged, Stamping, only_one
-
-TRANSFORM_TYPES: Final = frozenset(
-    {
-        "tf2_msgs/msg/TFMessage",
-        "tf/msg/tfMessage",
-        "geometry_msgs/msg/TransformStamped",
-        "foxglove.FrameTransform",
-        "foxglove.FrameTransforms",
-        "foxglove_msgs/msg/FrameTransform",
-        "foxglove_msgs/msg/FrameTransforms",
-    }
-)
+from contact_tracker.recording.items import PoseSource
+from contact_tracker.recording.sources import TRANSFORM_TYPES, Logged, Stamping, only_one
 
 
 class Step(NamedTuple):
@@ -110,29 +97,6 @@ ARROW: Final = "->"
 _BODY: Final = "the body "
 REFERENCE: Final = "the reference "
 """Frame names that do not occur in logs."""
-
-
-def may_be_step(channel: Channel, relative_to: str | None) -> bool:
-    """Whether a channel may be part of a chain: it has transforms, or is the topic that poses are relative
-    to."""
-    return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
-
-
-class FrameFilter(ChannelFilter):
-    """Accepts what ``ChannelFilter`` accepts, transforms, and the topic that poses are relative to."""
-
-    def __init__(self, topic: str | None, relative_to: str | None, table: TableReading = AS_NAMED) -> None:
-        super().__init__(topic, table)
-        self._relative_to = relative_to
-
-    def __call__(self, channel: Channel) -> bool:
-        is_asked = super().__call__(channel)
-        return is_asked or may_be_step(channel, self._relative_to)
-
-    def takes(self, source: PoseSource) -> bool:
-        """Whether this source may be that of the poses."""
-        channel = next(c for c in self.seen.values() if (c.topic, c.type) == (source.topic, source.type))
-        return super().__call__(channel)
 
 
 class Chain(tuple[Step, ...]):
@@ -292,7 +256,7 @@ class Composer:
                 for pose, _ in logged[:1]:
                     self._tracks[source].add(pose)
             elif source in self._tracks and len(logged) > 1:
-                self._stampings[source] = Stamping(logged)
+                self._stampings[source] = Stamping.by(logged)
 
     def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
         """The composed poses; other poses are dropped, and None is passed on."""
@@ -353,9 +317,11 @@ class Composer:
                 good &= known
             part = _inverse(part) if inverted else part
             whole = part if whole is None else _product(whole, part)
-        self._forget()
         assert whole is not None
-        self._count_lost(poses.stamp_ns[~good])
+        for stamp_ns in poses.stamp_ns[~good].tolist():
+            is_gap = all(track.spans(stamp_ns) for track in self._parents)
+            self.counts["parent_gap" if is_gap else "no_parent"] += 1
+        self._forget()
         positions, rotations = whole
         # A quaternion keeps its norm, so that the pose gate validates it as published.
         quats = rotations.as_quat() * np.where(usable, norms, np.nan)[:, None]
@@ -369,13 +335,6 @@ class Composer:
         for track in self._parents:
             track.forget(min(ends_ns) - _KEPT_NS)
 
-    def _count_lost(self, stamps_ns: NDArray[np.int64]) -> None:
-        for stamp_ns in stamps_ns.tolist():
-            if all(track.spans(stamp_ns) for track in self._parents):
-                self.counts["parent_gap"] += 1
-            else:
-                self.counts["no_parent"] += 1
-
 
 class _Track:
     """Samples of one transform of a chain, as long as pending poses need them."""
@@ -384,7 +343,6 @@ class _Track:
         self._counts = counts
         self._static = static
         self._samples: deque[Pose] = deque()
-        self._first_ns: int | None = None
 
     @property
     def until_ns(self) -> int:
@@ -395,7 +353,8 @@ class _Track:
 
     def spans(self, stamp_ns: int) -> bool:
         """Whether there are samples before and after a stamp."""
-        return self._first_ns is not None and self._first_ns <= stamp_ns <= self.until_ns
+        has_begun = bool(self._samples) and (self._static or self._samples[0].stamp_ns <= stamp_ns)
+        return has_begun and stamp_ns <= self.until_ns
 
     def add(self, pose: Pose) -> None:
         norm = float(np.linalg.norm(pose.quat_xyzw))
@@ -405,24 +364,16 @@ class _Track:
             return
         if self._static:
             self._samples.clear()
-        elif self._samples and pose.stamp_ns <= self._samples[-1].stamp_ns:
-            if pose.stamp_ns > self._samples[-1].stamp_ns - _BACK_NS:
-                self._counts["bad_parent"] += pose.stamp_ns < self._samples[-1].stamp_ns
+        elif self._samples:
+            step_ns = pose.stamp_ns - self._samples[-1].stamp_ns
+            if -_BACK_NS < step_ns <= 0:
+                self._counts["bad_parent"] += step_ns < 0
                 return
-            self._start_anew()
-        elif self._samples and pose.stamp_ns > self._samples[-1].stamp_ns + _FORWARD_NS:
-            self._start_anew()
-        if self._static:
-            self._first_ns = -(2**63)
-        elif self._first_ns is None:
-            self._first_ns = pose.stamp_ns
+            if not 0 < step_ns <= _FORWARD_NS:
+                self._samples.clear()
         self._samples.append(pose)
         if len(self._samples) > _MOST_KEPT:
             self._samples.popleft()
-
-    def _start_anew(self) -> None:
-        self._samples.clear()
-        self._first_ns = None
 
     def forget(self, stamp_ns: int) -> None:
         """Drop the samples before the last one up to a stamp."""

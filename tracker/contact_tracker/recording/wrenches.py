@@ -13,12 +13,12 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ChoiceError, InputError
 from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import BATCH, Pose, Poses
-from contact_tracker.recording.decoding import LoggedPose, MessageDecoder, Undecodable, is_readable
+from contact_tracker.recording.decoding import LoggedPose, Undecodable, is_readable
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import Channel, PoseSource, RawMessage
 from contact_tracker.recording.log import PoseLog
 from contact_tracker.recording.reading import Reading
-from contact_tracker.recording.sources import Logged, poses_by_source, take_prefix
+from contact_tracker.recording.sources import Logged, may_be_step, poses_by_source, take_prefix
 from contact_tracker.recording.transforms import (
     REFERENCE,
     Chain,
@@ -28,7 +28,6 @@ from contact_tracker.recording.transforms import (
     frame_name,
     is_static,
     is_transform,
-    may_be_step,
 )
 from contact_tracker.suggestions import suggestion
 from contact_tracker.with_wrenches import NoLoad, mass_doubt, wrench_evidence
@@ -37,77 +36,6 @@ from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 _WRENCH: Final = "the wrench "
 """A frame name that does not occur in logs."""
-
-
-class FrameChain(NamedTuple):
-    """Transforms to the frame of wrenches, and the first messages of what was found on the way.
-
-    Parameters
-    ----------
-    steps : from the object, or from what its poses are in; None where there are none.
-    in_object : which of the two.
-    is_in_tree : whether any transform names the frame.
-    """
-
-    steps: Chain | None
-    in_object: bool
-    is_in_tree: bool
-    known: Mapping[PoseSource, list[Logged]]
-
-
-def _find_chain(path: str, frame_id: str, source: PoseSource) -> FrameChain:
-    """The transforms that lead to a frame, from the object or from what its poses (``source``) are in: those
-    of which fewer move."""
-    reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
-    decoder, items, known = MessageDecoder(reading.budget), iter(reading), dict[PoseSource, list[Logged]]()
-    while more := take_prefix(items):
-        for new, poses in poses_by_source(more, decoder).items():
-            known.setdefault(new, poses)
-        if (found := _chain(known, frame_id, source)).steps is not None:
-            return found
-    return _chain(known, frame_id, source)
-
-
-def _chain(known: Mapping[PoseSource, list[Logged]], frame_id: str, source: PoseSource) -> FrameChain:
-    steps = {of: Step(of, False) for of in known if is_transform(of)}
-    start = source.frame_id
-    for reference in known:  # poses that are relative to those of another topic, and so in no frame
-        if reference.topic == source.frame_id and not is_transform(reference):
-            steps[replace(reference, child_frame_id=REFERENCE)] = Step(reference, False)
-            start = REFERENCE
-    tree = TransformTree(steps)
-    chains = list[tuple[int, bool, Chain]]()
-    for begin, in_object in ((start, False), (source.child_frame_id, True)):
-        found = tree.chain(begin, frame_id) if begin else None
-        if found:
-            along = Chain(Step(steps[step.source].source, step.inverted) for step in found)
-            chains.append((sum(not is_static(step.source) for step in along), in_object, along))
-    if not chains:
-        return FrameChain(None, False, frame_id in tree, known)
-    _, in_object, along = min(chains, key=lambda one: one[:2])
-    return FrameChain(along, in_object, True, known)
-
-
-def _frame_poses(
-    path: str, found: FrameChain, stamp_ns: NDArray[np.int64], logged_ns: NDArray[np.int64]
-) -> tuple[Poses, Counter[str]]:
-    """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches at which they are known; and
-    what was counted. ``logged_ns`` (N,) is when each was logged."""
-    steps = found.steps
-    assert steps is not None
-    wrench = PoseSource("", _WRENCH, "", _WRENCH)
-    reading = Reading(path, lambda channel: channel.topic in steps.topics and is_readable(channel))
-    decoder = MessageDecoder(reading.budget)
-    composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, decoder.assumed, BATCH)
-    composer.learn(found.known)
-    origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-    order = logged_ns.argsort(kind="stable")  # stamps may be in another order
-    stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
-    wrenches = ((wrench, Pose(at_ns, *origin), ns) for at_ns, ns in zip(stamps_ns, times_ns, strict=True))
-    transforms = (one for one in decoder.poses(reading) if one is not None)
-    merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda one: one[2])
-    poses = Poses.collect(one[1] for one in composer.compose(merged) if one is not None)
-    return poses[poses.stamp_ns.argsort(kind="stable")], composer.counts
 
 
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
@@ -203,24 +131,9 @@ def read_wrenches(
         raise InputError(f"{path}: no wrench on {topic} is finite")
     every_ns, first = np.unique(np.array(stamps, np.int64), return_index=True)
     logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
-    placed = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
-    return WrenchLog(
-        placed.wrenches,
-        dropped,
-        len(found) - len(placed.wrenches),
-        placed.bad_transforms,
-        frame_id,
-        placed.taken,
-        reading.damage,
-    )
-
-
-class _Placed(NamedTuple):
-    """As of ``WrenchLog``."""
-
-    wrenches: Wrenches
-    taken: str
-    bad_transforms: int = 0
+    placed, taken, bad = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
+    unplaced = len(found) - len(placed)
+    return WrenchLog(placed, dropped, unplaced, bad, frame_id, taken, reading.damage)
 
 
 def _about_body(
@@ -231,44 +144,89 @@ def _about_body(
     poses: Poses,
     found: Wrenches,
     logged_ns: NDArray[np.int64],
-) -> _Placed:
-    """The wrenches about the body's origin and in its axes; raises as ``read_wrenches``."""
+) -> tuple[Wrenches, str, int]:
+    """The wrenches about the body's origin and in its axes, what their frame was taken for, and how many
+    transforms are bad; ``logged_ns`` (N,) is when each was logged. Raises as ``read_wrenches``."""
     body, parent = source.child_frame_id, source.frame_id
     if not frame_id:
-        return _Placed(found, "in no frame that is named: taken as the object's")
+        return found, "in no frame that is named: taken as the object's", 0
     if body and frame_name(frame_id) == frame_name(body):
-        return _Placed(found, f"in the frame {frame_id}, the object's")
+        return found, f"in the frame {frame_id}, the object's", 0
     if frame_name(frame_id) == frame_name(parent):
-        return _Placed(about_body(found, poses), f"in the frame {frame_id}, that of the poses")
-    chain = _find_chain(path, frame_id, source)
-    if chain.steps is None:
-        if body or chain.is_in_tree:
+        return about_body(found, poses), f"in the frame {frame_id}, that of the poses", 0
+    reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
+    items, known = iter(reading), dict[PoseSource, list[Logged]]()
+    steps, in_object, is_in_tree = Chain(), False, False
+    while not steps and (more := take_prefix(items)):
+        known = {**poses_by_source(more, reading.decoder), **known}
+        steps, in_object, is_in_tree = _chain(known, frame_id, source)
+    if not steps:
+        if body or is_in_tree:
             raise ChoiceError(_unconnected(path, topic, frame_id, source))
-        return _Placed(found, f"in the frame {frame_id}, which no transform names: taken as the object's")
-    poses_of_frame, counts = _frame_poses(path, chain, found.stamp_ns, logged_ns)
-    start, topics = body if chain.in_object else parent, ", ".join(sorted(chain.steps.topics))
-    if not len(poses_of_frame):
+        return found, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
+    frame_poses, counts = _frame_poses(path, steps, known, found.stamp_ns, logged_ns)
+    start, topics = body if in_object else parent, ", ".join(sorted(steps.topics))
+    if not len(frame_poses):
         raise InputError(
             f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
             f"any wrench: are the stamps on {topic} and {topics} of one clock?"
         )
-    placed = found.at(found.stamp_ns.searchsorted(poses_of_frame.stamp_ns))
-    placed = about_parent(placed, poses_of_frame)
-    return _Placed(
-        placed if chain.in_object else about_body(placed, poses),
-        f"in the frame {frame_id}, whose pose in {start} is on {topics}",
-        counts["bad_parent"],
-    )
+    placed = about_parent(found.at(found.stamp_ns.searchsorted(frame_poses.stamp_ns)), frame_poses)
+    taken = f"in the frame {frame_id}, whose pose in {start} is on {topics}"
+    return placed if in_object else about_body(placed, poses), taken, counts["bad_parent"]
+
+
+def _chain(
+    known: Mapping[PoseSource, list[Logged]], frame_id: str, source: PoseSource
+) -> tuple[Chain, bool, bool]:
+    """The transforms that lead to a frame, from what poses are in, or from the object: those of which fewer
+    move; empty where there are none. Then which of the two, and whether any transform names the frame."""
+    steps = {of: Step(of, False) for of in known if is_transform(of)}
+    start = source.frame_id
+    for reference in known:  # poses that are relative to those of another topic, and so in no frame
+        if reference.topic == source.frame_id and not is_transform(reference):
+            steps[replace(reference, child_frame_id=REFERENCE)] = Step(reference, False)
+            start = REFERENCE
+    tree = TransformTree(steps)
+    chains = list[tuple[int, bool, Chain]]()
+    for begin, in_object in ((start, False), (source.child_frame_id, True)):
+        if begin and (found := tree.chain(begin, frame_id)):
+            along = Chain(Step(steps[step.source].source, step.inverted) for step in found)
+            chains.append((sum(not is_static(step.source) for step in along), in_object, along))
+    _, in_object, along = min(chains, key=lambda one: one[:2], default=(0, False, Chain()))
+    return along, in_object, frame_id in tree
+
+
+def _frame_poses(
+    path: str,
+    steps: Chain,
+    known: Mapping[PoseSource, list[Logged]],
+    stamp_ns: NDArray[np.int64],
+    logged_ns: NDArray[np.int64],
+) -> tuple[Poses, Counter[str]]:
+    """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches at which they are known; and
+    what was counted."""
+    wrench = PoseSource("", _WRENCH, "", _WRENCH)
+    reading = Reading(path, lambda channel: channel.topic in steps.topics and is_readable(channel))
+    composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, reading.decoder.assumed, BATCH)
+    composer.learn(known)
+    origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    order = logged_ns.argsort(kind="stable")  # stamps may be in another order
+    stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
+    wrenches = ((wrench, Pose(at_ns, *origin), ns) for at_ns, ns in zip(stamps_ns, times_ns, strict=True))
+    transforms = (one for one in reading.decoder.poses(reading) if one is not None)
+    merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda one: one[2])
+    poses = Poses.collect(one[1] for one in composer.compose(merged) if one is not None)
+    return poses[poses.stamp_ns.argsort(kind="stable")], composer.counts
 
 
 def _decoded(reading: Reading) -> Iterator[tuple[RawMessage, tuple[str, int, tuple[float, ...]] | None]]:
     """Each message with its frame, stamp and numbers; None if it is not what its schema promises."""
-    decoder = MessageDecoder(reading.budget)
     for item in reading:
         if not isinstance(item, RawMessage):
             continue
         try:
-            decoded = decoder.decode(item)
+            decoded = reading.decoder.decode(item)
             header, force, moment = decoded.header, decoded.wrench.force, decoded.wrench.torque
             stamp_ns = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
             numbers = (force.x, force.y, force.z, moment.x, moment.y, moment.z)

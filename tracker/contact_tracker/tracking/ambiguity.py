@@ -285,22 +285,36 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
     For each contact that of the most probable hypothesis of about that onset, against the label's evidence
     from the same onset. -inf without one.
     """
-    slack = int(max(SAME_SPAN_TICKS, SAME_SPAN * (now - onset)))
-    span = np.array([onset - slack, onset + slack + 1])
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     since = np.full(len(STATES), onset)
     for column, bank in enumerate(banks):
-        rows = bank.rows
-        first, end = rows["onset"].searchsorted(span)  # they are in order
-        if first < end:
-            some = rows[first:end]
-            best = some[(some["log_birth_weight"] + some["log_likelihood"]).argmax()]
+        row = best_since(bank, onset, now)
+        if row is not None:
+            best = bank.rows[row]
             evidence[column], rms[column], since[column] = best["log_likelihood"], best["rms"], best["onset"]
     evidence[-1], rms[-1] = 0.0, 1.0
     if label is not Contact.FREE:
         evidence -= _evidence(banks[label.column], since)
     evidence[label.column] = 0.0
     return CompetingEvidence(evidence, rms)
+
+
+def best_since(bank: Bank, onset: int, now: int) -> int | None:
+    """The row of a contact's most probable hypothesis that has begun at about ``onset``; None without one."""
+    slack = int(max(SAME_SPAN_TICKS, SAME_SPAN * (now - onset)))
+    rows = bank.rows
+    first, end = rows["onset"].searchsorted([onset - slack, onset + slack + 1])  # they are in order
+    if first == end:
+        return None
+    some = rows[first:end]
+    return int(first + (some["log_birth_weight"] + some["log_likelihood"]).argmax())
+
+
+def onset_of(banks: Sequence[Bank], best_rows: Index, label: Contact, free_since: int) -> int:
+    """The tick in which the label has begun."""
+    if label is Contact.FREE:
+        return free_since
+    return int(banks[label.column].rows["onset"][best_rows[label.column]])
 
 
 def _evidence(bank: Bank, since: Index) -> Array:

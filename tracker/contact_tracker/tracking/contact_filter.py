@@ -34,7 +34,6 @@ from contact_tracker.motion.window import (
     NewestRest,
     Window,
     advance_window,
-    most_ticks,
     newest_rest,
     rest_ticks,
 )
@@ -164,30 +163,6 @@ class ContactFilter:
         self.state = self.state._replace(free_motion=motion)
         return own
 
-    @property
-    def can_hold(self) -> bool:
-        """Whether ticks without motion can be passed in one step, see ``hold``.
-
-        Not with a lag or known elements, nor directly after motion.
-        """
-        state = self.state
-        newest = state.window.innovation_excess[-1:]
-        return (
-            state.belief is not None
-            and not state.known_map
-            and not state.lag_history.size
-            and not newest.any()
-        )
-
-    def hold(self, count: int, outliers: int = 0) -> None:
-        """Pass ``count`` ticks without motion in one step, as if they had no frames. ``can_hold`` has to be
-        true. The belief stays as it was."""
-        if not count:
-            return
-        assert self.can_hold
-        window = self.state.window.hold(count, most_ticks(self.state.model))
-        self.state = pass_over(self.state, window, outliers, count)
-
 
 def begun(state: FilterState, tick: Tick) -> FilterState:
     """The state before the first tick, in the coordinates of the ticks."""
@@ -210,16 +185,10 @@ def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: Newes
 
 
 def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterState, Belief]:
-    """Pass over an uninformative tick, after which the belief is that of before."""
+    """Pass over an uninformative tick, after which the belief is that of before: it is appended to the window
+    only, and its exposure to change is deferred to the next informative tick."""
     assert state.belief is not None
-    return pass_over(state, window, tick.outliers), replace(state.belief, stamp_ns=tick.stamp_ns)
-
-
-def pass_over(state: FilterState, window: Window, outliers: int, count: int = 1) -> FilterState:
-    """Append an uninformative tick to the window only, or without a lag ``count`` of them; their exposure to
-    change is deferred to the next informative tick."""
-    assert count == 1 or not state.lag_history.size
-    oldest, banks = state.window.expired_by(window, count), state.banks
+    oldest, banks = state.window.expired_by(window), state.banks
     if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
         errors = state.model.noise.extra_contact_variance
         banks = tuple(
@@ -234,19 +203,20 @@ def pass_over(state: FilterState, window: Window, outliers: int, count: int = 1)
     if histories.size:
         banks = _with_longer_histories(banks)
         histories = np.array([fixed_lag.grown(past, column) for column, past in enumerate(histories)])
-    return state._replace(
+    passed = state._replace(
         window=window,
         banks=banks,
-        live_hypotheses=state.live_hypotheses.held(state.ticks + count - 1),
-        ticks=state.ticks + count,
-        next_hypothesis_id=state.next_hypothesis_id + count,
-        outliers=state.outliers + outliers,
+        live_hypotheses=state.live_hypotheses.held(state.ticks),
+        ticks=state.ticks + 1,
+        next_hypothesis_id=state.next_hypothesis_id + 1,
+        outliers=state.outliers + tick.outliers,
         hazard_exposure=0.0,
         log_transition=change,
         log_birth_weight=birth_weight,
-        deferred_exposure=state.deferred_exposure + count * hazard_exposure(0.0),
+        deferred_exposure=state.deferred_exposure + hazard_exposure(0.0),
         lag_history=histories,
     )
+    return passed, replace(state.belief, stamp_ns=tick.stamp_ns)
 
 
 def tick_input(

@@ -157,9 +157,7 @@ def _compared_since_onset(
 ) -> tuple[ambiguity.CompetingEvidence, Window, bool]:
     """How well each state explains the ticks since the onset of the label; those of the window, and whether
     there were others."""
-    onset = state.free_since
-    if label is not Contact.FREE:
-        onset = int(state.banks[label.column].rows["onset"][state.best_rows[label.column]])
+    onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     return rivals, since, onset < state.window.index[0]
@@ -248,14 +246,13 @@ def _reported(state: FilterState, belief: Belief, tick: Tick) -> tuple[FurtherCo
     return tuple(
         FurtherContact(
             one.elements.contact,
-            float(expit(power * one.log_odds)) * ambiguity.most_beside(len(others)),
+            float(expit(power * one.log_odds)) * ambiguity.most_beside(len(one.inseparable)),
             max(tick.start_ns - (now - one.since) * state.model.tick_ns, belief.onset_ns),
             None,
             one.geometry,
-            others,
+            one.inseparable,
             state.formation.constraints,
         )
         for one in state.formation.tracked
-        for others in [tuple(filter(state.known_map.allows, one.inseparable))]
         if one.is_present
     )

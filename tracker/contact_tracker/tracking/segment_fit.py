@@ -12,7 +12,14 @@ from scipy.special import expit
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.formations.further import FormationTicks, KnownContact, Ranks, find_formation
+from contact_tracker.formations.further import (
+    NO_FORMATION,
+    Formation,
+    FormationTicks,
+    KnownContact,
+    Ranks,
+    find_formation,
+)
 from contact_tracker.geometry.contact_motion import ContactMotion, contact_motion
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
 from contact_tracker.hypotheses.bank import Bank
@@ -58,37 +65,6 @@ class SegmentTicks:
     """The evidence of measured wrenches."""
 
 
-class FittedContact(NamedTuple):
-    """A further contact in ``spans`` of ticks, by the numbers of their first and last; ``given_label`` as in
-    ``FurtherContact``."""
-
-    contact: Contact
-    given_label: float
-    spans: tuple[tuple[int, int], ...]
-    geometry: ContactGeometry
-    inseparable: tuple[Contact, ...]
-
-
-class FittedFormation(NamedTuple):
-    """Contacts beside that of a segment; ``is_open`` and ``ranks`` as in ``formations.Formation``."""
-
-    further: tuple[FittedContact, ...] = ()
-    is_open: bool = False
-    ranks: Ranks = ()
-
-    @property
-    def constraints(self) -> int:
-        """Largest number of constraints of the contacts together; 0 without further ones."""
-        return max((rank for _, rank in self.ranks), default=0)
-
-    def constraints_with(self, number: int) -> int:
-        """Largest number of constraints while a further contact holds."""
-        return max(rank for numbers, rank in self.ranks if number in numbers)
-
-
-NO_FORMATION: Final = FittedFormation()
-
-
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
     """The fit of one segment, with fields as in ``Belief``. ``curved`` is the probability in each tick (n,),
@@ -101,7 +77,7 @@ class SegmentFit:
     p_restricted: float
     curved: Array
     share: Array | None = None
-    formation: FittedFormation = NO_FORMATION
+    formation: Formation = NO_FORMATION
     joint: Joint | None = None
     estimate: ElementEstimate | None = None
     """What the fit says about both elements together; None without elements."""
@@ -138,7 +114,7 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         return fit
     probability = float(expit(segment.model.certainty.posterior_power * found.log_odds))
     near_m = window.zeta[:, T].mean(axis=0)
-    fit = replace(fit, joint=joint_of(found.fitted, probability, near_m, segment.origins))
+    fit = replace(fit, joint=joint_of(found, probability, near_m, segment.origins))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
     others = tuple(other for other in STATES if other is not fit.contact and segment.known_map.allows(other))
@@ -174,7 +150,10 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     where = contact_geometry(
         fitted, 0, contact, scales, window, segment.origins, model.systematic, information
     )
-    formation = _formation(segment, window, KnownContact(label, fitted.x[0]))
+    ticks = FormationTicks(
+        window, scales, model.transitions.leave_per_s, segment.origins, known_map, model.systematic
+    )
+    formation = find_formation(ticks, KnownContact(label, fitted.x[0]))
     alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
@@ -202,22 +181,6 @@ def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, 
 
 def _frame(segment: SegmentTicks, window: Window) -> Frame:
     return Frame.around(segment.origins, window.zeta[:, T].mean(axis=0))
-
-
-def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> FittedFormation:
-    """The contacts beside the ``first``, which lasts through the ``window``."""
-    model, scales = segment.model, scales_of(segment.model)
-    leave_per_s = model.transitions.leave_per_s
-    ticks = FormationTicks(window, scales, leave_per_s, segment.origins, segment.known_map, model.systematic)
-    found = find_formation(ticks, first)
-    power = model.certainty.posterior_power
-    further = []
-    for one in found.further:
-        others = tuple(filter(segment.known_map.allows, one.inseparable))
-        given_label = float(expit(power * one.log_odds)) * ambiguity.most_beside(len(others))
-        spans = tuple((int(window.index[run.first]), int(window.index[run.end - 1])) for run in one.runs)
-        further.append(FittedContact(one.known.contact, given_label, spans, one.geometry, others))
-    return FittedFormation(tuple(further), found.is_open, found.ranks)
 
 
 def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
@@ -342,23 +305,25 @@ class FinishedSegment(NamedTuple):
         begins = np.append(self.rows["start_ns"], self.end_ns + 1)
         return int(begins[first]), int(begins[end] - 1)
 
-    def _further(self, formation: FittedFormation) -> list[tuple[int, FurtherContact]]:
+    def _further(self, formation: Formation) -> list[tuple[int, FurtherContact]]:
         """The further contacts with times and indices, in the order of their start times."""
-        before = int(self.ticks.window.index[0])
+        before, power = int(self.ticks.window.index[0]), self.ticks.model.certainty.posterior_power
         found = [
-            FurtherContact(
-                one.contact,
-                one.given_label,
-                *self._span(first - before, last - before + 1),
-                one.geometry,
-                one.inseparable,
-                formation.constraints_with(number),
+            (
+                number,
+                FurtherContact(
+                    one.known.contact,
+                    float(expit(power * one.log_odds)) * ambiguity.most_beside(len(one.inseparable)),
+                    *self._span(run.first - before, run.end - before),
+                    one.geometry,
+                    one.inseparable,
+                    formation.constraints_with(number),
+                ),
             )
             for number, one in enumerate(formation.further)
-            for first, last in one.spans
+            for run in one.runs
         ]
-        numbers = [number for number, one in enumerate(formation.further) for _ in one.spans]
-        return sorted(zip(numbers, found, strict=True), key=lambda one: one[1].start_ns)
+        return sorted(found, key=lambda one: one[1].start_ns)
 
 
 def joined_by_wrenches(

@@ -13,6 +13,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.text import COLOUR, COLOURS, OPEN_OFFSET, Colour, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
+from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.viewer.parts import Part
 from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Mesh, joined
 
@@ -27,6 +28,8 @@ KNOWN: Final = ("world/body/known", "world/surroundings/known")
 """What is known of the object and of the surroundings; each with ``/outline`` and ``/names``."""
 CENTRE: Final = "world/body/centre"
 """The middle of the object, which the view follows."""
+SUGGESTED: Final = "world/suggested"
+"""What to move next: the axis or direction, and the arc about it."""
 LEGEND: Final = "legend"
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
@@ -59,6 +62,7 @@ _LEGEND: Final = """\
 - **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
 - **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
 - **faint, with an outline**: what is known so far, named under the pointer: bodies, and what was touched
+- **grey arrow**: `live --suggest`, the small motion that would decide: along it, or about it by the arc
 - **translucent**: two standard deviations; **a thin needle**: not known along it
 - **e-f 0.97 or v-f**: the object's edge on a face, its probability; the motion does not tell v-f from it
 """
@@ -152,6 +156,23 @@ class Canvas:
             names = rr.Points3D(places, labels=labels, show_labels=False, colors=colour, radii=radii)
             for end, what in (("", faces), ("/outline", lines), ("/names", names)):
                 self._recording.log(f"{entity}{end}", what, static=stamp_ns is None, strict=True)
+
+    def suggest(self, stamp_ns: int, motion: InformativeMotion | None, length_m: float) -> None:
+        """Draw what to move next from a stamp on, instead of what was before: the direction of a shift, or
+        the axis of a turn with the arc about it."""
+        self._set_time(stamp_ns)
+        arrow, arc, style = rr.Arrows3D(vectors=[]), rr.LineStrips3D([]), rr.Radius.ui_points(2.5)
+        if motion is not None:
+            turn, shift = motion.turn_world_rad, motion.shift_world_m
+            label = f"to decide: {motion.allowed_by} or {motion.forbidden_by}"
+            along = turn if turn.any() else shift
+            vector, origin = along * length_m / np.linalg.norm(along), motion.point_world_m
+            arrow = rr.Arrows3D(vectors=[vector], origins=[origin], colors=GREY, radii=style, labels=label)
+            if turn.any():
+                strip = origin + _arc(turn, length_m)
+                arc = rr.LineStrips3D([strip], colors=GREY, radii=style)
+        self._recording.log(SUGGESTED, arrow, strict=True)
+        self._recording.log(f"{SUGGESTED}/arc", arc, strict=True)
 
     def trail(self, stamp_ns: Stamps, strips: Sequence[Array], contacts: Sequence[Contact]) -> None:
         """The path (N, 3) of the body's origin up to each stamp, coloured by contact."""
@@ -272,6 +293,15 @@ class Canvas:
                 rr.TimeColumn(STAMP, timestamp=stamp_ns[rows].astype("datetime64[ns]")),
             ]
             self._recording.send_columns(entity, times, columns(rows), strict=True)
+
+
+def _arc(turn_rad: Array, radius_m: float) -> Array:
+    """Points (16, 3) of the path that a rotation vector turns a point at a distance from its axis."""
+    axis = turn_rad / np.linalg.norm(turn_rad)
+    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    first *= radius_m / np.linalg.norm(first)
+    angle = np.linspace(0.0, float(np.linalg.norm(turn_rad)), 16)[:, None]
+    return np.asarray(np.cos(angle) * first + np.sin(angle) * np.cross(axis, first))
 
 
 def _chunks(count: int) -> Iterator[slice]:

@@ -15,6 +15,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.text import Changes, is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
+from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
 from contact_tracker.viewer.parts import KnownParts
@@ -75,6 +76,11 @@ class LiveViewer:
             self._shown_ns = pose.stamp_ns
             self._sheet.pose(pose)
         self._waiting.append(pose)
+
+    def suggest(self, stamp_ns: int, motion: InformativeMotion | None) -> None:
+        """Draw what to move next."""
+        if self._sheet is not None:
+            self._sheet.suggest(stamp_ns, motion, self._extent.radius_m)
 
     def belief(self, belief: Belief, world: GrowingMap | None = None) -> None:
         """Draw a belief about earlier poses, and the map where it has changed; without poses nothing is

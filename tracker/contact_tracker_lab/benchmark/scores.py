@@ -5,7 +5,7 @@ phases are resampled, with replacement.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES
 from contact_tracker_lab.evaluation.metrics import Tally, tally
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 OFFLINE: Final = math.inf
-LAGS_S: Final = (1.0, 0.5)
 RESAMPLES: Final = 1000
 BAND: Final = (0.05, 0.95)
 
@@ -115,4 +115,6 @@ def total(scores: Sequence[Score]) -> Score:
     return Score(reduce(add, (one.main for one in scores)), reduce(add, (one.phases for one in scores)))
 
 
+Labelling = Callable[[Poses], Answer]
+"""A method that needs no training: the answer for each of N poses."""
 Scores = dict[Method, Score]

@@ -1,29 +1,28 @@
-"""The identification benchmark: lags, alternatives and tables, by brute force or by hand, on short data."""
+"""The benchmark: lags, other methods and tables, by brute force or by hand, on short data."""
 
 from itertools import pairwise, product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import fixed_windows
 import geometry
-import segment_bic
-import tracking
 from contact_tracker import hmm
+from contact_tracker.errors import UsageError
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import tempered
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.transition_model import log_initial
+from contact_tracker_lab.benchmark import benchmark, bic, fixed_windows, others, tracked
+from contact_tracker_lab.benchmark.fixed_windows import Emission, Recorded, Windows
+from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Phases, Score, total
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
-from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.scoring import Subset, scoring
-from fixed_windows import Emission, Recorded, Windows
-from pose_filter import forward
-from scores import OFFLINE, Answer, Method, Phases, Score, total
+from pose_filter import PoseFilter, forward
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
@@ -42,20 +41,23 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
     monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: bare)  # the bare posterior
     monkeypatch.setattr(ambiguity, "with_rivals", lambda probability, *_: probability)
     poses = recorded(FACE_TO_EDGE).poses[300:540]
-    tracked = tracking.track(poses, MODEL, (0.5, 0.2))
     seen = RecordedPass.over(forward(poses, MODEL))
     transition = np.array(seen.change)  # by the map as it was at each tick
     whole, ticks = seen.trellis, len(seen.beliefs)
     assert ticks == 12
     for lag_s, lag in ((0.5, 5), (0.2, 2)):
+        one = PoseFilter(MODEL, lag_s)
+        lagged = [belief for pose in poses for belief in one.update(pose)] + one.finish()
+        assert len(lagged) == ticks
         for tick in range(ticks):
             until = min(tick + lag + 1, ticks)
             known = whole._replace(alive=whole.alive[:until], log_likelihood=whole.log_likelihood[:until])
             posterior, _ = hmm.smooth(known, log_initial(MODEL), transition[:until])
             expected = tempered(posterior[tick], MODEL.certainty.posterior_power)
-            np.testing.assert_allclose(tracked.lagged[lag_s][tick], expected, atol=1e-5)
-    online = np.array([belief.probability for belief in tracked.segmentation.filtered])
-    assert np.abs(tracked.lagged[0.2] - online).max() > 1e-3  # there is something to know later
+            np.testing.assert_allclose(lagged[tick].probability, expected, atol=1e-5)
+    online = np.array([belief.probability for belief in seen.beliefs])
+    probability = np.array([belief.probability for belief in lagged])
+    assert np.abs(probability - online).max() > 1e-3  # there is something to know later
 
 
 @settings(max_examples=25, deadline=None)
@@ -132,14 +134,10 @@ def recorded_windows(seed: int, noise: float) -> Recorded:
     return Recorded(windows_at(end_s.tolist(), 0.5, values), scored)
 
 
-def test_an_hmm_on_informative_windows_is_right() -> None:
-    recordings = [recorded_windows(seed, 0.1) for seed in range(2)]
+def test_an_hmm_that_learned_on_some_recordings_is_right_on_others() -> None:
+    tuning, test = ([recorded_windows(seed, 0.1) for seed in seeds] for seeds in ((0, 1), (2, 3)))
     short = Recorded(windows_at([], 0.5), scoring(stamps(0.5), truth_of(("f-f", 0.5))))
-    *scores, nothing = fixed_windows.hmm_scores([*recordings, short], MODEL)
-    for wait_s in (1.0, 0.5):
-        first, second = (by_method[Method(fixed_windows.HMM, wait_s)] for by_method in scores)
-        # no label for half a second; then the middle of the window is near enough
-        assert total([first, second]).main.accuracy() == pytest.approx(15 / 16, abs=0.01)
+    *scores, nothing = fixed_windows.hmm_scores([*test, short], tuning, MODEL)
     for by_method in scores:
         offline = by_method[Method(fixed_windows.HMM, OFFLINE)].main
         assert offline.accuracy() > 0.98
@@ -150,6 +148,11 @@ def test_an_hmm_on_informative_windows_is_right() -> None:
         assert online.accuracy() < offline.accuracy()
     assert {score.main.accuracy() for score in nothing.values()} == {0.0}
     assert {round(score.main.log_loss, 9) for score in nothing.values()} == {round(np.log(7), 9)}
+    assert total([one[Method(fixed_windows.HMM, 0.0)] for one in scores]).main.seconds() == pytest.approx(
+        16.0
+    )
+    untrained = fixed_windows.hmm_scores(test, [], MODEL)
+    assert {score.main.accuracy() for one in untrained for score in one.values()} == {0.0}
 
 
 def test_emissions_are_the_densities_of_the_states_that_occur() -> None:
@@ -169,7 +172,7 @@ def test_emissions_are_the_densities_of_the_states_that_occur() -> None:
 
 def test_the_criterion_by_hand() -> None:
     chi_sq, parameters = np.zeros(7), np.array([5, 7, 7, 6, 6, 8, 0])
-    exact = segment_bic.criteria(chi_sq, parameters, 100)
+    exact = bic.criteria(chi_sq, parameters, 100)
     assert STATES[int(exact.argmax())] is Contact.FF
     assert exact[0] == pytest.approx(-0.5 * (5 + 100 * 3) * np.log(100))
     assert exact[6] == pytest.approx(-0.5 * 100 * 6 * np.log(100))
@@ -177,9 +180,9 @@ def test_the_criterion_by_hand() -> None:
     saved = (100 - 6) * np.log(100)
     for misfit, best in ((saved - 1, Contact.VF), (saved + 1, Contact.FREE)):
         chi_sq = np.where(np.arange(7) == Contact.VF.column, misfit, np.where(np.arange(7) == 6, 0.0, 1e6))
-        bic = segment_bic.criteria(chi_sq, parameters, 100)
-        assert STATES[int(bic.argmax())] is best
-        weight = segment_bic.from_criteria(bic)
+        found = bic.criteria(chi_sq, parameters, 100)
+        assert STATES[int(found.argmax())] is best
+        weight = bic.from_criteria(found)
         assert weight.sum() == pytest.approx(1.0)
         assert weight[Contact.VF.column] / weight[6] == pytest.approx(np.exp((saved - misfit) / 2))
 
@@ -189,29 +192,85 @@ def test_a_short_recording_by_every_method() -> None:
     simulated = recorded(FACE_TO_EDGE)
     poses = simulated.poses[:1200]
     scored = scoring(poses.stamp_ns, simulated.truth)
-    tracked = tracking.track(poses, MODEL)
     answers = {
-        **tracking.answers(poses, tracked),
+        **{method: label(poses) for method, label in tracked.methods(MODEL).items()},
         **fixed_windows.smallest_answers(Windows.of(poses), poses.stamp_ns),
-        **segment_bic.answers(poses, scored, tracked, MODEL),
+        **bic.answers(poses, scored, bic.Ticks.of(poses, MODEL)),
+        Method(others.STILL, 0.0): others.answer_by_speed(poses),
     }
-    scores = {method: Score.of(answer, scored) for method, answer in answers.items()}
-    evaluation = evaluate(poses, simulated.truth, tracked.segmentation)
-    for wait_s, whole in ((OFFLINE, evaluation.offline), (0.0, evaluation.online)):
-        mine = scores[Method(tracking.NAME, wait_s)].main
-        assert mine.accuracy() == pytest.approx(whole.accuracy(Subset.IDENTIFIABLE))
-        assert mine.log_loss == pytest.approx(whole.log_loss)  # no ambiguous frames
-    right = {method: score.main.accuracy() for method, score in scores.items()}
-    tracker = {m.wait_s: a for m, a in right.items() if m.name == tracking.NAME and m.wait_s < OFFLINE}
-    assert right[Method(segment_bic.SEGMENTS, OFFLINE)] == pytest.approx(1.0)
-    assert next(a for m, a in right.items() if m.name == tracking.NAME and m.when == "offline") > 0.95
-    assert tracker[0.0] < min(tracker[0.5], tracker[1.0])
-    online = {m.name: s.main for m, s in scores.items() if m.wait_s == 0}
-    for name in (fixed_windows.SMALLEST, segment_bic.WINDOWS):
+    scores = {method: Score.of(answer, scored).main for method, answer in answers.items()}
+    right = {method: score.accuracy() for method, score in scores.items()}
+    tracker = {method.when: accuracy for method, accuracy in right.items() if method.name == tracked.NAME}
+    assert tracker["offline"] > 0.95
+    assert tracker["online"] < tracker["lag 1 s"]
+    assert right[Method(bic.SEGMENTS, OFFLINE)] == pytest.approx(1.0)
+    assert right[Method(bic.CHANGES, OFFLINE)] > 0.9
+    assert right[Method(others.STILL, 0.0)] < 0.5  # it is moved all the time
+    online = {m.name: score for m, score in scores.items() if m.wait_s == 0}
+    for name in (fixed_windows.SMALLEST, bic.WINDOWS):
         # the first window of 500 frames is full after 2.5 s
         unanswered_s = online[name].confusion_s[Subset.ALL, :, -1].sum()
         assert unanswered_s == pytest.approx(499 * 0.005, abs=0.02)
-    assert online[tracking.NAME].log_loss < online[fixed_windows.SMALLEST].log_loss
+    assert online[tracked.NAME].log_loss < online[fixed_windows.SMALLEST].log_loss
+
+
+# --- others' methods and the table ------------------------------------------------------------------------
+
+OWN_METHOD = """
+import numpy as np
+
+def always_free(stamp_ns, position_m, quat_xyzw):
+    assert position_m.shape == (len(stamp_ns), 3) and quat_xyzw.shape == (len(stamp_ns), 4)
+    return ["free"] * len(stamp_ns)
+"""
+
+
+def test_others_add_a_function_or_labels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The table has a row for each; both splits of a set of recordings in folders of a user's own."""
+    folder, labels, script = tmp_path / "recordings", tmp_path / "theirs", tmp_path / "own.py"
+    for place in (folder / "short", labels):
+        place.mkdir(parents=True)
+    shipped = Path(__file__).parents[2] / "recordings" / "wall_in_between.mcap"
+    (folder / "short" / "one_01.mcap").write_bytes(shipped.read_bytes())
+    (labels / "one_01.csv").write_text("start,end,contact\n0,1000,free\n")
+    script.write_text(OWN_METHOD)
+    asked = [str(folder), "--method", f"{script}:always_free", "--labels", str(labels), "--processes", "1"]
+    assert benchmark.main([*asked, "--only", others.STILL]) == 0
+    header, *rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert header[:3] == ["method", "when", "short"]
+    assert {row[0] for row in rows} == {"speed", "always_free", "theirs"}
+    theirs, function = (next(row for row in rows if row[0] == name) for name in ("theirs", "always_free"))
+    assert theirs[2] == function[2]
+
+
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [
+        (["up"] * 3, "no contact 'up'"),
+        (["free"] * 2, r"\(2,\) for 3 poses"),
+        (np.full((3, 7), 0.5), "add up to 1"),
+    ],
+)
+def test_what_is_no_answer_is_refused(found: object, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        others.answer_of(found, 3, "own.py:label")
+
+
+def test_probabilities_and_missing_labels_are_answers() -> None:
+    probability = np.eye(7)[[6, 0, 3]]
+    assert others.answer_of(probability, 3, "own").label.tolist() == [6, 0, 3]
+    some = others.answer_of(["", "f-f", "free"], 3, "own")
+    assert (some.tick.tolist(), some.label[1:].tolist()) == ([-1, 1, 2], [0, 6])
+
+
+def test_splits_and_takes_are_by_name() -> None:
+    takes = [Path(f"{scene}_{take}.mcap") for scene in ("book", "mug") for take in (20, 21, 22)]
+    assert [benchmark.split_of(path) for path in takes[:3]] == ["tuning", "test", "tuning"]
+    earlier = [benchmark.earlier_take(path, takes) for path in takes]
+    assert earlier == [None, takes[0], takes[0], None, takes[3], takes[3]]
+    assert (
+        benchmark.earlier_take(Path("paper_01.mcap"), [Path("paper_00.mcap"), Path("paper_01.mcap")]) is None
+    )
 
 
 # --- intervals -------------------------------------------------------------------------------------------

@@ -7,12 +7,11 @@ The smallest objective: each of the six curves divided by its maximum, as in the
 the contact with the lowest one, never free. The maximum is that of the whole recording, also online.
 
 The HMM: ``contact_tracker.hmm`` over fixed windows instead of hypotheses with windows of their own. It is
-calibrated on the set on which it is scored, to its advantage: emissions are normal densities of the log of
-the six minima, with mean and covariance by true state; states that do not occur in the set are impossible;
-the rate of leaving is that of the set, the distribution of the next state that of the lattice. Windows
-overlap, so emissions have an exponent: for labels the one with the highest accuracy, for probabilities the
-one with the least log-loss. The label of a window is that of its middle if the lag allows it, else of the
-latest frame that is due.
+calibrated on the tuning split of the set: emissions are normal densities of the log of the six minima, with
+mean and covariance by true state; states that do not occur there are impossible; the rate of leaving is that
+of the split, the distribution of the next state that of the lattice. Windows overlap, so emissions have an
+exponent: for labels the one with the highest accuracy, for probabilities the one with the least log-loss. The
+label of a window is that of its middle if the lag allows it, else of the latest frame that is due.
 """
 
 from collections.abc import Sequence
@@ -29,8 +28,8 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import destinations
+from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset, tick_in_force
-from scores import LAGS_S, OFFLINE, Answer, Method, Score, Scores
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -126,37 +125,40 @@ class Emission(NamedTuple):
         return np.asarray(-0.5 * (square + np.linalg.slogdet(self.covariance)[1]))
 
 
-def hmm_scores(recordings: Sequence[Recorded], model: Model) -> list[Scores]:
-    """The HMM on fixed windows, calibrated on all recordings of a set, scored on each of them."""
-    by_wait = {wait_s: _calibrated(recordings, model, wait_s) for wait_s in (OFFLINE, *LAGS_S, 0.0)}
+def hmm_scores(recordings: Sequence[Recorded], tuning: Sequence[Recorded], model: Model) -> list[Scores]:
+    """The HMM on fixed windows, calibrated on the ``tuning`` recordings, scored on each of the others."""
+    by_wait = {wait_s: _scores(recordings, tuning, model, wait_s) for wait_s in (OFFLINE, 0.0)}
     return [
         {Method(HMM, wait_s): scores[i] for wait_s, scores in by_wait.items()} for i in range(len(recordings))
     ]
 
 
-def _calibrated(recordings: Sequence[Recorded], model: Model, wait_s: float) -> list[Score]:
-    """Scores with the labels of the exponent with the highest accuracy, and the probabilities of the one with
-    the least log-loss, over all recordings."""
-    values = np.concatenate([r.windows.log_minimum for r in recordings])
-    truth = np.concatenate([r.truth(wait_s) for r in recordings])
+def _scores(
+    recordings: Sequence[Recorded], tuning: Sequence[Recorded], model: Model, wait_s: float
+) -> list[Score]:
+    """Scores with the labels of the exponent with the highest accuracy on the tuning split, and the
+    probabilities of the one with the least log-loss."""
+    values = np.concatenate([np.zeros((0, 6)), *(r.windows.log_minimum for r in tuning)])
+    truth = np.concatenate([np.zeros(0, np.int64), *(r.truth(wait_s) for r in tuning)])
     if not (truth >= 0).any():
         return [Score.of(_nothing(r), r.scored) for r in recordings]
     emission = Emission.fit(values[truth >= 0], truth[truth >= 0])
-    tried, right_s, loss_s = [], [], []
+
+    def answer(recorded: Recorded, exponent: float) -> Answer:
+        chain = _chain(tuning, model, emission.states, recorded.windows.step_s)
+        log_density = exponent * emission.log_density(recorded.windows.log_minimum)
+        return _answer(recorded, emission.states, log_density, chain, wait_s)
+
+    right_s, loss_s = [], []
     for exponent in EXPONENTS:
-        answers = []
-        for r in recordings:
-            chain = _chain(recordings, model, emission.states, r.windows.step_s)
-            log_density = exponent * emission.log_density(r.windows.log_minimum)
-            answers.append(_answer(r, emission.states, log_density, chain, wait_s))
-        main = [Score.of(a, r.scored).main for a, r in zip(answers, recordings, strict=True)]
-        tried.append(answers)
+        main = [Score.of(answer(r, exponent), r.scored).main for r in tuning]
         right_s.append(sum(float(m.seconds_by_state @ np.nan_to_num(m.recall)) for m in main))
         loss_s.append(sum(m.log_loss_s for m in main))
-    best_labels, best_posteriors = tried[int(np.argmax(right_s))], tried[int(np.argmin(loss_s))]
+    for_labels, for_posteriors = EXPONENTS[int(np.argmax(right_s))], EXPONENTS[int(np.argmin(loss_s))]
+    found = [(answer(r, for_labels), answer(r, for_posteriors)) for r in recordings]
     return [
         Score.of(Answer(a.tick, a.label, b.probability), r.scored)
-        for a, b, r in zip(best_labels, best_posteriors, recordings, strict=True)
+        for (a, b), r in zip(found, recordings, strict=True)
     ]
 
 

@@ -15,15 +15,14 @@ from typing import Any, Final, NamedTuple, TypeVar
 import numpy as np
 from tqdm import tqdm
 
+from contact_tracker.cli.terminal import show
 from contact_tracker_lab.evaluation.evaluate import Evaluation
 from contact_tracker_lab.evaluation.tables import number, table
-from shared_recordings import SHARED_RECORDINGS
 
 Key = TypeVar("Key", bound=Hashable)
 Found = TypeVar("Found")
 Job = tuple[Any, ...]
 
-ROOT: Final = Path(__file__).resolve().parents[2]
 FIGURES: Final = (
     *("accuracy offline", "accuracy online", "sure and wrong offline", "sure and wrong online"),
     *("ECE offline", "ECE online", "worst accuracy offline", "worst accuracy online"),
@@ -38,15 +37,16 @@ class Table(NamedTuple):
     rows: list[list[str]]
 
 
-def parser_of(description: str | None, has_sets: bool = False) -> argparse.ArgumentParser:
-    """The arguments of every benchmark; with ``has_sets`` those of sets of recordings, too."""
+def parser_of(
+    description: str | None, has_sets: bool = False, folder: Path | None = None
+) -> argparse.ArgumentParser:
+    """The arguments of every benchmark; with ``has_sets`` those of sets of recordings, too, in ``folder`` if
+    none is named."""
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     if has_sets:
-        parser.add_argument(
-            "folder", nargs="?", type=Path, default=SHARED_RECORDINGS, help="default: %(default)s"
-        )
+        parser.add_argument("folder", type=Path, nargs="?" if folder else None, default=folder)
         parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
     parser.add_argument("--processes", type=int, default=2)
@@ -120,25 +120,29 @@ def shares_row(name: str, recordings: Sequence[tuple[float, ...]]) -> list[str]:
     return [name, f"{seconds:.0f}", *(number(part / seconds) for part in parts)]
 
 
-def show(args: argparse.Namespace, **tables: Table) -> int:
+def report(args: argparse.Namespace, **tables: Table) -> int:
     """Print the tables, and keep them if asked; returns the exit code."""
-    print("\n\n".join(table(*one) for one in tables.values() if one.rows))
+    show("\n\n".join(table(*one) for one in tables.values() if one.rows))
     if args.tables:
-        keep(args.tables, typed_command(), tables)
+        keep(args.tables, typed_command(getattr(args, "folder", None)), tables)
     return 0
 
 
-def typed_command() -> str:
+def typed_command(folder: Path | None = None) -> str:
     """The command as pages show it: recordings are in FOLDER, and nothing of where tables are kept."""
-    words = [f"tests/benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]]
+    script = Path(sys.argv[0])
+    is_module = script.name == "__main__.py"
+    name = f"-m contact_tracker_lab.{script.parent.name}" if is_module else f"tests/benchmarks/{script.name}"
+    words = [name, *sys.argv[1:]]
     for option in ("--tables", "--processes"):
         if option in words:
             at = words.index(option)
             del words[at : at + 2]
-    return " ".join(["python", *words]).replace(str(SHARED_RECORDINGS), "FOLDER")
+    command = " ".join(["python", *words])
+    return command if folder is None else command.replace(str(folder), "FOLDER")
 
 
 def keep(path: Path, command: str, tables: Mapping[str, Table]) -> None:
-    """Write the tables of one run, for ``document.py``."""
+    """Write the tables of one run, for the pages."""
     kept = {"command": command, "tables": {name: one._asdict() for name, one in tables.items() if one.rows}}
     path.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -1,0 +1,249 @@
+"""What to move next: small motions that would tell states apart which the motion so far does not.
+
+A motion that one contact allows and another forbids separates the two. Its expected evidence (nats) is that
+of the residual it would leave in the fit of the other contact, against the noise of a tick and what is not
+known of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the residuals r (K,) after the motion, their
+slopes G (K, S) by the geometry, its covariance P (S, S) and the noise N. Where the label's evidence is ahead
+and a state is open only since the motion has not used all directions that the label leaves (T24), the motion
+is one that uses the direction that was used least; its evidence is the label's lead.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import permutations
+from math import degrees, radians
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
+from contact_tracker.hypotheses.evidence import DECISIVE
+from contact_tracker.hypotheses.gauss_newton import per_metre
+from contact_tracker.hypotheses.observability import information_spectrum, perturbed_rows
+from contact_tracker.motion.lifted_pose import R, T, lift
+from contact_tracker.motion.window import LEVER_M, STRIDE_TICKS, twist_power
+from contact_tracker.states import Contact
+from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.state import FilterState
+
+Array = NDArray[np.float64]
+
+TURN_RAD: Final = radians(15.0)
+"""A motion is proposed up to this turn, or a shift as long as it turns ``LEVER_M``: small enough to be made
+by hand without leaving contact. With 5 deg v-f is not told from e-e (4 nats a move)."""
+SHIFT_M: Final = TURN_RAD * LEVER_M
+PROJECTIONS: Final = 3
+"""Newton steps by which a motion along the tangent is brought back into the contact that allows it."""
+
+
+@dataclass(frozen=True, eq=False)
+class InformativeMotion:
+    """A small motion that would tell two states apart.
+
+    Parameters
+    ----------
+    allowed_by, forbidden_by : the states; if the object can be moved so, ``forbidden_by`` loses evidence.
+    turn_body_rad, turn_world_rad : (3,) rotation vector about the body's and the world's axes.
+    point_body_m, point_world_m : (3,) a point on the axis of the turn.
+    shift_body_m, shift_world_m : (3,) shift of that point, along the axis if there is a turn.
+    evidence_nats : expected against ``forbidden_by``, of one tick at the end of the motion.
+    """
+
+    allowed_by: Contact
+    forbidden_by: Contact
+    turn_body_rad: Array
+    turn_world_rad: Array
+    point_body_m: Array
+    point_world_m: Array
+    shift_body_m: Array
+    shift_world_m: Array
+    evidence_nats: float
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of ``suggestions``."""
+        arrays = {name: value.tolist() for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        states = {"allowed_by": self.allowed_by.value, "forbidden_by": self.forbidden_by.value}
+        return {**states, **arrays, "evidence_nats": self.evidence_nats}
+
+    def __str__(self) -> str:
+        angle_rad = float(np.linalg.norm(self.turn_world_rad))
+        shift_m = float(np.linalg.norm(self.shift_world_m))
+        parts = []
+        if angle_rad > 0.0:
+            axis, point = _text(self.turn_world_rad / angle_rad), _text(self.point_world_m)
+            parts.append(f"turn about {axis} through {point} m by {degrees(angle_rad):.2g} deg")
+        if shift_m > 0.0:
+            parts.append(f"shift along {_text(self.shift_world_m / shift_m)} by {1e3 * shift_m:.2g} mm")
+        return f"{' and '.join(parts)} (world): {self.allowed_by} or {self.forbidden_by}"
+
+
+def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
+    """The most informative motion for each state that the motion does not distinguish from the label, the
+    most informative first; without those of which none would show anything."""
+    belief = state.belief
+    if belief is None or not belief.inseparable or not len(state.window):
+        return ()
+    label = belief.contact
+    fits = dict(_fits(state, label, belief.inseparable))
+    onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
+    lead_nats = -ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1).evidence
+    unused = list(_unused(state, fits, onset, label))
+    found = []
+    for rival in belief.inseparable:
+        pairs = permutations((label, rival))
+        some = [one for pair in pairs for one in _between(state, fits, *pair)]
+        ahead_nats = float(min(lead_nats[rival.column], ambiguity.MOST_NATS))
+        if ahead_nats > DECISIVE:
+            some += [replace(one, forbidden_by=rival, evidence_nats=ahead_nats) for one in unused]
+        found += sorted(some, key=lambda one: -one.evidence_nats)[:1]
+    return tuple(sorted(found, key=lambda one: -one.evidence_nats))
+
+
+class _Fit(NamedTuple):
+    """The fit of one contact: geometry x (S,) with its covariance (S, S), and the noise (K,) of its
+    residuals in a tick."""
+
+    model: ContactModel
+    x: Array
+    covariance: Array
+    variance: Array
+    moves: Array
+    """(K, 6, C) change of the residuals' coefficients by turns and shifts."""
+
+    def residual(self, zeta: Array) -> Array:
+        """(K,) at a lifted pose (25,)."""
+        return np.asarray(self.model.family.rows(self.x) @ self.model.lifted(zeta))
+
+    def jacobian(self, zeta: Array) -> Array:
+        """(K, 6) by turns about the body's axes in units of length (times ``LEVER_M``), and shifts."""
+        return np.asarray(self.moves @ self.model.lifted(zeta) / np.repeat([LEVER_M, 1.0], 3))
+
+    def precision(self, zeta: Array) -> Array:
+        """Inverse covariance (K, K) of the residuals at a pose, by noise and by what is not known."""
+        slopes = self.model.family.rows_derivative(self.x) @ self.model.lifted(zeta)
+        return np.asarray(np.linalg.inv(np.diag(self.variance) + slopes @ self.covariance @ slopes.T))
+
+
+def _fits(state: FilterState, label: Contact, others: tuple[Contact, ...]) -> Iterator[tuple[Contact, _Fit]]:
+    """The fits of contacts since about the label's onset, as far as there are any."""
+    onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
+    for contact in (label, *others):
+        if contact is Contact.FREE:
+            continue
+        bank, model = state.banks[contact.column], CONTACT_MODELS[contact.column]
+        row = ambiguity.best_since(bank, onset, state.ticks - 1)
+        if row is None:
+            continue
+        one, beyond = bank.single(row), state.model.noise.extra_contact_variance[contact.column]
+        variance = state.window.with_error(beyond).usual_variance
+        covariance = information_spectrum(one, model, state.scales, variance).covariance
+        weight = per_metre(model.family, one.second_moment[0], one.row_weight[0], one.x[0])
+        noise = variance[0] / np.maximum(weight, np.finfo(float).tiny)
+        yield contact, _Fit(model, one.x[0], covariance, noise, perturbed_rows(one, model))
+
+
+def _between(
+    state: FilterState, fits: dict[Contact, _Fit], allowed_by: Contact, forbidden_by: Contact
+) -> Iterator[InformativeMotion]:
+    """The motion along the constraints of one contact that violates the other one most."""
+    forbids, allows = fits.get(forbidden_by), fits.get(allowed_by)
+    if forbids is None or (allows is None and allowed_by is not Contact.FREE):
+        return
+    zeta = state.window.zeta[-1]
+    jacobian = forbids.jacobian(zeta)
+    kept = np.zeros((1, 6)) if allows is None else allows.jacobian(zeta)
+    free = _null_space(kept)
+    root = np.linalg.cholesky(forbids.precision(zeta))
+    twist = free @ np.linalg.svd(root.T @ jacobian @ free)[2][0]
+    both = (_reached(zeta, sign * _within_limits(twist), allows) for sign in (1.0, -1.0))
+    moved, twist = max(both, key=lambda one: _evidence(forbids, one[0]))
+    evidence_nats = _evidence(forbids, moved)
+    if evidence_nats > DECISIVE:
+        yield _described(state, zeta, twist, (allowed_by, forbidden_by), evidence_nats)
+
+
+def _unused(
+    state: FilterState, fits: dict[Contact, _Fit], onset: int, label: Contact
+) -> Iterator[InformativeMotion]:
+    """The motion in the direction that the label leaves free and that was used least since its onset."""
+    window = state.window.pick(slice(state.window.index.searchsorted(onset), None))
+    fit = fits.get(label)
+    if fit is None or len(window) <= STRIDE_TICKS:
+        return
+    used, zeta = twist_power(window), state.window.zeta[-1]
+    free = _null_space(fit.jacobian(zeta))
+    turn, shift = zeta[R].reshape(3, 3) @ free[:3], free[3:]
+    at_centre = shift - np.cross(turn.T / LEVER_M, zeta[T] - used.centre_m).T
+    in_lengths = np.repeat([1.0, LEVER_M], 3)
+    twists = np.concatenate([at_centre, turn])
+    power = twists.T @ (used.power * np.outer(in_lengths, in_lengths)) @ twists
+    _, twist = _reached(zeta, _within_limits(free @ np.linalg.eigh(power)[1][:, 0]), fit)
+    yield _described(state, zeta, twist, (label, label), 0.0)
+
+
+def _null_space(rows: Array) -> Array:
+    """Orthonormal columns (6, F) of what (K, 6) rows leave free."""
+    _, values, directions = np.linalg.svd(rows)
+    rank = int((values > 1e-9 * max(float(values.max()), 1e-300)).sum())
+    return directions[rank:].T
+
+
+def _within_limits(twist: Array) -> Array:
+    """A twist (6,), turn times ``LEVER_M`` and shift, as far as it goes within ``SHIFT_M`` each."""
+    return np.asarray(twist * SHIFT_M / max(np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])))
+
+
+def _reached(zeta: Array, twist: Array, allows: _Fit | None) -> tuple[Array, Array]:
+    """The lifted pose (25,) after a twist, and the twist, both brought back into the contact."""
+    moved = _moved(zeta, twist)
+    if allows is None:
+        return moved, twist
+    aim = allows.residual(zeta)  # what noise leaves at the pose stays
+    for _ in range(PROJECTIONS):
+        twist = twist - np.linalg.pinv(allows.jacobian(moved)) @ (allows.residual(moved) - aim)
+        moved = _moved(zeta, twist)
+    return moved, twist
+
+
+def _moved(zeta: Array, twist: Array) -> Array:
+    """The lifted pose (25,) after a turn about the body's axes and a shift along the world's."""
+    turn = matrices(from_rotation_vectors(twist[:3] / LEVER_M))
+    return lift(zeta[R].reshape(3, 3) @ turn, zeta[T] + twist[3:])
+
+
+def _evidence(forbids: _Fit, zeta: Array) -> float:
+    """Expected evidence (nats) of a tick at a lifted pose (25,) against a fit."""
+    residual = forbids.residual(zeta)
+    return float(0.5 * residual @ forbids.precision(zeta) @ residual)
+
+
+def _described(
+    state: FilterState, zeta: Array, twist: Array, states: tuple[Contact, Contact], evidence_nats: float
+) -> InformativeMotion:
+    """A twist (6,) as a turn about an axis in space and a shift along it."""
+    rotation, origins = zeta[R].reshape(3, 3), state.origins
+    turn, shift = rotation @ (twist[:3] / LEVER_M), twist[3:]
+    point = zeta[T]
+    if np.linalg.norm(turn) * LEVER_M > 0.1 * np.linalg.norm(shift):
+        square = turn @ turn
+        point = point + np.cross(turn, shift) / square
+        shift = turn * (turn @ shift) / square
+        shift = shift if np.linalg.norm(shift) > 0.1 * LEVER_M * np.sqrt(square) else 0.0 * shift
+    else:
+        turn = 0.0 * turn
+    return InformativeMotion(
+        *states,
+        rotation.T @ turn,
+        turn,
+        rotation.T @ (point - zeta[T]) + origins.body_m,
+        point + origins.world_m,
+        rotation.T @ shift,
+        shift,
+        evidence_nats,
+    )
+
+
+def _text(vector: Array) -> str:
+    return f"({' '.join(f'{0.0 + round(float(part), 2):.2f}' for part in vector)})"

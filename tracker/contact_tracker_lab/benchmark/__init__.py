@@ -1,0 +1,4 @@
+"""The benchmark of the field: methods that label motion with contacts, scored against the same truth.
+
+python -m contact_tracker_lab.benchmark FOLDER
+"""

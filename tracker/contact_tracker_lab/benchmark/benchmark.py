@@ -1,0 +1,231 @@
+"""The benchmark: the tracker and other methods on recordings with truth, in one table.
+
+    python -m contact_tracker_lab.benchmark FOLDER
+    python -m contact_tracker_lab.benchmark FOLDER --method my_method.py:label --labels theirs/
+    python -m contact_tracker_lab.benchmark FOLDER --split tuning --only "tracker" "speed threshold"
+
+FOLDER has a folder of .mcap files for each set. Recordings with an even number in their name are for tuning,
+those with an odd number for testing; what a method learns or what its constants are chosen on is the tuning
+split. Scored is the time in which the motion determines the contact (``docs/benchmark.md``).
+
+``5-95 %`` is a bootstrap interval of the accuracy over the true phases, ``delay`` the median time from a true
+onset until the label is right for 0.3 s, plus the lag; ``CPU`` seconds for each second of the recordings.
+"""
+
+import argparse
+import re
+import time
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import add
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.errors import ContactTrackerError
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import need_truth, open_log
+from contact_tracker_lab.benchmark import bic, fixed_windows, others, tracked
+from contact_tracker_lab.benchmark.fixed_windows import Recorded, Windows
+from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
+from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores, total
+from contact_tracker_lab.evaluation.metrics import quantile
+from contact_tracker_lab.evaluation.scoring import scoring
+from contact_tracker_lab.evaluation.tables import number
+
+TOTAL: Final = "all sets"
+SPLITS: Final = ("tuning", "test")
+DETAILS: Final = ("5-95 %", "F1", "delay, s", "log-loss", "ECE", "sure and wrong", "CPU")
+OWN: Final = (tracked.NAME, tracked.WITH_MAP)
+WINDOWED: Final = (fixed_windows.SMALLEST, fixed_windows.HMM)
+BY_CRITERION: Final = (bic.WINDOWS, bic.CHANGES, bic.SEGMENTS)
+
+
+class Job(NamedTuple):
+    """One recording, and what is asked of it.
+
+    ``earlier`` is the first take of the same scene, if it is a later one; ``only`` names of methods, all if
+    empty; ``functions`` are names of others' methods, ``labels`` a folder with NAME.csv.
+    """
+
+    path: Path
+    model: str
+    earlier: Path | None = None
+    only: tuple[str, ...] = ()
+    functions: tuple[str, ...] = ()
+    labels: Path | None = None
+
+    def wants(self, *names: str) -> bool:
+        return not self.only or any(name in self.only for name in names)
+
+
+class Measured(NamedTuple):
+    """Results on one recording: ``scores`` and CPU time by method; ``recorded`` is the input of the method
+    that is calibrated on the tuning split; ``seconds`` of motion."""
+
+    scores: Scores
+    cpu_s: dict[Method, float]
+    recorded: Recorded | None
+    seconds: float
+
+
+def measure(job: Job) -> Measured:
+    """Score the methods on one recording; raises ContactTrackerError if it cannot be used."""
+    model, truth = load_model(job.model), need_truth(str(job.path))
+    poses = Poses.collect(open_log(str(job.path)))
+    scored = scoring(poses.stamp_ns, truth)
+    answers, cpu_s = dict[Method, Answer](), dict[Method, float]()
+
+    def note(found: Mapping[Method, Answer], began_s: float) -> None:
+        answers.update(found)
+        cpu_s.update(dict.fromkeys(found, time.process_time() - began_s))
+
+    labellings = tracked.methods(model) if job.wants(tracked.NAME) else {}
+    if job.wants(others.STILL):
+        labellings[Method(others.STILL, 0.0, False)] = others.answer_by_speed
+    labellings |= dict(map(others.load_function, job.functions))
+    for method, answer in labellings.items():
+        began_s = time.process_time()
+        note({method: answer(poses)}, began_s)
+    if job.earlier is not None and job.wants(tracked.WITH_MAP):
+        began_s = time.process_time()
+        with_map = tracked.answer_with_map(poses, model, job.earlier)
+        note({Method(tracked.WITH_MAP, OFFLINE): with_map}, began_s)
+    if job.labels is not None:
+        path = job.labels / f"{job.path.stem}.csv"
+        note({Method(job.labels.name, OFFLINE, False): others.answer_from_labels(poses, path)}, 0.0)
+    windows = None
+    if job.wants(*WINDOWED):
+        began_s = time.process_time()
+        windows = Windows.of(poses)
+        note(fixed_windows.smallest_answers(windows, poses.stamp_ns), began_s)
+    if job.wants(*BY_CRITERION):
+        began_s = time.process_time()
+        note(bic.answers(poses, scored, bic.Ticks.of(poses, model)), began_s)
+    return Measured(
+        {method: Score.of(answer, scored) for method, answer in answers.items()},
+        cpu_s,
+        None if windows is None else Recorded(windows, scored),
+        float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9,
+    )
+
+
+def split_of(path: Path) -> str:
+    """``tuning`` or ``test``, by the last number in the name."""
+    numbers = re.findall(r"\d+", path.stem)
+    return SPLITS[int(numbers[-1]) % 2] if numbers else "test"
+
+
+def earlier_take(path: Path, paths: Sequence[Path]) -> Path | None:
+    """The first take of the scene of a recording SCENE_TAKE; None if there is none before it.
+
+    Sets in which scenes have one name each are no takes.
+    """
+    scene = path.stem.rpartition("_")[0]
+    takes = [one for one in paths if one.stem.rpartition("_")[0] == scene]
+    is_of_takes = len({one.stem.rpartition("_")[0] for one in paths}) > 1
+    return min(takes) if is_of_takes and min(takes) != path else None
+
+
+def with_hmm(
+    found: Mapping[str, list[Measured]], tuning: Mapping[str, list[Measured]], model_name: str
+) -> dict[str, list[Measured]]:
+    """The results, with those of the HMM that is calibrated on the tuning split of each set."""
+    model, more = load_model(model_name), dict[str, list[Measured]]()
+    for name, some in found.items():
+        learned = [one.recorded for one in tuning.get(name, []) if one.recorded is not None]
+        recorded = [one.recorded for one in some if one.recorded is not None]
+        if not learned or len(recorded) < len(some):
+            more[name] = some
+            continue
+        scores = fixed_windows.hmm_scores(recorded, learned, model)
+        more[name] = [one._replace(scores=one.scores | s) for one, s in zip(some, scores, strict=True)]
+    return more
+
+
+def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
+    """A row for each method: accuracy by set, and further figures over all sets that it was scored on."""
+    everything = [one for some in found.values() for one in some]
+    methods = in_order(list(dict.fromkeys(method for one in everything for method in one.scores)))
+    rows = []
+    for method in methods:
+        by_set = [accuracy(method, some) for some in found.values()]
+        scored = [one for one in everything if method in one.scores]
+        whole, seconds = total([one.scores[method] for one in scored]), sum(one.seconds for one in scored)
+        cpu_s = [one.cpu_s[method] for one in scored if method in one.cpu_s]
+        rows.append(
+            [
+                method.name,
+                method.when,
+                *by_set,
+                *([number(whole.main.accuracy())] if len(found) > 1 else []),
+                *details(method, whole),
+                number(reduce(add, cpu_s) / seconds, 3) if cpu_s else "-",
+            ]
+        )
+    sets = (*found, TOTAL) if len(found) > 1 else tuple(found)
+    return Table(("method", "when", *sets, *DETAILS), rows)
+
+
+def accuracy(method: Method, found: Sequence[Measured]) -> str:
+    """Over the recordings of a set; ``-`` where the method was not applied to all."""
+    if not all(method in one.scores for one in found):
+        scored = [one.scores[method] for one in found if method in one.scores]
+        return number(total(scored).main.accuracy()) + "*" if scored else "-"
+    return number(total([one.scores[method] for one in found]).main.accuracy())
+
+
+def details(method: Method, whole: Score) -> list[str]:
+    """The further figures of a row but its CPU time."""
+    main = whole.main
+    low, high = map(number, whole.phases.accuracy())
+    delay_s = main.delay_s
+    waits = "-" if method.wait_s == OFFLINE else number(quantile(delay_s, 0.5) + method.wait_s, 2)
+    uncertain = (main.log_loss, main.calibration_error, main.sure_wrong)
+    return [
+        low if low == high else f"{low}-{high}",
+        number(main.macro_f1),
+        waits,
+        *(number(value) if method.has_posterior else "-" for value in uncertain),
+    ]
+
+
+def in_order(methods: Sequence[Method]) -> list[Method]:
+    """Each method from offline to online."""
+    names = list(dict.fromkeys(method.name for method in methods))
+    return sorted(methods, key=lambda method: (names.index(method.name), -method.wait_s))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = parser_of(__doc__, has_sets=True)
+    parser.add_argument("--split", choices=[*SPLITS, "all"], default="test", help="default: %(default)s")
+    parser.add_argument("--only", nargs="+", default=[], metavar="METHOD", help="only these of the methods")
+    parser.add_argument(
+        "--method", nargs="+", default=[], metavar="FUNCTION", help="module:function, others'"
+    )
+    parser.add_argument("--labels", type=Path, metavar="FOLDER", help="others' labels, a NAME.csv for each")
+    parser.add_argument("--model", default="default", metavar="NAME|FILE")
+    args = parser.parse_args(argv)
+    try:
+        return run(args)
+    except ContactTrackerError as error:
+        parser.error(str(error))
+
+
+def run(args: argparse.Namespace) -> int:
+    sets = find_sets(args.folder, args.set)
+    asked = (tuple(args.only), tuple(args.method), args.labels)
+    is_asked = {path: args.split in ("all", split_of(path)) for paths in sets.values() for path in paths}
+    jobs = dict[tuple[str, bool], list[tuple[Job]]]()
+    for name, paths in sets.items():
+        for path in paths:
+            job = Job(path, args.model, earlier_take(path, paths), *asked)
+            if is_asked[path]:
+                jobs.setdefault((name, True), []).append((job,))
+            if split_of(path) == "tuning" and job.wants(fixed_windows.HMM):
+                learning = Job(path, args.model, only=(fixed_windows.HMM,))
+                jobs.setdefault((name, False), []).append((learning,))
+    results = dict(measured(measure, jobs, args.processes))
+    found = {name: some for (name, is_scored), some in results.items() if is_scored}
+    tuning = {name: some for (name, is_scored), some in results.items() if not is_scored}
+    return report(args, benchmark=summary(with_hmm(found, tuning, args.model)))

@@ -1,0 +1,192 @@
+"""Alternative: the Bayesian information criterion per segment, as in the selection of articulation models.
+
+For n samples of a segment and contact j with k_j parameters and d_j degrees of freedom,
+
+    log p(samples | j) - 1/2 (k_j + n d_j) log n
+
+where log p is that of the whitened residuals of the constraints, -1/2 sum chi^2: the configuration in the d_j
+degrees of freedom is estimated for each sample without residual, so these n d_j coordinates count as
+parameters. Free has k = 0, d = 6 and no residual. The posterior is its normalised exponential. Samples are
+the tracker's ticks of 0.1 s without outliers, with the noise estimated from the recording; fits are those of
+the tracker.
+
+Segments are the paper's windows of 500 frames, every 100 frames; those between change points that ruptures
+(C. Truong et al., 2020) finds with minus the criterion as the cost of a segment, where n in log n is that of
+the recording, so that the segments are of one model; and the true ones.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses.bank_update import fit_window
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.motion.poses import Poses, batches
+from contact_tracker.motion.window import Window
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.forward_pass import forward, ticks_of
+from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method
+from contact_tracker_lab.calibration.recorded_pass import RecordedPass
+from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FRAMES: Final = 500
+STEP: Final = 100
+WINDOWS: Final = "BIC on windows"
+SEGMENTS: Final = "BIC, true segments"
+CHANGES: Final = "BIC, change points"
+FEWEST: Final = 2
+GRID_TICKS: Final = 5
+"""Change points are looked for at every so many ticks..."""
+LONGEST_TICKS: Final = 100
+"""... and at least as often as that: a longer contact is found as several segments with one label."""
+
+
+class Ticks(NamedTuple):
+    """The ``window`` of all T ticks of a recording; ``frames`` (T,) in each, ``start_ns`` and ``stamp_ns``
+    (T,) of their first and last frame; ``scales`` of the tracker's fits."""
+
+    window: Window
+    frames: Ints
+    start_ns: Ints
+    stamp_ns: Ints
+    scales: EvidenceParameters
+
+    @classmethod
+    def of(cls, poses: Poses, model: Model) -> "Ticks":
+        """The ticks of at least one pose."""
+        one = ContactFilter.start(model)
+        seen = RecordedPass.over(forward(ticks_of(batches(poses), model), one, Detail.WEIGHTS))
+        stamp_ns = np.array([belief.stamp_ns for belief in seen.beliefs], np.int64)
+        frames, start_ns = np.array(seen.frames, np.int64), np.array(seen.start_ns, np.int64)
+        return cls(seen.window(model), frames, start_ns, stamp_ns, scales_of(model))
+
+    def within(self, start_ns: int, end_ns: int) -> Window | None:
+        """The ticks of a span (both included); None if there are too few."""
+        inside = (self.start_ns >= start_ns) & (self.stamp_ns <= end_ns) & (self.frames > 0)
+        return self.window.pick(inside) if inside.sum() >= FEWEST else None
+
+
+def answers(poses: Poses, scored: Scoring, ticks: Ticks) -> dict[Method, Answer]:
+    """BIC on fixed windows, offline and online, between change points, and on the true segments."""
+    stamp_ns = poses.stamp_ns
+    first = np.arange(0, max(len(poses) - FRAMES + 1, 0), STEP)
+    spans = [(int(stamp_ns[i]), int(stamp_ns[i + FRAMES - 1])) for i in first]
+    probability, row = _posteriors(spans, ticks)
+    start_ns, end_ns = np.array(spans, np.int64).reshape(-1, 2)[row >= 0].T
+    middle_ns = (start_ns + end_ns) // 2
+    nearest = np.searchsorted((middle_ns[1:] + middle_ns[:-1]) // 2, stamp_ns)
+    around = nearest if len(middle_ns) else np.full(len(stamp_ns), -1)
+    return {
+        Method(WINDOWS, OFFLINE): Answer.most_probable(around, probability),
+        Method(WINDOWS, 0.0): Answer.most_probable(tick_in_force(stamp_ns, end_ns), probability),
+        Method(CHANGES, OFFLINE): _between_change_points(stamp_ns, ticks),
+        Method(SEGMENTS, OFFLINE): _true_segments(scored, ticks),
+    }
+
+
+def _true_segments(scored: Scoring, ticks: Ticks) -> Answer:
+    """Labels of the true phases by the ticks within each."""
+    begins = np.append(True, np.diff(scored.truth) != 0)
+    run = np.cumsum(begins) - 1
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(run)) - 1
+    is_known = scored.truth[first] != UNSCORED
+    spans = [(int(scored.stamp_ns[a]), int(scored.stamp_ns[b])) for a, b in zip(first, last, strict=True)]
+    probability, row = _posteriors(
+        [s if known else (1, 0) for s, known in zip(spans, is_known, strict=True)], ticks
+    )
+    return Answer.most_probable(row[run], probability)
+
+
+def _between_change_points(stamp_ns: Ints, ticks: Ticks) -> Answer:
+    """Labels of the segments with the greatest sum of the criterion, less that of each change point."""
+    ends = change_points(ticks)
+    first = np.array([0, *ends[:-1]], np.int64)
+    spans = [(int(ticks.start_ns[a]), int(ticks.stamp_ns[b - 1])) for a, b in zip(first, ends, strict=True)]
+    probability, row = _posteriors(spans, ticks, len(ticks.stamp_ns))
+    segment = np.searchsorted(ticks.start_ns[first], stamp_ns, side="right") - 1
+    return Answer.most_probable(row[segment], probability)
+
+
+def change_points(ticks: Ticks) -> list[int]:
+    """Ends of the segments, as numbers of ticks; ruptures minimises the cost by dynamic programming."""
+    from ruptures import Pelt  # an extra
+
+    count = len(ticks.stamp_ns)
+    grid = [*range(0, count, GRID_TICKS), count]
+    if len(grid) <= FEWEST:
+        return [count]
+    cost = segment_cost(ticks, grid)
+    found = Pelt(custom_cost=cost, min_size=1, jump=1).fit(np.arange(len(grid) - 1.0)[:, None])
+    return [grid[end] for end in found.predict(pen=0.5 * np.log(count))]
+
+
+def segment_cost(ticks: Ticks, grid: list[int]) -> Any:
+    """The cost of a segment for ruptures: minus the criterion of the best state of ticks between points of
+    the ``grid``; infinite beyond ``LONGEST_TICKS``."""
+    from functools import cache
+
+    from ruptures.base import BaseCost
+
+    @cache
+    def cost(start: int, end: int) -> float:
+        window = ticks.window.pick(np.flatnonzero(ticks.frames[grid[start] : grid[end]]) + grid[start])
+        if grid[end] - grid[start] > LONGEST_TICKS:
+            return float(np.inf)
+        if len(window) < FEWEST:
+            return 0.0
+        return -float(criteria_of(window, ticks.scales, len(ticks.stamp_ns)).max())
+
+    class Cost(BaseCost):  # type: ignore[misc]
+        model, min_size = "contacts", 1
+
+        def fit(self, signal: Array) -> "Cost":
+            self.signal = signal
+            return self
+
+        def error(self, start: int, end: int) -> float:
+            return cost(start, end)
+
+    return Cost()
+
+
+def _posteriors(spans: list[tuple[int, int]], ticks: Ticks, samples: int | None = None) -> tuple[Array, Ints]:
+    """Posterior (P, 7) of the spans with enough ticks, and the row of each span (-1: none); ``samples`` of
+    the whole model, by default those of each span."""
+    windows = [ticks.within(*span) for span in spans]
+    some = [window for window in windows if window is not None]
+    found = [from_criteria(criteria_of(window, ticks.scales, samples)) for window in some]
+    has_ticks = np.array([window is not None for window in windows], bool)
+    row = np.where(has_ticks, np.cumsum(has_ticks) - 1, -1)
+    return np.array(found).reshape(-1, len(STATES)), row.astype(np.int64)
+
+
+def criteria_of(window: Window, scales: EvidenceParameters, samples: int | None = None) -> Array:
+    """BIC (7,) of the states for the ticks of a window, of a model with so many ``samples`` in all."""
+    chi_sq, parameters = np.zeros(len(STATES)), np.zeros(len(STATES))
+    for model in CONTACT_MODELS:
+        column, family = model.contact.column, model.family
+        fitted = fit_window(model, window, scales)
+        chi_sq[column] = fitted.rms[0] ** 2 * family.ROWS * len(window)
+        parameters[column] = family.PARAMETERS
+    return criteria(chi_sq, parameters, len(window), samples)
+
+
+def criteria(chi_sq: Array, parameters: Array, ticks: int, samples: int | None = None) -> Array:
+    """BIC (7,) of the states, the higher the better."""
+    freedom = np.array([6 - Contact(state).codimension for state in STATES])
+    return np.asarray(-0.5 * chi_sq - 0.5 * (parameters + ticks * freedom) * np.log(samples or ticks))
+
+
+def from_criteria(bic: Array) -> Array:
+    weight = np.exp(bic - bic.max())
+    return np.asarray(weight / weight.sum())

@@ -1,0 +1,74 @@
+"""The tracker as a method: offline, offline with the map of an earlier take, online, and with a lag."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.map.learned import NOTHING_LEARNED
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.tracker import Tracker
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Method
+from contact_tracker_lab.evaluation.evaluate import answers_to
+from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
+
+Ints = NDArray[np.int64]
+
+NAME: Final = "tracker"
+WITH_MAP: Final = "tracker with a map"
+LAG_S: Final = 1.0
+
+
+def offline(poses: Poses, model: Model, known: Map = EMPTY_MAP) -> tuple[Segmentation, Map]:
+    """What ``segment`` finds in poses, and the map that it learns from them."""
+    tracker = OfflineTracker(model, known)
+    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
+    world = tracker.map
+    return found, Map(learned=NOTHING_LEARNED if world is None else world.learned)
+
+
+def answer_offline(poses: Poses, found: Segmentation) -> Answer:
+    """Each frame has the label of the tick that contains it."""
+    return _answer(tick_containing(poses.stamp_ns, found.beliefs.stamp_ns), found.beliefs)
+
+
+def answer_online(poses: Poses, model: Model) -> Answer:
+    """What ``live`` has said by each frame."""
+    found = answers_to(poses, model)
+    return _answer(tick_in_force(poses.stamp_ns, found.arrival_ns), found.beliefs)
+
+
+def answer_with_lag(poses: Poses, model: Model, lag_s: float = LAG_S) -> Answer:
+    """What ``live --lag`` says about each frame, so much later."""
+    tracker, gate = Tracker.start(model, lag_s), PoseGate()
+    parts = [tracker.update(gate.arrive(pose), Detail.SHARED) for pose in poses]
+    parts += [tracker.update(gate.end(), Detail.SHARED), tracker.finish()]
+    found = Beliefs.join([Beliefs.of(part) for part in parts if part])
+    return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found)
+
+
+def answer_with_map(poses: Poses, model: Model, earlier: Path) -> Answer:
+    """Offline, with the map that was learned from an earlier take."""
+    known = offline(Poses.collect(open_log(str(earlier))), model)[1]
+    return answer_offline(poses, offline(poses, model, known)[0])
+
+
+def methods(model: Model) -> dict[Method, Labelling]:
+    """The ways to use the tracker on poses alone."""
+    return {
+        Method(NAME, OFFLINE): lambda poses: answer_offline(poses, offline(poses, model)[0]),
+        Method(NAME, LAG_S): lambda poses: answer_with_lag(poses, model),
+        Method(NAME, 0.0): lambda poses: answer_online(poses, model),
+    }
+
+
+def _answer(tick: Ints, beliefs: Beliefs) -> Answer:
+    return Answer(tick, beliefs.rows["contact"].astype(np.int64), beliefs.probability)

@@ -1,0 +1,244 @@
+"""How sensitive accuracy is to each tuned constant: every one halved and doubled, on recordings with truth.
+
+    python -m contact_tracker_lab.sensitivity everyday/*.mcap physics/*/*.mcap --jobs 2
+
+Constants are the module-level ``NAME: Final = number`` of the estimation core, also those that others are
+derived from at import: each variant runs in a process of its own, in which the assigned expression is
+multiplied before the module is compiled. The compiled kernels have no tuned constants of their own; what they
+share with Python is passed to them.
+"""
+
+import argparse
+import ast
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib.machinery import PathFinder, SourceFileLoader
+from pathlib import Path
+from types import CodeType
+from typing import Any, Final, NamedTuple
+
+CORE: Final = ("adaptation", "hmm", "hypotheses", "map", "motion", "tracking")
+"""Packages that decide labels. Joints and further contacts come after these; checks warn."""
+FACTORS: Final = (0.5, 2.0)
+GUARD: Final = 1e-5
+"""Smaller constants keep divisions and comparisons safe from rounding: they are not tuned."""
+NO_EFFECT: Final = 0.0005
+"""Changes of accuracy below this are rounded to 0.000 in the table."""
+
+
+class Constant(NamedTuple):
+    """A module-level number: its ``module``, ``name``, the expression in the source and its value."""
+
+    module: str
+    name: str
+    source: str
+    value: float
+
+    @property
+    def label(self) -> str:
+        return f"{self.module.removeprefix('contact_tracker.').replace('.', '/')}.py: {self.name}"
+
+
+class Outcome(NamedTuple):
+    """``accuracy`` by set of recordings, offline and online, and a ``digest`` of all labels and
+    probabilities; an ``error`` where the tracker does not run with the constant."""
+
+    accuracy: dict[str, tuple[float, float]]
+    digest: str
+    error: str = ""
+
+
+def tuned_constants(package: Path) -> Iterator[Constant]:
+    """The tuned constants of the core, by module."""
+    for folder in CORE:
+        for path in sorted((package / folder).rglob("*.py")):
+            module = ".".join((package.name, *path.relative_to(package).with_suffix("").parts))
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                yield from _constant(module, node)
+
+
+def _constant(module: str, node: ast.stmt) -> Iterator[Constant]:
+    match node:
+        case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value) if name.isupper():
+            source = ast.unparse(value)
+            try:
+                number = ast.literal_eval(value) if not isinstance(value, ast.BinOp) else _arithmetic(value)
+            except ValueError:
+                return
+            if isinstance(number, (int, float)) and not isinstance(number, bool) and abs(number) > GUARD:
+                yield Constant(module, name, source, float(number))
+
+
+def _arithmetic(node: ast.BinOp) -> float:
+    """The value of an expression of numbers alone.
+
+    Raises
+    ------
+    ValueError
+        There are names in it: then it is derived.
+    """
+    if any(isinstance(part, (ast.Name, ast.Call, ast.Attribute)) for part in ast.walk(node)):
+        raise ValueError
+    return float(eval(compile(ast.Expression(node), "<constant>", "eval"), {"__builtins__": {}}))
+
+
+class ScalingFinder(PathFinder):
+    """Finds modules as usual, ``module`` with the constant ``name`` multiplied by ``factor``."""
+
+    module, name, factor = "", "", 1.0
+
+    @classmethod
+    def find_spec(cls, fullname: str, path: Sequence[str] | None = None, target: Any = None) -> Any:
+        spec = PathFinder.find_spec(fullname, path, target) if fullname == cls.module else None
+        if spec is not None and spec.origin is not None:
+            spec.loader = ScalingLoader(fullname, spec.origin)
+        return spec
+
+
+class ScalingLoader(SourceFileLoader):
+    """Compiles a module with one constant multiplied; integers stay integers."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        tree = ast.parse(self.get_data(self.path))
+        for node in tree.body:
+            match node:
+                case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value):
+                    if name == ScalingFinder.name:
+                        source = ast.unparse(value)
+                        text = f"type({source})(({source}) * {ScalingFinder.factor})"
+                        node.value = ast.parse(text, mode="eval").body
+        return compile(ast.fix_missing_locations(tree), self.path, "exec")
+
+
+def run_variant(constant: tuple[str, str, float] | None, logs: Sequence[Path], seconds: float) -> Outcome:
+    """Segment the first ``seconds`` of recordings with a constant scaled; to be called in a process that has
+    not imported the tracker."""
+    if constant is not None:
+        ScalingFinder.module, ScalingFinder.name, ScalingFinder.factor = constant
+        sys.meta_path.insert(0, ScalingFinder())
+    import numpy as np
+
+    from contact_tracker.config.loading import load_model
+    from contact_tracker.motion.poses import Poses
+    from contact_tracker.recording import need_truth, open_log
+    from contact_tracker.segmenting import OfflineTracker
+    from contact_tracker.tracking.belief import Detail
+    from contact_tracker.tracking.segmentation import Segmentation
+    from contact_tracker_lab.evaluation.evaluate import evaluate
+
+    right: dict[str, list[Any]] = {}
+    digest = hashlib.sha256()
+    for log in logs:
+        poses = Poses.collect(open_log(str(log)))
+        poses = poses[: int(np.searchsorted(poses.stamp_ns, poses.stamp_ns[0] + round(seconds * 1e9)))]
+        tracker = OfflineTracker(load_model())
+        found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
+        for beliefs in (found.beliefs, found.filtered):
+            digest.update(np.ascontiguousarray(beliefs.probability).tobytes())
+        right.setdefault(log.parent.name, []).append(evaluate(poses, need_truth(str(log)), found))
+    accuracy = {}
+    for name, scores in right.items():
+        total = scores[0]
+        for one in scores[1:]:
+            total = total + one
+        accuracy[name] = (float(total.offline.accuracy()), float(total.online.accuracy()))
+    return Outcome(accuracy, digest.hexdigest())
+
+
+def run_apart(constant: Constant | None, factor: float, logs: Sequence[Path], seconds: float) -> Outcome:
+    """``run_variant`` in a process of its own."""
+    arguments = [sys.executable, "-m", "contact_tracker_lab.sensitivity", *map(str, logs)]
+    arguments += ["--seconds", str(seconds)]
+    if constant is not None:
+        arguments += ["--variant", constant.module, constant.name, str(factor)]
+    else:
+        arguments += ["--variant", "", "", "1"]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    if done.returncode:
+        return Outcome({}, "", done.stderr.strip().rpartition("\n")[2])
+    accuracy, digest, _ = json.loads(done.stdout)
+    return Outcome({name: tuple(pair) for name, pair in accuracy.items()}, digest)
+
+
+def run_all(
+    constants: Sequence[Constant], logs: Sequence[Path], seconds: float, journal: Path, jobs: int
+) -> dict[tuple[str, str, float], Outcome]:
+    """The outcome of each constant and factor, and of none (``("", "", 1.0)``). Those that the ``journal``
+    (JSON lines) has are not run again."""
+    found: dict[tuple[str, str, float], Outcome] = {}
+    for line in journal.read_text(encoding="utf-8").splitlines() if journal.exists() else ():
+        module, name, factor, accuracy, digest, error = json.loads(line)
+        found[module, name, factor] = Outcome({k: tuple(v) for k, v in accuracy.items()}, digest, error)
+    variants = [(None, 1.0), *((one, factor) for one in constants for factor in FACTORS)]
+    keys = {(one.module, one.name, f) if one else ("", "", f): (one, f) for one, f in variants}
+    left = [key for key in keys if key not in found]
+    with ThreadPoolExecutor(jobs) as pool, journal.open("a", encoding="utf-8") as file:
+        outcomes = pool.map(lambda key: run_apart(*keys[key], logs, seconds), left)
+        for key, outcome in zip(left, outcomes, strict=True):
+            found[key] = outcome
+            file.write(json.dumps([*key, *outcome]) + "\n")
+            file.flush()
+    return {key: found[key] for key in keys}
+
+
+def table(constants: Sequence[Constant], found: dict[tuple[str, str, float], Outcome]) -> list[str]:
+    """Lines of Markdown: constants by the greatest change of accuracy, then those without any effect."""
+    base = found["", "", 1.0]
+    sets = list(base.accuracy)
+    lines = ["| constant | value | " + " | ".join(f"{name} x 1/2 | x 2" for name in sets) + " |"]
+    lines.append("|---|---|" + "---|" * (2 * len(sets)))
+    rows: list[tuple[float, str]] = []
+    idle: dict[str, list[str]] = {}
+    for one in constants:
+        outcomes = [found[one.module, one.name, factor] for factor in FACTORS]
+        if all(outcome.digest == base.digest for outcome in outcomes):
+            idle.setdefault(one.label.partition(":")[0], []).append(one.name)
+            continue
+        cells, greatest = [], 0.0
+        for name in sets:
+            for outcome in outcomes:
+                if outcome.error:
+                    cells.append("fails")
+                    continue
+                pairs = zip(outcome.accuracy[name], base.accuracy[name], strict=True)
+                changes = [now - then for now, then in pairs]
+                greatest = max(greatest, *map(abs, changes))
+                cells.append(" / ".join("0" if abs(c) < NO_EFFECT else f"{c:+.3f}" for c in changes))
+        rows.append((greatest, f"| `{one.label}` | {one.source} | " + " | ".join(cells) + " |"))
+    lines += [row for _, row in sorted(rows, key=lambda row: -row[0])]
+    lines += ["", "Labels and probabilities are the same to the last bit with half and with double:", ""]
+    lines += [f"- `{file}`: {', '.join(f'`{name}`' for name in names)}" for file, names in idle.items()]
+    return lines
+
+
+def main() -> int:
+    described = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=described)
+    add = parser.add_argument
+    add("logs", nargs="+", type=Path, help="recordings with truth; their folders are the sets")
+    add("--seconds", type=float, default=20.0, help="of each recording (default: %(default)s)")
+    add("--jobs", type=int, default=1, help="processes at a time (default: %(default)s)")
+    add("--journal", type=Path, default=Path("sensitivity.jsonl"), help="outcomes, to go on with later")
+    add("--variant", nargs=3, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    from contact_tracker.cli.terminal import show
+
+    if arguments.variant:
+        module, name, factor = arguments.variant
+        constant = (module, name, float(factor)) if module else None
+        show(json.dumps(run_variant(constant, arguments.logs, arguments.seconds)))
+        return 0
+    import contact_tracker
+
+    constants = list(tuned_constants(Path(contact_tracker.__file__).parent))
+    found = run_all(constants, arguments.logs, arguments.seconds, arguments.journal, arguments.jobs)
+    show("\n".join(table(constants, found)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
