@@ -17,6 +17,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from contact_tracker.cli.main import run
 from contact_tracker.errors import NoPoses
+from contact_tracker.geometry.contact_motion import ContactMotion
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
@@ -231,6 +232,23 @@ def test_events_have_time_probability_and_geometry(written: Path) -> None:
     assert "edge along" in texts[2]
     assert "vertex" in texts[3]
     assert all("p 0.90" in text for text in texts)
+
+
+def test_the_slip_at_the_touching_point_is_drawn_with_its_noise_and_gaps(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    stamps = segmentation.beliefs.stamp_ns[:9]
+    ones, slip = np.ones(len(stamps)), np.outer(np.arange(len(stamps)), [0.6, 0.8, 0.0])
+    both, three = np.ones((len(stamps), 2)), np.ones((len(stamps), 3))
+    motion = ContactMotion(stamps, slip, 0.1 * ones, both, ones, ones, ones, three)
+    first, *others = segmentation.segments
+    moving = replace(segmentation, segments=(replace(first, motion=motion), *others))
+    path = tmp_path / "slip.rrd"
+    write_rrd(path, outcome(poses, moving))
+    drawn = np.array([value for _, value in rows(path, canvas.MOTION, "Scalars:scalars")])
+    np.testing.assert_allclose(drawn[:-1, 0], np.arange(len(stamps)), atol=1e-12)
+    np.testing.assert_allclose(drawn[:-1, 1], 0.3)
+    assert np.isnan(drawn[-1]).all()
 
 
 def test_the_blueprint_is_in_the_file(written: Path) -> None:

@@ -201,7 +201,7 @@ class Result(Outcome):
         return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
 
     def _columns(self, rows: Rows) -> tuple[Columns, Any]:
-        if rows not in ROWS:
+        if rows not in ROWS:  # of a tuple, as the argument need not have a hash
             raise UsageError(f"rows are {' or '.join(map(repr, ROWS))}, not {rows!r}")
         kinds, columns_of = TABLES[rows]
         return columns_of(self.beliefs if rows == "ticks" else self.segments), kinds

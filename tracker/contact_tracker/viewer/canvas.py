@@ -41,13 +41,8 @@ P_FILTERED: Final = "probability/filtered"
 RESIDUAL: Final = "minima/residual"
 PAPER: Final = "minima/paper"
 MOTION: Final = "motion"
-MOTION_SERIES: Final = {
-    "slip (m/s)": COLOUR[Contact.FV],
-    "its standard deviation": COLOUR[Contact.FREE],
-    "roll (rad/s)": COLOUR[Contact.EE],
-    "spin (rad/s)": COLOUR[Contact.VF],
-}
-"""Colours of the speeds at the touching point."""
+MOTION_SERIES: Final = {"slip": COLOUR[Contact.VF], "3 standard deviations": COLOUR[Contact.FREE]}
+"""Colours of the speed at the touching point, and of what noise makes of none."""
 EVENTS: Final = "events"
 
 NOTHING: Final = (EMPTY,) * 4

@@ -15,7 +15,7 @@ BACKGROUND = (25, 28, 33)
 TRAIL_S = 4.0
 LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
-_MOTION = "Speed at the touching point"
+_MOTION = "Slip at the touching point (m/s)"
 _PAPER = "Paper's objectives, windows of 500 poses (normalised)"
 
 

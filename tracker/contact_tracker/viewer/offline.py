@@ -118,11 +118,11 @@ def _draw_trail(sheet: Canvas, outcome: Outcome) -> None:
 
 
 def _draw_motion(sheet: Canvas, outcome: Outcome) -> None:
-    """Draw the speeds at the touching point, with a gap after each segment."""
+    """Draw the slip at the touching point, with a gap after each segment."""
     for motion in (one.motion for one in outcome.segments if one.motion is not None):
-        speeds = (motion.speed_m_per_s, motion.slip_sd_m_per_s, motion.roll_rad_per_s, motion.spin_rad_per_s)
-        values = np.vstack([np.stack(speeds, axis=1), np.full((1, len(speeds)), np.nan)])
-        sheet.scalars(canvas.MOTION, np.append(motion.stamp_ns, motion.stamp_ns[-1] + 1), values)
+        speeds = np.stack([motion.speed_m_per_s, 3.0 * motion.slip_sd_m_per_s], axis=1)
+        gap_ns = motion.stamp_ns[-1] + 1
+        sheet.scalars(canvas.MOTION, np.append(motion.stamp_ns, gap_ns), np.vstack([speeds, [np.nan] * 2]))
 
 
 class _Segments:
