@@ -248,7 +248,7 @@ class Tracker:
         if best is None or filters.grid is None or filters.grid.stream is None:
             return None
         found = *self.checks.findings(self.stream._replace(is_end=is_end)), *map_findings(best.map)
-        frames = filters.filters[0].state.window.frames  # others may wait
+        frames = filters.filters[0].state.window.frames
         assert frames is not None
         report = report_of(
             filters.model, best.model, self.is_decided, filters.grid.stream.noise, frames, found
