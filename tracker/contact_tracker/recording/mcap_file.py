@@ -10,7 +10,7 @@ import os
 import struct
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from io import BytesIO
 from itertools import chain, pairwise
 from typing import IO, Final, NamedTuple, cast
@@ -37,6 +37,7 @@ from contact_tracker.recording.bytestream import (
 from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 
 IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+_MESSAGE: Final = int(Opcode.MESSAGE)
 _COUNTED_AT_ONCE: Final = 64
 """Records of a chunk that are counted together."""
 FIRST_UNKNOWN: Final = max(Opcode) + 1
@@ -106,7 +107,7 @@ def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int
         end = begin + size
         if end > total:
             raise ValueError("a record is longer than its chunk")
-        if opcode not in IN_CHUNKS and opcode < FIRST_UNKNOWN:
+        if opcode != _MESSAGE and opcode not in IN_CHUNKS and opcode < FIRST_UNKNOWN:
             raise ValueError(f"a record of the kind {opcode} in a chunk")
         uncounted += 1
         if uncounted == _COUNTED_AT_ONCE:
@@ -309,20 +310,22 @@ class RecordLoop:
 
     def _group(self, opcode: int, payload: bytes, start: int) -> list[Item]:
         """The items of one record, up to any damage, by log time."""
-        group = list[Item]()
+        group, channels, head_size = list[Item](), self._channels, MESSAGE_HEAD.size
         try:
+            parts: Iterable[tuple[int, int, int]] = ((opcode, 0, len(payload)),)
             if opcode == Opcode.CHUNK:
-                budget = self._stream.budget
-                data = inflate(records.Chunk.read(payload_stream(payload)), budget)
-                for inner, begin, end in _records_in(data, budget):
-                    if inner == Opcode.MESSAGE:
-                        self._add_message(group, data, begin, end)
-                    else:
-                        self._add(group, inner, data[begin:end])
-            elif opcode == Opcode.MESSAGE:
-                self._add_message(group, payload, 0, len(payload))
-            else:
-                self._add(group, opcode, payload)
+                payload = inflate(records.Chunk.read(payload_stream(payload)), self._stream.budget)
+                parts = _records_in(payload, self._stream.budget)
+            for inner, begin, end in parts:
+                if inner != _MESSAGE:
+                    self._add(group, inner, payload[begin:end])
+                    continue
+                channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(payload, begin)
+                self.messages += 1
+                if channel_id not in channels:
+                    self._orphans += 1
+                elif (channel := channels[channel_id]) is not None:
+                    group.append(RawMessage(channel, log_time_ns, payload[begin + head_size : end]))
         except PARSE_ERRORS as error:
             self._damage(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
         return _in_log_order(group)
@@ -376,18 +379,6 @@ class RecordLoop:
         """Add why the input ends to the damage, unless the caller has stopped it."""
         if not self._stream.stopped:
             self._damage(f"{damage} ({self._stream.error})" if self._stream.error else damage)
-
-    def _add_message(self, group: list[Item], data: bytes, begin: int, end: int) -> None:
-        """Add the message in ``data``, if its channel is wanted."""
-        channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, begin)
-        self.messages += 1
-        try:
-            channel = self._channels[channel_id]
-        except KeyError:
-            self._orphans += 1
-            return
-        if channel is not None:
-            group.append(RawMessage(channel, log_time_ns, data[begin + MESSAGE_HEAD.size : end]))
 
     def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
         """Add what a record of another kind holds."""
