@@ -23,8 +23,7 @@ from contact_tracker.geometry.vectors import cross, cross_matrix, dot, sphere_ta
 SIGNIFICANCE: Final = 0.01
 """Probability that a segment at rest is said to move in one of the ways, over all of its ticks."""
 KINDS: Final = ("slides", "rolls", "pivots")
-RESTS: Final = "rests"
-STICK_SLIP: Final = "sticks and slips"
+RESTS, STICK_SLIP = "rests", "sticks and slips"
 MEANS: Final = ("slip_m_per_s", "slip_sd_m_per_s", "roll_rad_per_s", "spin_rad_per_s", "turn_sd_rad_per_s")
 """Names of the means of a segment."""
 _FEWEST: Final = 4
@@ -37,8 +36,8 @@ _STILL: Final = 0.25
 class ContactMotion:
     """The relative motion at the touching point in T ticks of a segment.
 
-    The point is the touching vertex, the crossing of two edges, the point of a touching edge that is nearest
-    to the tracked point (docs/conventions.md), and of two faces the tracked point itself.
+    The point is the touching vertex, the crossing of two edges, the point of an edge nearest to the tracked
+    point (docs/theory.md, 2.3), and of two faces the tracked point itself.
 
     Parameters
     ----------
@@ -98,8 +97,7 @@ class ContactMotion:
         """Whether the object begins to slide at least twice after it has stuck: while its usual sliding would
         be significant, and most ticks have no more slip than noise has.
 
-        Where sliding only turns round, its speed is linear in time, and half of the ticks without significant
-        slip have a p-value below 0.1, however fast it is.
+        Where a slide turns round, half of the ticks without significant slip have a p-value below 0.1.
         """
         slides, limit = self.is_significant[:, 0], chi2.isf(SIGNIFICANCE / max(len(self), 1), 2)
         edges = np.flatnonzero(np.diff(slides)) + 1
