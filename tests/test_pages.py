@@ -17,6 +17,7 @@ DOCS = ROOT / "docs"
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 RUN_HERE = {
     "beliefs.md",
+    "benchmarks.md",
     "contact_motion.md",
     "live_robot.md",
     "map.md",

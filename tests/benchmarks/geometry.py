@@ -4,7 +4,7 @@
     python tests/benchmarks/geometry.py FOLDER --set paper sequence --noise mocap
 
 Simulated: intervals of one known contact, fitted to all their ticks. FOLDER: sets of labelled recordings as
-in the lab's benchmark, segmented by the tracker; without one, only the simulation.
+in identification.py, segmented by the tracker; without one, only the simulation.
 """
 
 import sys
@@ -19,28 +19,20 @@ from scipy.stats import chi2
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.hypotheses.bank_update import fit_window
-from contact_tracker.hypotheses.observability import contact_geometry
-from contact_tracker.hypotheses.refinement import refine
-from contact_tracker.motion.poses import Poses, batches
+from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
-from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
-from contact_tracker.motion.window import Window
 from contact_tracker.paper.objectives import REPORTED_ERRORS
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.tracking.forward_pass import ticks_of
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
-from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_rao, errors, errors_at_bound
+from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_rao, errors_at_bound
 from contact_tracker_lab.evaluation.geometry_errors import Deviation, ElementError, geometry_errors
 from contact_tracker_lab.evaluation.scoring import Scoring, scoring
 from contact_tracker_lab.evaluation.tables import number, table
-from contact_tracker_lab.simulate import Phase, Scenario, simulate
 from shared_recordings import SHARED_RECORDINGS
+from simulated_fits import NOISES, Fitted, fit_simulated
 
 Array = NDArray[np.float64]
 
@@ -49,58 +41,9 @@ BAND: Final = 0.95
 MOSTLY: Final = 0.5
 
 
-NOISES: Final = {
-    "mocap": (200.0, 0.3e-3, 0.15, 8.0),
-    "robot": (1000.0, 0.05e-3, 0.02, 4.0),
-    "vision": (30.0, 1.5e-3, 0.7, 12.0),
-}
-"""Rate (Hz), white noise of a pose (m, deg), and the duration (s) of the contact."""
 SIMULATED: Final = ("noise", "contact", "side", "error", "median", "bound", "x bound", "NEES", "95 % band")
 AGAINST_PAPER: Final = ("contact", "side", "error", "n", "median", "worst", "bound", "paper's")
 COVARIANCE: Final = ("set", "elements", "n", "NEES", "95 % band", "median", "within 95 %")
-
-
-class Fitted(NamedTuple):
-    """Of both elements: the error, its least covariance, and its deviation by the estimated covariance."""
-
-    error: tuple[Array, Array]
-    bound: tuple[Array, Array]
-    deviation: tuple[Deviation, ...]
-
-
-def fit_simulated(contact: Contact, noise: str, seed: int) -> Fitted:
-    """Fit the elements of one simulated interval of a known contact."""
-    rate_hz, sigma_m, sigma_deg, seconds = NOISES[noise]
-    sigma = sigma_m, float(np.radians(sigma_deg))
-    measured, still = (
-        simulate(Scenario((Phase(contact, seconds),), rate_hz, *white), seed) for white in (sigma, (0.0, 0.0))
-    )
-    true_poses, true = still.poses, measured.truth.intervals[0].geometry  # equal seeds: equal motion
-    assert true is not None
-    bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
-    found = fitted_geometry(measured.poses, contact)
-    whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, found)
-    compared = geometry_errors(true_poses, measured.truth, [whole])
-    return Fitted(errors(found, true, true_poses), bound, tuple(row.deviation for row in compared.rows))
-
-
-def fitted_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
-    """The geometry that the offline tracker fits to a segment of these poses with this label."""
-    model = load_model()
-    closed = list(ticks_of(batches(poses), model))
-    noise = closed[-1].noise
-    counts = np.array([float(tick.count) for tick in closed])
-    excess = [tick.innovation_excess for tick in closed]
-    window = Window(
-        np.arange(len(closed)),
-        np.array([tick.zeta for tick in closed]),
-        tick_variances(noise, counts, model),
-        np.array([[one.position_m2, one.rotation_rad2] for one in excess]),
-        tick_anisotropy(noise, counts, model),
-    )
-    kind, scales = CONTACT_MODELS[contact.column], scales_of(model)
-    fitted, information = refine(fit_window(kind, window, scales), kind, window, scales)
-    return contact_geometry(fitted, 0, kind, scales, window, closed[0].origins, model.systematic, information)
 
 
 def over_bound(error: Array, bound: Array) -> tuple[float, float, float]:
@@ -229,7 +172,7 @@ def main() -> int:
     parser.set_defaults(set=["paper", "sequence"])
     args = parser.parse_args()
     jobs = {
-        (name, contact): [(contact, name, seed) for seed in range(args.seeds)]
+        (name, contact): [(contact, NOISES[name], seed) for seed in range(args.seeds)]
         for name, contact in product(args.noise, CONTACTS)
     }
     simulated = [

@@ -9,14 +9,10 @@ import pytest
 import as_values
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
-from contact_tracker.map.file import map_from
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid, empty_tick
+from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
 from contact_tracker.motion.window import rest_ticks
-from contact_tracker.saved_state import is_same
-from contact_tracker.tracking import forward_pass
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import FilteredTick
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import hazard_exposure
@@ -159,41 +155,6 @@ def test_thousands_of_gaps_are_not_all_filled() -> None:
     for row in range(count):
         one_by_one += [tick.stamp_ns for tick in grid.add(poses[row : row + 1])]
     assert one_by_one == [tick.stamp_ns for tick in ticks]
-
-
-@pytest.mark.parametrize("count", [1, 40, 299, 300, 301])
-def test_a_gap_in_one_step_is_the_same_as_tick_by_tick(count):
-    poses = with_gaps(20, 0.15)
-    ticks = TickGrid(MODEL).add(poses)
-    empty = [
-        empty_tick(ticks[-1], ticks[-1].stamp_ns + i * SECOND // 10, ticks[-1].stamp_ns + i * SECOND // 10)
-        for i in range(1, count + 4)
-    ]
-    one = ContactFilter.start(MODEL)
-    expected = [seen.state for seen in forward_pass.forward([*ticks, *empty], one, Detail.WEIGHTS)]
-    before = expected[-count - 1]
-    assert before.window.innovation_excess.any()
-    holding = ContactFilter(before)
-    assert holding.can_hold
-    holding.hold(count)
-    held, last = holding.state, expected[-1]
-    assert last.deferred_exposure == pytest.approx(held.deferred_exposure)
-    for one, other in zip(held.banks, last.banks, strict=True):  # sums in another order
-        np.testing.assert_allclose(one.words, other.words, rtol=1e-9, atol=1e-9)
-    other_fields = {"banks": (), "belief": None, "deferred_exposure": 0.0}
-    assert is_same(held._replace(**other_fields), last._replace(**other_fields))
-    for name in ("inverse", "displacement_variance"):
-        np.testing.assert_array_equal(getattr(held.window, name), getattr(last.window, name))
-
-
-def test_neither_with_a_lag_nor_with_known_elements_is_a_gap_passed_in_one_step():
-    given = map_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
-    poses = with_gaps(20, 0.15)
-    ticks = TickGrid(MODEL).add(poses)
-    for one in (ContactFilter.start(MODEL, lag_s=0.5), ContactFilter.start(MODEL, known_map=given)):
-        for tick in ticks:
-            one.update(tick)
-            assert not one.can_hold
 
 
 @pytest.mark.long
