@@ -106,7 +106,8 @@ def suggested(found: tuple[InformativeMotion, ...], held: Held) -> Array | None:
     """The twist of the first suggestion that the contact does not forbid altogether."""
     for one in found:
         arm = held.position_m - one.point_world_m
-        shift = one.shift_world_m + np.cross(one.turn_world_rad, arm)
+        turn = matrices(from_rotation_vectors(one.turn_world_rad))
+        shift = one.shift_world_m + turn @ arm - arm
         twist = held.allowed(np.concatenate([one.turn_body_rad * LEVER_M, shift]))
         if twist.any():
             return twist

@@ -12,8 +12,6 @@ from contact_tracker.geometry.elements import Array
 _LOG_JERK: Final = (-25.0, 15.0)
 """Log of the searched strengths of jerk, in noise variances per tick^5: from a parabola through all ticks to
 ticks that do not constrain each other."""
-_AT_ONCE: Final = 300
-"""Right-hand sides that are solved for at a time."""
 
 
 def smooth_rates(time_s: Array, values: Array, variance: Array) -> tuple[Array, Array]:
@@ -44,14 +42,26 @@ def smooth_rates(time_s: Array, values: Array, variance: Array) -> tuple[Array, 
 
     root = factor(minimize_scalar(loss, bounds=_LOG_JERK, method="bounded", options={"xatol": 0.1}).x)
     rates = cho_solve_banded((root, True), right)[1::3]
-    spread = np.empty(len(scaled))
-    for first in range(0, len(scaled), _AT_ONCE):
-        rows = 3 * np.arange(first, min(first + _AT_ONCE, len(scaled))) + 1
-        ones = np.zeros((len(right), len(rows)))
-        ones[rows, np.arange(len(rows))] = 1.0
-        spread[rows // 3] = cho_solve_banded((root, True), ones)[rows, np.arange(len(rows))]
+    spread = _marginal_covariances(root)[:, 1, 1]
     slope = polyval(since, polyder(parabola)).T / (time_s[-1] - time_s[0])
     return slope + rates * unit / unit_s, spread * (unit / unit_s) ** 2
+
+
+def _marginal_covariances(root: Array) -> Array:
+    """Covariance (T, 3, 3) of each tick, from the Cholesky factor (6, 3 T) of the information in bands: a
+    recursion from the last tick to the first, in memory and time proportional to T."""
+    ticks = root.shape[1] // 3
+    own, next_ = np.zeros((ticks, 3, 3)), np.zeros((ticks, 3, 3))
+    for row in range(3):
+        for column in range(3):
+            if row >= column:
+                own[:, row, column] = root[row - column, column::3]
+            next_[:, row, column] = root[3 + row - column, column::3]
+    inverse = np.linalg.inv(own)
+    covariance, onto = inverse.swapaxes(1, 2) @ inverse, next_ @ inverse
+    for tick in range(ticks - 2, -1, -1):
+        covariance[tick] += onto[tick].T @ covariance[tick + 1] @ onto[tick]
+    return np.asarray(covariance)
 
 
 def _information_of_unit_jerk(steps: Array) -> Array:

@@ -34,6 +34,9 @@ TURN_RAD: Final = radians(15.0)
 """A motion is proposed up to this turn, or a shift as long as it turns ``LEVER_M``: small enough to be made
 by hand without leaving contact. With 5 deg v-f is not told from e-e (4 nats a move)."""
 SHIFT_M: Final = TURN_RAD * LEVER_M
+SMALL: Final = 0.1
+"""Share of a turn beside a shift, and of a shift along the axis beside a turn in what is printed, below which
+it is left out."""
 PROJECTIONS: Final = 3
 """Newton steps by which a motion along the tangent is brought back into the contact that allows it."""
 
@@ -74,7 +77,7 @@ class InformativeMotion:
         if angle_rad > 0.0:
             axis, point = _text(self.turn_world_rad / angle_rad), _text(self.point_world_m)
             parts.append(f"turn about {axis} through {point} m by {degrees(angle_rad):.2g} deg")
-        if shift_m > 0.0:
+        if shift_m > SMALL * LEVER_M * angle_rad:
             parts.append(f"shift along {_text(self.shift_world_m / shift_m)} by {1e3 * shift_m:.2g} mm")
         return f"{' and '.join(parts)} (world): {self.allowed_by} or {self.forbidden_by}"
 
@@ -86,8 +89,8 @@ def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     if belief is None or not belief.inseparable or not len(state.window):
         return ()
     label = belief.contact
-    fits = dict(_fits(state, label, belief.inseparable))
     onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
+    fits = dict(_fits(state, onset, (label, *belief.inseparable)))
     lead_nats = -ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1).evidence
     unused = list(_unused(state, fits, onset, label))
     found = []
@@ -126,10 +129,9 @@ class _Fit(NamedTuple):
         return np.asarray(np.linalg.inv(np.diag(self.variance) + slopes @ self.covariance @ slopes.T))
 
 
-def _fits(state: FilterState, label: Contact, others: tuple[Contact, ...]) -> Iterator[tuple[Contact, _Fit]]:
-    """The fits of contacts since about the label's onset, as far as there are any."""
-    onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
-    for contact in (label, *others):
+def _fits(state: FilterState, onset: int, contacts: tuple[Contact, ...]) -> Iterator[tuple[Contact, _Fit]]:
+    """The fits of contacts since about an onset, as far as there are any."""
+    for contact in contacts:
         if contact is Contact.FREE:
             continue
         bank, model = state.banks[contact.column], CONTACT_MODELS[contact.column]
@@ -191,8 +193,11 @@ def _null_space(rows: Array) -> Array:
 
 
 def _within_limits(twist: Array) -> Array:
-    """A twist (6,), turn times ``LEVER_M`` and shift, as far as it goes within ``SHIFT_M`` each."""
-    return np.asarray(twist * SHIFT_M / max(np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])))
+    """A twist (6,), turn times ``LEVER_M`` and shift, as far as it goes within ``SHIFT_M`` each; without the
+    turn if it is small beside the shift, as its axis would be far away."""
+    turn, shift = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
+    plain = np.append(np.zeros(3), twist[3:]) if turn < SMALL * shift else twist
+    return np.asarray(plain * SHIFT_M / max(turn, shift))
 
 
 def _reached(zeta: Array, twist: Array, allows: _Fit | None) -> tuple[Array, Array]:
@@ -222,17 +227,15 @@ def _evidence(forbids: _Fit, zeta: Array) -> float:
 def _described(
     state: FilterState, zeta: Array, twist: Array, states: tuple[Contact, Contact], evidence_nats: float
 ) -> InformativeMotion:
-    """A twist (6,) as a turn about an axis in space and a shift along it."""
+    """A finite twist (6,) as a turn about an axis in space and a shift along it, or as a shift alone."""
     rotation, origins = zeta[R].reshape(3, 3), state.origins
-    turn, shift = rotation @ (twist[:3] / LEVER_M), twist[3:]
-    point = zeta[T]
-    if np.linalg.norm(turn) * LEVER_M > 0.1 * np.linalg.norm(shift):
-        square = turn @ turn
-        point = point + np.cross(turn, shift) / square
-        shift = turn * (turn @ shift) / square
-        shift = shift if np.linalg.norm(shift) > 0.1 * LEVER_M * np.sqrt(square) else 0.0 * shift
-    else:
-        turn = 0.0 * turn
+    turn, shift, point = rotation @ (twist[:3] / LEVER_M), twist[3:], zeta[T]
+    angle = float(np.linalg.norm(turn))
+    if angle > 0.0:
+        axis = turn / angle
+        across = shift - axis * (axis @ shift)
+        point = point + 0.5 * (across + np.cross(axis, across) / np.tan(0.5 * angle))
+        shift = shift - across
     return InformativeMotion(
         *states,
         rotation.T @ turn,

@@ -1,6 +1,6 @@
 """Fits of finished segments: their elements, and other contacts that fit."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, NamedTuple
@@ -271,7 +271,7 @@ class FinishedSegment(NamedTuple):
                 open_at_rest if resting[first] else fit.inseparable,
                 _within(contacts, *self._span(first, end)),
                 None if resting[first] else fit.joint,
-                None if motion is None else motion[first:end],
+                motion(first, end),
             )
             for first, end in pairwise([0, *changes])
         )
@@ -279,17 +279,26 @@ class FinishedSegment(NamedTuple):
         joints = [] if fit.joint is None else [fit.joint]
         return segments, Beliefs(beliefs, geometries, formations, joints)
 
-    def _motion(self, geometry: ContactGeometry | None) -> ContactMotion | None:
-        """How the object moves at the touching point."""
-        if geometry is None:
-            return None
+    def _motion(self, geometry: ContactGeometry | None) -> Callable[[int, int], ContactMotion | None]:
+        """How the object moves at the touching point in a span of ticks, from those that have frames: the
+        pose of others is that of the last one."""
         ticks, (world_m, body_m) = self.ticks, self.ticks.origins.reversed
-        local = ContactGeometry(shifted(geometry.object, body_m), shifted(geometry.environment, world_m))
-        zeta = ticks.window.zeta
-        time_s = np.multiply(ticks.window.index, ticks.model.tick_s, dtype=np.float64)
-        quat_xyzw = np.asarray(Rotation.from_matrix(zeta[:, R].reshape(-1, 3, 3)).as_quat(), float)
-        stamp_ns, variance = self.rows["stamp_ns"], ticks.window.variance
-        return contact_motion(local, stamp_ns, time_s, quat_xyzw, zeta[:, T], variance)
+        assert ticks.window.frames is not None
+        kept = ticks.window.frames.astype(bool)
+        before, found = np.append(0, np.cumsum(kept)), None
+        if geometry is not None:
+            local = ContactGeometry(shifted(geometry.object, body_m), shifted(geometry.environment, world_m))
+            zeta = ticks.window.zeta[kept]
+            time_s = np.multiply(ticks.window.index[kept], ticks.model.tick_s, dtype=np.float64)
+            quat_xyzw = np.asarray(Rotation.from_matrix(zeta[:, R].reshape(-1, 3, 3)).as_quat(), float)
+            stamp_ns, variance = self.rows["stamp_ns"][kept], ticks.window.variance[kept]
+            found = contact_motion(local, stamp_ns, time_s, quat_xyzw, zeta[:, T], variance)
+
+        def within(first: int, end: int) -> ContactMotion | None:
+            rows = slice(before[first], before[end])
+            return None if found is None or rows.start == rows.stop else found[rows]
+
+        return within
 
     def _rests(self) -> NDArray[np.bool_]:
         """Which ticks (n,) are at rest; motion too short to be told from the end of a rest belongs to it."""
