@@ -187,15 +187,18 @@ def test_the_criterion_by_hand() -> None:
         assert weight[Contact.VF.column] / weight[6] == pytest.approx(np.exp((saved - misfit) / 2))
 
 
+@pytest.mark.long
 def test_a_short_recording_by_every_method() -> None:
     """f-f, then e-f."""
     simulated = recorded(FACE_TO_EDGE)
     poses = simulated.poses[:1200]
-    scored = scoring(poses.stamp_ns, simulated.truth)
+    scored, ticks = scoring(poses.stamp_ns, simulated.truth), bic.Ticks.of(poses, MODEL)
     answers = {
         **{method: label(poses) for method, label in tracked.methods(MODEL).items()},
         **fixed_windows.smallest_answers(Windows.of(poses), poses.stamp_ns),
-        **bic.answers(poses, scored, bic.Ticks.of(poses, MODEL)),
+        **bic.on_windows(poses, scored, ticks),
+        **bic.between_change_points(poses, scored, ticks),
+        **bic.on_true_segments(poses, scored, ticks),
         Method(others.STILL, 0.0): others.answer_by_speed(poses),
     }
     scores = {method: Score.of(answer, scored).main for method, answer in answers.items()}
@@ -230,7 +233,7 @@ def test_others_add_a_function_or_labels(tmp_path: Path, capsys: pytest.CaptureF
     folder, labels, script = tmp_path / "recordings", tmp_path / "theirs", tmp_path / "own.py"
     for place in (folder / "short", labels):
         place.mkdir(parents=True)
-    shipped = Path(__file__).parents[2] / "recordings" / "wall_in_between.mcap"
+    shipped = Path(__file__).parents[2] / "recordings" / "all_states.mcap"
     (folder / "short" / "one_01.mcap").write_bytes(shipped.read_bytes())
     (labels / "one_01.csv").write_text("start,end,contact\n0,1000,free\n")
     script.write_text(OWN_METHOD)
@@ -238,9 +241,13 @@ def test_others_add_a_function_or_labels(tmp_path: Path, capsys: pytest.CaptureF
     assert benchmark.main([*asked, "--only", others.STILL]) == 0
     header, *rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert header[:3] == ["method", "when", "short"]
-    assert {row[0] for row in rows} == {"speed", "always_free", "theirs"}
-    theirs, function = (next(row for row in rows if row[0] == name) for name in ("theirs", "always_free"))
-    assert theirs[2] == function[2]
+    assert {row[0] for row in rows} == {"speed", asked[2], "theirs"}
+    theirs, function = (next(row for row in rows if row[0] == name) for name in ("theirs", asked[2]))
+    assert float(theirs[2]) == float(function[2]) > 0.05  # the share of the time in which it is free
+    assert float(theirs[-1]) < 0.1  # CPU time is that of the row
+    with pytest.raises(SystemExit):
+        benchmark.main([str(folder), "--only", "trakcer", "--processes", "1"])
+    assert "no method is tracker," in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -138,6 +138,7 @@ def run_variant(constant: tuple[str, str, float] | None, logs: Sequence[Path], s
         tracker = OfflineTracker(load_model())
         found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
         for beliefs in (found.beliefs, found.filtered):
+            digest.update(np.ascontiguousarray(beliefs.rows["contact"]).tobytes())
             digest.update(np.ascontiguousarray(beliefs.probability).tobytes())
         right.setdefault(log.parent.name, []).append(evaluate(poses, need_truth(str(log)), found))
     accuracy = {}
@@ -168,11 +169,13 @@ def run_all(
     constants: Sequence[Constant], logs: Sequence[Path], seconds: float, journal: Path, jobs: int
 ) -> dict[tuple[str, str, float], Outcome]:
     """The outcome of each constant and factor, and of none (``("", "", 1.0)``). Those that the ``journal``
-    (JSON lines) has are not run again."""
+    (JSON lines) has of the same recordings and code are not run again, unless they failed."""
     found: dict[tuple[str, str, float], Outcome] = {}
+    basis = basis_of(logs, seconds)
     for line in journal.read_text(encoding="utf-8").splitlines() if journal.exists() else ():
-        module, name, factor, accuracy, digest, error = json.loads(line)
-        found[module, name, factor] = Outcome({k: tuple(v) for k, v in accuracy.items()}, digest, error)
+        of, module, name, factor, accuracy, digest, error = json.loads(line)
+        if of == basis and not error:
+            found[module, name, factor] = Outcome({k: tuple(v) for k, v in accuracy.items()}, digest, error)
     variants = [(None, 1.0), *((one, factor) for one in constants for factor in FACTORS)]
     keys = {(one.module, one.name, f) if one else ("", "", f): (one, f) for one, f in variants}
     left = [key for key in keys if key not in found]
@@ -180,9 +183,17 @@ def run_all(
         outcomes = pool.map(lambda key: run_apart(*keys[key], logs, seconds), left)
         for key, outcome in zip(left, outcomes, strict=True):
             found[key] = outcome
-            file.write(json.dumps([*key, *outcome]) + "\n")
+            file.write(json.dumps([basis, *key, *outcome]) + "\n")
             file.flush()
     return {key: found[key] for key in keys}
+
+
+def basis_of(logs: Sequence[Path], seconds: float) -> str:
+    """What outcomes depend on beside the constants: the recordings, their length, and the code."""
+    digest = hashlib.sha256(json.dumps([[str(log.resolve()) for log in logs], seconds]).encode())
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def table(constants: Sequence[Constant], found: dict[tuple[str, str, float], Outcome]) -> list[str]:
@@ -195,7 +206,7 @@ def table(constants: Sequence[Constant], found: dict[tuple[str, str, float], Out
     idle: dict[str, list[str]] = {}
     for one in constants:
         outcomes = [found[one.module, one.name, factor] for factor in FACTORS]
-        if all(outcome.digest == base.digest for outcome in outcomes):
+        if all(outcome.digest == base.digest and not outcome.error for outcome in outcomes):
             idle.setdefault(one.label.partition(":")[0], []).append(one.name)
             continue
         cells, greatest = [], 0.0
@@ -235,6 +246,9 @@ def main() -> int:
     import contact_tracker
 
     constants = list(tuned_constants(Path(contact_tracker.__file__).parent))
+    base = run_apart(None, 1.0, arguments.logs, arguments.seconds)
+    if base.error:
+        parser.error(base.error)
     found = run_all(constants, arguments.logs, arguments.seconds, arguments.journal, arguments.jobs)
     show("\n".join(table(constants, found)))
     return 0

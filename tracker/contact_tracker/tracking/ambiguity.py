@@ -287,10 +287,9 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
     """
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     since = np.full(len(STATES), onset)
-    for column, bank in enumerate(banks):
-        row = best_since(bank, onset, now)
+    for column, row in enumerate(best_since(banks, onset, now)):
         if row is not None:
-            best = bank.rows[row]
+            best = banks[column].rows[row]
             evidence[column], rms[column], since[column] = best["log_likelihood"], best["rms"], best["onset"]
     evidence[-1], rms[-1] = 0.0, 1.0
     if label is not Contact.FREE:
@@ -299,15 +298,18 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
     return CompetingEvidence(evidence, rms)
 
 
-def best_since(bank: Bank, onset: int, now: int) -> int | None:
-    """The row of a contact's most probable hypothesis that has begun at about ``onset``; None without one."""
+def best_since(banks: Sequence[Bank], onset: int, now: int) -> list[int | None]:
+    """The rows of the most probable hypotheses of the contacts that have begun at about ``onset``; None
+    without one."""
     slack = int(max(SAME_SPAN_TICKS, SAME_SPAN * (now - onset)))
-    rows = bank.rows
-    first, end = rows["onset"].searchsorted([onset - slack, onset + slack + 1])  # they are in order
-    if first == end:
-        return None
-    some = rows[first:end]
-    return int(first + (some["log_birth_weight"] + some["log_likelihood"]).argmax())
+    found: list[int | None] = []
+    for bank in banks:
+        rows = bank.rows
+        first, end = rows["onset"].searchsorted([onset - slack, onset + slack + 1])  # they are in order
+        some = rows[first:end]
+        best = (some["log_birth_weight"] + some["log_likelihood"]).argmax() if first < end else None
+        found.append(None if best is None else int(first + best))
+    return found
 
 
 def onset_of(banks: Sequence[Bank], best_rows: Index, label: Contact, free_since: int) -> int:

@@ -131,11 +131,12 @@ class _Fit(NamedTuple):
 
 def _fits(state: FilterState, onset: int, contacts: tuple[Contact, ...]) -> Iterator[tuple[Contact, _Fit]]:
     """The fits of contacts since about an onset, as far as there are any."""
+    rows = ambiguity.best_since(state.banks, onset, state.ticks - 1)
     for contact in contacts:
         if contact is Contact.FREE:
             continue
         bank, model = state.banks[contact.column], CONTACT_MODELS[contact.column]
-        row = ambiguity.best_since(bank, onset, state.ticks - 1)
+        row = rows[contact.column]
         if row is None:
             continue
         one, beyond = bank.single(row), state.model.noise.extra_contact_variance[contact.column]

@@ -6,7 +6,7 @@
 
 FOLDER has a folder of .mcap files for each set. Recordings with an even number in their name are for tuning,
 those with an odd number for testing; what a method learns or what its constants are chosen on is the tuning
-split. Scored is the time in which the motion determines the contact (``docs/benchmark.md``).
+split. Scored is the time in which the motion determines the contact (``docs/benchmarks.md``).
 
 ``5-95 %`` is a bootstrap interval of the accuracy over the true phases, ``delay`` the median time from a true
 onset until the label is right for 0.3 s, plus the lag; ``CPU`` seconds for each second of the recordings.
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.errors import ContactTrackerError
+from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker_lab.benchmark import bic, fixed_windows, others, tracked
@@ -36,7 +36,6 @@ from contact_tracker_lab.evaluation.tables import number
 TOTAL: Final = "all sets"
 SPLITS: Final = ("tuning", "test")
 DETAILS: Final = ("5-95 %", "F1", "delay, s", "log-loss", "ECE", "sure and wrong", "CPU")
-OWN: Final = (tracked.NAME, tracked.WITH_MAP)
 WINDOWED: Final = (fixed_windows.SMALLEST, fixed_windows.HMM)
 BY_CRITERION: Final = (bic.WINDOWS, bic.CHANGES, bic.SEGMENTS)
 
@@ -93,7 +92,8 @@ def measure(job: Job) -> Measured:
         note({Method(tracked.WITH_MAP, OFFLINE): with_map}, began_s)
     if job.labels is not None:
         path = job.labels / f"{job.path.stem}.csv"
-        note({Method(job.labels.name, OFFLINE, False): others.answer_from_labels(poses, path)}, 0.0)
+        began_s = time.process_time()
+        note({Method(job.labels.name, OFFLINE, False): others.answer_from_labels(poses, path)}, began_s)
     windows = None
     if job.wants(*WINDOWED):
         began_s = time.process_time()
@@ -101,7 +101,11 @@ def measure(job: Job) -> Measured:
         note(fixed_windows.smallest_answers(windows, poses.stamp_ns), began_s)
     if job.wants(*BY_CRITERION):
         began_s = time.process_time()
-        note(bic.answers(poses, scored, bic.Ticks.of(poses, model)), began_s)
+        ticks = bic.Ticks.of(poses, model)
+        of_ticks_s = time.process_time() - began_s
+        for answers_of in bic.WAYS:
+            began_s = time.process_time() - of_ticks_s
+            note(answers_of(poses, scored, ticks), began_s)
     return Measured(
         {method: Score.of(answer, scored) for method, answer in answers.items()},
         cpu_s,
@@ -124,7 +128,8 @@ def earlier_take(path: Path, paths: Sequence[Path]) -> Path | None:
     scene = path.stem.rpartition("_")[0]
     takes = [one for one in paths if one.stem.rpartition("_")[0] == scene]
     is_of_takes = len({one.stem.rpartition("_")[0] for one in paths}) > 1
-    return min(takes) if is_of_takes and min(takes) != path else None
+    first = min(takes, key=lambda one: (len(one.stem), one.stem))  # take 9 is before 10
+    return first if is_of_takes and first != path else None
 
 
 def with_hmm(
@@ -227,5 +232,10 @@ def run(args: argparse.Namespace) -> int:
                 jobs.setdefault((name, False), []).append((learning,))
     results = dict(measured(measure, jobs, args.processes))
     found = {name: some for (name, is_scored), some in results.items() if is_scored}
+    if not any(one.scores for some in found.values() for one in some):
+        names = ", ".join((tracked.NAME, tracked.WITH_MAP, others.STILL, *WINDOWED, *BY_CRITERION))
+        raise UsageError(
+            f"nothing to score: no recording is of the split {args.split}, or no method is {names}"
+        )
     tuning = {name: some for (name, is_scored), some in results.items() if not is_scored}
     return report(args, benchmark=summary(with_hmm(found, tuning, args.model)))

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.errors import extra
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.poses import Poses, batches
@@ -31,6 +32,7 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.forward_pass import forward, ticks_of
 from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.benchmark.fixed_windows import FRAMES
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
@@ -38,7 +40,6 @@ from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_fo
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FRAMES: Final = 500
 STEP: Final = 100
 WINDOWS: Final = "BIC on windows"
 SEGMENTS: Final = "BIC, true segments"
@@ -75,8 +76,8 @@ class Ticks(NamedTuple):
         return self.window.pick(inside) if inside.sum() >= FEWEST else None
 
 
-def answers(poses: Poses, scored: Scoring, ticks: Ticks) -> dict[Method, Answer]:
-    """BIC on fixed windows, offline and online, between change points, and on the true segments."""
+def on_windows(poses: Poses, _: Scoring, ticks: Ticks) -> dict[Method, Answer]:
+    """BIC on fixed windows, offline and online."""
     stamp_ns = poses.stamp_ns
     first = np.arange(0, max(len(poses) - FRAMES + 1, 0), STEP)
     spans = [(int(stamp_ns[i]), int(stamp_ns[i + FRAMES - 1])) for i in first]
@@ -88,13 +89,21 @@ def answers(poses: Poses, scored: Scoring, ticks: Ticks) -> dict[Method, Answer]
     return {
         Method(WINDOWS, OFFLINE): Answer.most_probable(around, probability),
         Method(WINDOWS, 0.0): Answer.most_probable(tick_in_force(stamp_ns, end_ns), probability),
-        Method(CHANGES, OFFLINE): _between_change_points(stamp_ns, ticks),
-        Method(SEGMENTS, OFFLINE): _true_segments(scored, ticks),
     }
 
 
-def _true_segments(scored: Scoring, ticks: Ticks) -> Answer:
-    """Labels of the true phases by the ticks within each."""
+def between_change_points(poses: Poses, _: Scoring, ticks: Ticks) -> dict[Method, Answer]:
+    """The segments with the greatest sum of the criterion, less that of each change point."""
+    ends = change_points(ticks)
+    first = np.array([0, *ends[:-1]], np.int64)
+    spans = [(int(ticks.start_ns[a]), int(ticks.stamp_ns[b - 1])) for a, b in zip(first, ends, strict=True)]
+    probability, row = _posteriors(spans, ticks, len(ticks.stamp_ns))
+    segment = np.searchsorted(ticks.start_ns[first], poses.stamp_ns, side="right") - 1
+    return {Method(CHANGES, OFFLINE): Answer.most_probable(row[segment], probability)}
+
+
+def on_true_segments(_: Poses, scored: Scoring, ticks: Ticks) -> dict[Method, Answer]:
+    """The true phases by the ticks within each."""
     begins = np.append(True, np.diff(scored.truth) != 0)
     run = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
@@ -104,22 +113,16 @@ def _true_segments(scored: Scoring, ticks: Ticks) -> Answer:
     probability, row = _posteriors(
         [s if known else (1, 0) for s, known in zip(spans, is_known, strict=True)], ticks
     )
-    return Answer.most_probable(row[run], probability)
+    return {Method(SEGMENTS, OFFLINE): Answer.most_probable(row[run], probability)}
 
 
-def _between_change_points(stamp_ns: Ints, ticks: Ticks) -> Answer:
-    """Labels of the segments with the greatest sum of the criterion, less that of each change point."""
-    ends = change_points(ticks)
-    first = np.array([0, *ends[:-1]], np.int64)
-    spans = [(int(ticks.start_ns[a]), int(ticks.stamp_ns[b - 1])) for a, b in zip(first, ends, strict=True)]
-    probability, row = _posteriors(spans, ticks, len(ticks.stamp_ns))
-    segment = np.searchsorted(ticks.start_ns[first], stamp_ns, side="right") - 1
-    return Answer.most_probable(row[segment], probability)
+WAYS: Final = (on_windows, between_change_points, on_true_segments)
 
 
 def change_points(ticks: Ticks) -> list[int]:
     """Ends of the segments, as numbers of ticks; ruptures minimises the cost by dynamic programming."""
-    from ruptures import Pelt  # an extra
+    with extra("benchmark", "change points"):
+        from ruptures import Pelt
 
     count = len(ticks.stamp_ns)
     grid = [*range(0, count, GRID_TICKS), count]

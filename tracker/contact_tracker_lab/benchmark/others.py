@@ -63,7 +63,7 @@ def load_function(name: str) -> tuple[Method, Labelling]:
     def answer(poses: Poses) -> Answer:
         return answer_of(function(poses.stamp_ns, poses.position_m, poses.quat_xyzw), len(poses), name)
 
-    return Method(function_name, OFFLINE), answer
+    return Method(name, OFFLINE), answer
 
 
 def answer_of(found: Any, count: int, name: str) -> Answer:
