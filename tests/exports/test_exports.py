@@ -19,7 +19,7 @@ import contact_tracker
 from contact_tracker import Trajectory
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
-from contact_tracker.exports.formats import ROWS, write_outcome
+from contact_tracker.exports.formats import ROWS, rows_of, write_outcome
 from contact_tracker.exports.summary_html import ribbon_html
 from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
@@ -470,3 +470,9 @@ def test_the_ribbon_has_a_bar_for_each_further_contact() -> None:
         [(6, None), (4, "+ v-f, probability 0.50"), (20, None)],
     ]
     assert ribbon_html(segments[1:]).count("display:flex") == 1
+
+
+def test_a_recording_of_rerun_has_no_rows_to_choose() -> None:
+    assert rows_of(Path("a.rrd")) is None
+    with pytest.raises(UsageError, match="rows of ticks are for"):
+        rows_of(Path("a.rrd"), "ticks")

@@ -107,6 +107,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         raise UsageError(
             f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
         )
+    if args.suggest and args.lag:
+        raise UsageError("--suggest is of now: leave --lag out")
     if args.state is not None and (args.start or args.duration is not None):
         raise UsageError("--state carries on with all that comes: without --start and --duration")
     read = arguments.files_read([args.log], args.model, args.known)
@@ -137,7 +139,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
                 source.warn_of_news(tracker.report_so_far)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
-                    found = suggested()
+                    found = suggested() if belief is beliefs[-1] else ()  # it is of the newest belief
                     printer.show(belief, found)
                     if viewer is not None:
                         viewer.belief(belief, None if tracker.best is None else tracker.best.map)
@@ -218,7 +220,7 @@ class _Printer:
         self._source = source
         self._status = status
         self._suggests = suggests
-        self._suggested_ns = 0
+        self._suggested_ns: int | None = None
 
     def show(self, belief: "Belief", found: "tuple[InformativeMotion, ...]") -> None:
         from contact_tracker.exports.formats import json_line
@@ -244,7 +246,7 @@ class _Printer:
                 self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))
             for one in joins:
                 self._status.print(join_line(one, belief.stamp_ns, self._source.origin_ns))
-            if found and belief.stamp_ns >= self._suggested_ns + 10**9:
+            if found and (self._suggested_ns is None or belief.stamp_ns >= self._suggested_ns + 10**9):
                 self._suggested_ns = belief.stamp_ns
                 time_s = (belief.stamp_ns - self._source.origin_ns) * 1e-9
                 self._status.print(f"{time_s:8.2f}  to decide, {found[0]}")

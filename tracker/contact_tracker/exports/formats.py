@@ -61,7 +61,8 @@ ROWS: Final = ("ticks", "segments")
 def rows_of(path: Path, asked: str | None = None) -> "Rows | None":
     """What the output of this name has an entry per, the ``asked`` rows or the usual ones; None if it is of a
     whole recording. Raises UsageError if it cannot have those that are asked for."""
-    rows = FORMATS[path.suffix.lower()].rows
+    known = FORMATS.get(path.suffix.lower())
+    rows = () if known is None else known.rows  # a recording of rerun is none of these
     if asked is None:
         return rows[0] if rows else None
     for one in rows:

@@ -210,6 +210,8 @@ def _pages(file: IO[bytes], column: ColumnChunkMetaData) -> Iterator[tuple[int, 
     """Stored and decompressed bytes of each page of a column."""
     at = min(column.data_page_offset, column.dictionary_page_offset or column.data_page_offset)
     end, values, longest, shared = at + column.total_compressed_size, 0, 0, 0
+    if not 0 < at <= end:
+        raise ValueError("a page is outside of the file")
     while at < end:
         file.seek(at)
         page, size = _thrift_struct(file.read(min(_PAGE_HEADER, end - at)), 0)

@@ -210,7 +210,7 @@ def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> Ta
     for place, (kind, name, value, axis) in enumerate(columns):
         if value in ("rotation", "position") and kind in _BODY_KINDS[: 1 if is_local else 2]:
             role, bodies = axis if value == "position" else turn + axis, found[kind]
-            names = (name if i == 1 else f"{name} {i}" for i in range(1, 1000))  # others of the same name
+            names = (name if i == 1 else f"{name} {i}" for i in range(1, len(cells[head]) + 2))
             bodies.setdefault(next(n for n in names if role not in bodies.get(n, ())), {})[role] = place
     unit = reading.unit or about.get("length units", about.get("units", "Meters"))
     try:
