@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import active_children
 from pathlib import Path
@@ -90,10 +90,15 @@ def wait_for_ever(folder: str) -> None:
 
 
 @contextmanager
-def interrupted_after(seconds: float) -> Iterator[None]:
-    before = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+def interrupted_once(is_due: Callable[[], bool]) -> Iterator[None]:
+    def look(*_: object) -> None:
+        if is_due():
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.raise_signal(signal.SIGINT)
+
+    before = signal.signal(signal.SIGALRM, look)
     interrupt = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_REAL, 0.2, 0.2)
     try:
         yield
     finally:
@@ -107,7 +112,7 @@ def test_running_jobs_are_ended_at_once_and_clean_up(tmp_path: Path) -> None:
     with (
         pytest.raises(KeyboardInterrupt),
         local_processes(2, prepare) as call,
-        interrupted_after(3.0),
+        interrupted_once(lambda: len(list(tmp_path.iterdir())) == 2),  # both jobs run
     ):
         next(call(wait_for_ever, [(str(tmp_path),)] * 5))
     assert time.monotonic() - begin_s < 100
