@@ -1,0 +1,54 @@
+"""Sensitivity to tuned constants: found in the source, multiplied before import, compared in a table."""
+
+from pathlib import Path
+
+import pytest
+
+import contact_tracker
+from contact_tracker_lab.sensitivity import Constant, Outcome, basis_of, run_apart, table, tuned_constants
+
+LOG = Path(__file__).parents[2] / "recordings" / "robot_1khz.mcap"
+CONSTANTS = {one.name: one for one in tuned_constants(Path(contact_tracker.__file__).parent)}
+
+
+def test_constants_are_numbers_with_their_modules() -> None:
+    found = CONSTANTS["RESTRICTED"]
+    assert found == Constant("contact_tracker.tracking.ambiguity", "RESTRICTED", "0.12", 0.12)
+    assert found.label == "tracking/ambiguity.py: RESTRICTED"
+    assert len(CONSTANTS) > 100
+    assert "SHORT_OF_TIE" in CONSTANTS  # an expression of numbers
+    assert "NOT_EXCLUDED" not in CONSTANTS  # derived from another one
+    assert "LEAST_SHARE" not in CONSTANTS  # a guard against rounding
+
+
+@pytest.mark.long
+def test_a_constant_is_multiplied_in_a_process_of_its_own() -> None:
+    """Twice the prior of restricted motion changes probabilities; the tracker of this process stays as it
+    is."""
+    base = run_apart(None, 1.0, [LOG], 3.0)
+    same = run_apart(CONSTANTS["RESTRICTED"], 1.0, [LOG], 3.0)
+    other = run_apart(CONSTANTS["RESTRICTED"], 2.0, [LOG], 3.0)
+    assert not base.error + same.error + other.error
+    assert (same.digest, same.accuracy) == (base.digest, base.accuracy)
+    assert other.digest != base.digest
+    assert list(base.accuracy) == ["recordings"]
+    assert "no such file" in run_apart(None, 1.0, [Path("gone.mcap")], 3.0).error
+
+
+def test_the_table_tells_no_effect_from_a_failure() -> None:
+    idle, failing, felt = (CONSTANTS[name] for name in ("RESTRICTED", "VARIED_S", "FIRST_CHOICE"))
+    base = Outcome({"set": (0.9, 0.8)}, "base")
+    found = {("", "", 1.0): base}
+    for factor in (0.5, 2.0):
+        found[idle.module, idle.name, factor] = base
+        found[failing.module, failing.name, factor] = Outcome({}, "", "it fails")
+        found[felt.module, felt.name, factor] = Outcome({"set": (0.9, 0.7)}, "other")
+    lines = table([idle, failing, felt], found)
+    assert lines[2].endswith("| 0 / -0.100 | 0 / -0.100 |")
+    assert lines[3].endswith("| fails | fails |")
+    assert lines[-1] == "- `tracking/ambiguity.py`: `RESTRICTED`"
+
+
+def test_outcomes_are_of_recordings_and_their_length() -> None:
+    assert basis_of([LOG], 3.0) == basis_of([LOG], 3.0)
+    assert len({basis_of([LOG], 3.0), basis_of([LOG], 4.0), basis_of([LOG.parent], 3.0)}) == 3
