@@ -27,19 +27,12 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.trajectory.arguments import model_from
-from contact_tracker_lab.benchmark.runner import (
-    FIGURES,
-    Table,
-    figures,
-    find_sets,
-    measured,
-    parser_of,
-    report,
-)
+from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from distortions import DISTORTIONS
 from shared_recordings import SHARED_RECORDINGS
+from summaries import FIGURES, figures
 
 HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "not adapted online", "by arrival")
 

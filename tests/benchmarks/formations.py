@@ -30,20 +30,12 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker_lab.benchmark.runner import (
-    Table,
-    mean_of_known,
-    measured,
-    median_of_known,
-    parser_of,
-    recordings_in,
-    report,
-    shares_row,
-)
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import FORMATIONS
+from summaries import mean_of_known, median_of_known, recordings_in, shares_row
 
 ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")

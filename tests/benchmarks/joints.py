@@ -33,19 +33,12 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
-from contact_tracker_lab.benchmark.runner import (
-    Table,
-    measured,
-    median_of_known,
-    parser_of,
-    recordings_in,
-    report,
-    shares_row,
-)
+from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation, distance_m, places
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
 from contact_tracker_lab.simulate.jointed import TrueJoint
+from summaries import median_of_known, recordings_in, shares_row
 
 COLUMNS: Final = (
     *("joint", "seconds", "recordings", "true kind", "other kind"),

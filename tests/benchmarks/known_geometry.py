@@ -39,18 +39,11 @@ from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import vertices_from_metadata
-from contact_tracker_lab.benchmark.runner import (
-    FIGURES,
-    Table,
-    figures,
-    find_sets,
-    measured,
-    parser_of,
-    report,
-)
+from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from shared_recordings import SHARED_RECORDINGS
+from summaries import FIGURES, figures
 
 Array = NDArray[np.float64]
 

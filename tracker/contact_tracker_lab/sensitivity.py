@@ -26,8 +26,6 @@ CORE: Final = ("adaptation", "hmm", "hypotheses", "map", "motion", "tracking")
 FACTORS: Final = (0.5, 2.0)
 GUARD: Final = 1e-5
 """Smaller constants keep divisions and comparisons safe from rounding: they are not tuned."""
-NO_EFFECT: Final = 0.0005
-"""Changes of accuracy below this are rounded to 0.000 in the table."""
 
 
 class Constant(NamedTuple):
@@ -218,7 +216,7 @@ def table(constants: Sequence[Constant], found: dict[tuple[str, str, float], Out
                 pairs = zip(outcome.accuracy[name], base.accuracy[name], strict=True)
                 changes = [now - then for now, then in pairs]
                 greatest = max(greatest, *map(abs, changes))
-                cells.append(" / ".join("0" if abs(c) < NO_EFFECT else f"{c:+.3f}" for c in changes))
+                cells.append(" / ".join("0" if round(c, 3) == 0.0 else f"{c:+.3f}" for c in changes))
         rows.append((greatest, f"| `{one.label}` | {one.source} | " + " | ".join(cells) + " |"))
     lines += [row for _, row in sorted(rows, key=lambda row: -row[0])]
     lines += ["", "Labels and probabilities are the same to the last bit with half and with double:", ""]
@@ -246,10 +244,11 @@ def main() -> int:
     import contact_tracker
 
     constants = list(tuned_constants(Path(contact_tracker.__file__).parent))
-    base = run_apart(None, 1.0, arguments.logs, arguments.seconds)
+    how = arguments.logs, arguments.seconds, arguments.journal, arguments.jobs
+    ((_, base),) = run_all((), *how).items()  # with no constant changed
     if base.error:
         parser.error(base.error)
-    found = run_all(constants, arguments.logs, arguments.seconds, arguments.journal, arguments.jobs)
+    found = run_all(constants, *how)
     show("\n".join(table(constants, found)))
     return 0
 

@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
@@ -157,7 +158,7 @@ def _between(
     zeta = state.window.zeta[-1]
     jacobian = forbids.jacobian(zeta)
     kept = np.zeros((1, 6)) if allows is None else allows.jacobian(zeta)
-    free = _null_space(kept)
+    free = null_space(kept)
     root = np.linalg.cholesky(forbids.precision(zeta))
     twist = free @ np.linalg.svd(root.T @ jacobian @ free)[2][0]
     both = (_reached(zeta, sign * _within_limits(twist), allows) for sign in (1.0, -1.0))
@@ -176,7 +177,7 @@ def _unused(
     if fit is None or len(window) <= STRIDE_TICKS:
         return
     used, zeta = twist_power(window), state.window.zeta[-1]
-    free = _null_space(fit.jacobian(zeta))
+    free = null_space(fit.jacobian(zeta))
     turn, shift = zeta[R].reshape(3, 3) @ free[:3], free[3:]
     at_centre = shift - np.cross(turn.T / LEVER_M, zeta[T] - used.centre_m).T
     in_lengths = np.repeat([1.0, LEVER_M], 3)
@@ -184,13 +185,6 @@ def _unused(
     power = twists.T @ (used.power * np.outer(in_lengths, in_lengths)) @ twists
     _, twist = _reached(zeta, _within_limits(free @ np.linalg.eigh(power)[1][:, 0]), fit)
     yield _described(state, zeta, twist, (label, label), 0.0)
-
-
-def _null_space(rows: Array) -> Array:
-    """Orthonormal columns (6, F) of what (K, 6) rows leave free."""
-    _, values, directions = np.linalg.svd(rows)
-    rank = int((values > 1e-9 * max(float(values.max()), 1e-300)).sum())
-    return directions[rank:].T
 
 
 def _within_limits(twist: Array) -> Array:

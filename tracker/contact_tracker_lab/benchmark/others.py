@@ -28,7 +28,8 @@ Function = Callable[..., Any]
 STILL: Final = "speed threshold"
 STILL_M_PER_S, STILL_RAD_PER_S = 0.01, 0.05
 STILL_S: Final = 0.5
-"""At rest is what moves less than these speeds within half a second: then f-f, else free."""
+"""At rest is what moves less than these speeds within half a second: then f-f, else free. A trivial method to
+compare with: round numbers, not chosen on any recording."""
 
 
 def answer_by_speed(poses: Poses) -> Answer:

@@ -1,4 +1,4 @@
-"""What benchmarks share: arguments, worker processes, figures over recordings, and kept tables."""
+"""What benchmarks share: arguments, worker processes, and kept tables."""
 
 import argparse
 import json
@@ -6,28 +6,18 @@ import os
 import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import reduce
 from multiprocessing import get_context
-from operator import add
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-import numpy as np
 from tqdm import tqdm
 
 from contact_tracker.cli.terminal import show
-from contact_tracker_lab.evaluation.evaluate import Evaluation
-from contact_tracker_lab.evaluation.tables import number, table
+from contact_tracker_lab.evaluation.tables import table
 
 Key = TypeVar("Key", bound=Hashable)
 Found = TypeVar("Found")
 Job = tuple[Any, ...]
-
-FIGURES: Final = (
-    *("accuracy offline", "accuracy online", "sure and wrong offline", "sure and wrong online"),
-    *("ECE offline", "ECE online", "worst accuracy offline", "worst accuracy online"),
-    *("within 3 sd", "median sd"),
-)
 
 
 class Table(NamedTuple):
@@ -69,11 +59,6 @@ def find_sets(folder: Path, wanted: Sequence[str]) -> dict[str, list[Path]]:
     return {name: paths for name, paths in sets.items() if not wanted or name in wanted}
 
 
-def recordings_in(folders: Sequence[Path]) -> dict[str, list[Job]]:
-    """One job for each recording of the ``folders``, by the folders' names."""
-    return {folder.name: [(str(path),) for path in sorted(folder.glob("*.mcap"))] for folder in folders}
-
-
 def measured(
     measure: Callable[..., Found], jobs: Mapping[Key, Sequence[Job]], processes: int
 ) -> Iterator[tuple[Key, list[Found]]]:
@@ -84,40 +69,6 @@ def measured(
         futures = {key: [pool.submit(measure, *job) for job in some] for key, some in jobs.items()}
         for key, some in tqdm(futures.items(), file=sys.stderr, disable=None):
             yield key, [one.result() for one in some]
-
-
-def figures(evaluations: Sequence[Evaluation]) -> list[str]:
-    """The ``FIGURES`` over recordings."""
-    both = [(one.offline, one.online) for one in evaluations]
-    accuracy = np.array([[tally.accuracy() for tally in pair] for pair in both])
-    geometry = reduce(add, [one.geometry for one in evaluations])
-    columns = (
-        accuracy.mean(axis=0),
-        np.mean([[tally.sure_wrong for tally in pair] for pair in both], axis=0),
-        np.mean([[tally.calibration_error for tally in pair] for pair in both], axis=0),
-        accuracy.min(axis=0),
-        [geometry.within_3_sd, geometry.median_sd],
-    )
-    return [number(float(value)) for column in columns for value in column]
-
-
-def mean_of_known(values: Sequence[float]) -> float:
-    """The mean without nan values; nan if there are no others."""
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.mean(known)) if known else float("nan")
-
-
-def median_of_known(values: Sequence[float]) -> float:
-    """The median without nan values; nan if there are no others."""
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else float("nan")
-
-
-def shares_row(name: str, recordings: Sequence[tuple[float, ...]]) -> list[str]:
-    """A row of the total duration (s) of ``recordings``, the first figure of each, and the other figures (s)
-    as shares of it."""
-    seconds, *parts = (sum(column) for column in zip(*recordings, strict=True))
-    return [name, f"{seconds:.0f}", *(number(part / seconds) for part in parts)]
 
 
 def report(args: argparse.Namespace, **tables: Table) -> int:

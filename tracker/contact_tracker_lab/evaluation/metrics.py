@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.ground_truth import CoarseLabel
+from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.states import STATES
 from contact_tracker_lab.evaluation.scoring import SHORTEST_PHASE_NS, Change, Columns, Scoring, Subset
 
@@ -18,7 +19,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CALIBRATION_BINS: Final = 15
-SURE_PROBABILITY: Final = 0.9
 SMALLEST_PROBABILITY: Final = 1e-12
 """Lower limit of probabilities in the log-loss, which is infinite at zero."""
 NO_LABEL: Final = -1
