@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.geometry.contact_motion import STICK_SLIP, ContactMotion, contact_motion
 from contact_tracker.geometry.elements import Array, ContactGeometry, Line, Plane, Point
 from contact_tracker.geometry.smooth_rates import _marginal_covariances, smooth_rates
+from contact_tracker.tracking.offline_smoother import segment
+from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 TICKS: Final = 120
 TIME_S: Final = np.arange(TICKS) * 0.1
@@ -214,3 +216,17 @@ def test_rates_are_as_far_off_as_their_deviations_say() -> None:
             rate, variance = smooth_rates(TIME_S, value, np.full(TICKS, SIGMA_M**2))
             off.append((rate - true) / np.sqrt(variance)[:, None])
         assert 0.4 < np.sqrt(np.mean(np.square(off))) < 1.2
+
+
+def test_ticks_without_frames_are_no_motion_and_no_rest() -> None:
+    """The pose of a tick in a gap is that of the last one: it would stick, and then jump."""
+    poses = recorded(FACE_TO_EDGE).poses
+    second = (poses.stamp_ns - poses.stamp_ns[0]) * 1e-9
+    hidden = ((second > 1.0) & (second < 1.6)) | ((second > 2.2) & (second < 2.8))
+    found = segment(poses[~hidden], MODEL)
+    assert any(one.motion for one in found.segments)
+    for one in found.segments:
+        if one.motion is not None:
+            at = (one.motion.stamp_ns - poses.stamp_ns[0]) * 1e-9
+            assert not (((at > 1.15) & (at < 1.55)) | ((at > 2.35) & (at < 2.75))).any()
+            assert STICK_SLIP not in one.motion.kinds
