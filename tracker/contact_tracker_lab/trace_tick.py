@@ -79,6 +79,8 @@ def _traces(log: Path, first_pose: int) -> Iterator[Trace]:
 
 
 def main() -> int:
+    if len(sys.argv) != 2:
+        raise SystemExit("usage: python -m contact_tracker_lab.trace_tick LOG")
     traces = traced_ticks(Path(sys.argv[1]))
     figures = {
         "files": [len(one.files) for one in traces],

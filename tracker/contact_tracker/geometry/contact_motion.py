@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri  # scipy.stats takes half a second to import
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.geometry.rotation import between, matrices, rotation_vectors
@@ -99,7 +99,7 @@ class ContactMotion:
 
         Where a slide turns round, half of the ticks without significant slip have a p-value below 0.1.
         """
-        slides, limit = self.is_significant[:, 0], chi2.isf(SIGNIFICANCE / max(len(self), 1), 2)
+        slides, limit = self.is_significant[:, 0], chdtri(2, SIGNIFICANCE / max(len(self), 1))
         edges = np.flatnonzero(np.diff(slides)) + 1
         usual = np.median(self.speed_m_per_s[slides]) if slides.any() else 0.0
         again = 0
@@ -151,7 +151,7 @@ def contact_motion(
     if isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane):
         roll = np.zeros_like(roll)  # faces that touch cannot
     squares = np.einsum("ta,tab,tb->t", slip, np.linalg.inv(slip_covariance), slip)
-    p_value = [chi2.sf(squares, 2), *_turn_p_values(geometry, roll, spin, w_variance, touch.normal_variance)]
+    p_value = [chdtrc(2, squares), *_turn_p_values(geometry, roll, spin, w_variance, touch.normal_variance)]
     slip_in_world = np.einsum("tia,ta->ti", tangents, slip)
     return ContactMotion(
         stamp_ns,
@@ -173,8 +173,8 @@ def _turn_p_values(
     axes = 1 if {type(geometry.object), type(geometry.environment)} == {Line, Plane} else 2
     rolled, spun = np.sum(roll**2, axis=1), spin**2
     return [
-        chi2.sf(rolled / (variance + normal_variance * spun), axes),
-        chi2.sf(spun / (variance + normal_variance * rolled), 1),
+        chdtrc(axes, rolled / (variance + normal_variance * spun)),
+        chdtrc(1, spun / (variance + normal_variance * rolled)),
     ]
 
 
