@@ -9,9 +9,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from contact_tracker.cli.main import run
+from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
-from contact_tracker.tracking.ambiguity import decide_by_wrenches, shared
+from contact_tracker.tracking.ambiguity import decide_by_wrenches, reported
 from pose_filter import PoseFilter
 from short_recordings import EDGE_TO_EDGES, MODEL, recorded
 
@@ -126,7 +127,7 @@ def test_what_wrenches_rule_out_gives_its_probability_to_the_label() -> None:
     assert (label, others) == (Contact.EF, ())
     assert share is not None
     probability = np.array([0.01, 0.07, 0.06, 0.12, 0.17, 0.55, 0.02])
-    found = shared(probability, share)
+    found = reported(probability, label, others, EMPTY_MAP, share=share)
     assert found[Contact.EF.column] == pytest.approx(0.07 + 0.12 + 0.55)
     assert found.sum() == pytest.approx(1.0)
 
@@ -134,6 +135,6 @@ def test_what_wrenches_rule_out_gives_its_probability_to_the_label() -> None:
 def test_sharing_keeps_the_probability_of_the_others() -> None:
     probability = np.array([0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05])
     share = np.array([0.25, 0.75, 0.0, 0.0, 0.0, 0.0, 0.0])
-    found = shared(probability, share)
+    found = reported(probability, Contact.EF, (), EMPTY_MAP, share=share)
     np.testing.assert_allclose(found, [0.175, 0.525, *probability[2:]])
     assert found.sum() == pytest.approx(1.0)

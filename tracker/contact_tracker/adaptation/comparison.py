@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Motion
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.ambiguity import at_most, with_rivals
+from contact_tracker.tracking.ambiguity import reported
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.state import FilterState
 
@@ -97,12 +98,12 @@ DOUBT: Final = 0.5
 """Weight of the uniform distribution while the stream is in doubt."""
 
 
-def mixture(beliefs: Sequence[Belief], log_weight: Array, possible: tuple[Contact, ...] = CONTACTS) -> Belief:
+def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY_MAP) -> Belief:
     """The belief of K trackers by their ``log_weight`` (K,): the mean posterior and its most probable state.
 
     Onset, elements and alternatives are those of the most probable tracker with this label. Without one,
     onset and elements are unknown, and the label is indistinguishable from all states that the trackers
-    report. ``possible`` are the contacts that can occur.
+    report. ``known_map`` has the contacts that can occur.
     """
     if len(beliefs) == 1:
         return beliefs[0]
@@ -114,21 +115,21 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, possible: tuple[Contac
     ranked = sorted(zip(beliefs, share, strict=True), key=lambda one: (one[0].contact is label, one[1]))
     source, _ = ranked[-1]
     if source.contact is not label:
-        reported = {one for belief in beliefs for one in (belief.contact, *belief.inseparable)} - {label}
+        others = {one for belief in beliefs for one in (belief.contact, *belief.inseparable)} - {label}
         source = replace(
             source,
             contact=label,
             onset_ns=source.stamp_ns,
             geometry=None,
-            inseparable=tuple(one for one in STATES if one in reported),
+            inseparable=tuple(one for one in STATES if one in others),
             p_restricted=0.0,
             further=(),
             is_open=False,
         )
-    probability = with_rivals(probability, label, source.inseparable)  # as of the other trackers they may be
-    limited = at_most(probability, label, possible=possible)
-    # only one of the trackers searches further contacts, and only its label is limited
-    return replace(source, probability=limited if source.is_open else probability)
+    # as of the other trackers they may be rivals; only one of the trackers searches further contacts, and
+    # only its label is limited
+    probability = reported(probability, label, source.inseparable, known_map, is_open=source.is_open)
+    return replace(source, probability=probability)
 
 
 def mixed_with_uniform(probability: Array, possible: tuple[Contact, ...] = CONTACTS) -> Array:

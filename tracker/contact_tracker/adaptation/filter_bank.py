@@ -326,7 +326,7 @@ class FilterBank:
         return [self._mixture(beliefs, self.log_weight - held_for_motion)]
 
     def _mixture(self, beliefs: Sequence[Belief], log_weight: Array) -> Belief:
-        return mixture(beliefs, log_weight, self.known_map.possible)
+        return mixture(beliefs, log_weight, self.known_map)
 
     def _weigh(self, tick: Tick, now: Sequence[TrackedTick], moves: bool) -> NDArray[np.int64]:
         """Weigh the filters by the evidence of a ``tick``, if the object ``moves`` in it; returns the indices

@@ -250,10 +250,24 @@ def decide_by_wrenches(
     return best, rest, share
 
 
-def shared(probability: Array, share: Array) -> Array:
-    """Posterior (7,) in which states with a ``share`` (7,) divide their total probability accordingly."""
-    alike = share > 0.0
-    return np.where(alike, probability[alike].sum() * share, probability)
+def reported(
+    probability: Array,
+    label: Contact,
+    others: tuple[Contact, ...],
+    known_map: Map,
+    p_restricted: float = 0.0,
+    is_open: bool = False,
+    share: Array | None = None,
+) -> Array:
+    """The posterior (7,) to report, from that of the hypotheses: shared with the indistinguishable ``others``
+    (by wrenches, where they have decided a ``share``), and limited where constraints are left unnamed."""
+    if share is None:
+        probability = redistribute(probability, label, others, p_restricted, known_map.allowed)
+    else:
+        alike = share > 0.0  # states that wrenches decide between divide their total probability
+        probability = np.where(alike, probability[alike].sum() * share, probability)
+    probability = with_rivals(probability, label, others)
+    return at_most(probability, label, possible=known_map.possible) if is_open else probability
 
 
 def most_beside(rivals: int) -> float:

@@ -94,11 +94,9 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
     )
     # from the latest belief whose further contacts had all begun: their constraints are counted
     further = max((one.further for one in same if _had_begun(one, then.stamp_ns)), key=len, default=())
-    others, possible = telling.inseparable, state.known_map.allowed
-    probability = ambiguity.redistribute(probability, contact, others, telling.p_restricted, possible)
-    probability = ambiguity.with_rivals(probability, contact, others)
-    if telling.is_open:
-        probability = ambiguity.at_most(probability, contact, possible=state.known_map.possible)
+    others, p_restricted = telling.inseparable, telling.p_restricted
+    known_map, is_open = state.known_map, telling.is_open
+    probability = ambiguity.reported(probability, contact, others, known_map, p_restricted, is_open)
     return replace(
         telling,
         stamp_ns=then.stamp_ns,
@@ -109,13 +107,18 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
     )
 
 
+def tempered_weights(state: FilterState) -> Array:
+    """The posterior (7,) by the weights of the states alone."""
+    weight = np.exp(state.log_state_weight - state.log_state_weight.max())
+    return ambiguity.tempered(weight, state.model.certainty.posterior_power)
+
+
 def state_posterior(state: FilterState, stamp_ns: int) -> Belief:
     """The posterior of the states by the weights, and the best hypothesis of the most probable one.
 
     ``label_geometry`` adds the geometry, ``share_among_indistinguishable`` the ambiguity.
     """
-    weight = np.exp(state.log_state_weight - state.log_state_weight.max())
-    probability = ambiguity.tempered(weight, state.model.certainty.posterior_power)
+    probability = tempered_weights(state)
     label = STATES[int(np.argmax(probability))]
     onset_ns = state.free_since_ns
     if label is not Contact.FREE:
@@ -133,13 +136,14 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     p_restricted = ambiguity.p_restricted(freedom.underused, since, state.model.tick_s)
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
-    inseparable = tuple(filter(state.known_map.allows, others))
-    return _shared(state, belief, inseparable, p_restricted, belief)
+    inseparable, possible = tuple(filter(state.known_map.allows, others)), state.known_map.allowed
+    probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
+    return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
 
 
 def open_beside(state: FilterState, belief: Belief) -> Belief:
-    """The belief in which other contacts that fit as well share the label's probability, if there are further
-    contacts beside it."""
+    """The belief in which other contacts that fit as well are indistinguishable from the label, if there are
+    further contacts beside it."""
     label, known_map = belief.contact, state.known_map
     if not belief.further:
         return belief
@@ -149,7 +153,7 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
         return belief
     others = tuple(one for one in STATES if one in alike | {*belief.inseparable})
     p_restricted = ambiguity.p_restricted(True, since, state.model.tick_s)
-    return _shared(state, belief, others, p_restricted, state_posterior(state, belief.stamp_ns))
+    return replace(belief, inseparable=others, p_restricted=p_restricted)
 
 
 def _compared_since_onset(
@@ -168,26 +172,15 @@ def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[Fil
     states, and beside those that the motion leaves open it is not certain."""
     others = ambiguity.others_at_rest(belief.contact, state.known_map) if is_in_rest else ()
     if others and belief.inseparable != others:
-        p_restricted = ambiguity.CHANGED_AT_REST
-        belief = _shared(state, belief, others, p_restricted, state_posterior(state, belief.stamp_ns))
-        if belief.is_open:
-            capped = ambiguity.at_most(belief.probability, belief.contact, possible=state.known_map.possible)
-            belief = replace(belief, probability=capped)
-    if belief.inseparable:
-        probability = ambiguity.with_rivals(belief.probability, belief.contact, belief.inseparable)
-        belief = replace(belief, probability=probability)
+        belief = replace(belief, inseparable=others, p_restricted=ambiguity.CHANGED_AT_REST)
+    if belief.inseparable or belief.is_open:
+        how = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
+        belief = replace(
+            belief, probability=ambiguity.reported(tempered_weights(state), belief.contact, *how)
+        )
     length = state.lag_history.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
     return state._replace(recent=recent, belief=belief), belief
-
-
-def _shared(
-    state: FilterState, belief: Belief, others: tuple[Contact, ...], p_restricted: float, given: Belief
-) -> Belief:
-    """The belief in which ``others`` share the probability that the label is ``given``."""
-    possible = state.known_map.allowed
-    probability = ambiguity.redistribute(given.probability, belief.contact, others, p_restricted, possible)
-    return replace(belief, probability=probability, inseparable=others, p_restricted=p_restricted)
 
 
 def label_geometry(state: FilterState, label: Contact) -> ContactGeometry | None:
@@ -235,8 +228,7 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     if formation.tracked:
         belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
     if formation.is_open:
-        capped = ambiguity.at_most(belief.probability, label, possible=state.known_map.possible)
-        belief = replace(belief, probability=capped, is_open=True)
+        belief = replace(belief, is_open=True)
     return state, belief
 
 

@@ -242,15 +242,8 @@ class FinishedSegment(NamedTuple):
             p_restricted[resting] = ambiguity.CHANGED_AT_REST
             others = [open_at_rest if rests else one for rests, one in zip(resting, others, strict=True)]
         for belief, given, states, p in zip(beliefs, self.posterior, others, p_restricted, strict=True):
-            shared = (
-                ambiguity.redistribute(given, contact, states, float(p), possible)
-                if fit.share is None
-                else ambiguity.shared(given, fit.share)
-            )
-            shared = ambiguity.with_rivals(shared, contact, states)
-            if fit.leaves_constraints_unnamed:
-                shared = ambiguity.at_most(shared, contact, possible=known_map.possible)
-            belief["probability"] = shared
+            how = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
+            belief["probability"] = ambiguity.reported(given, contact, *how)
             belief["inseparable"] = [state in states for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
