@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import turns
 from contact_tracker.formations.conditional import ConditionalMotion
+from contact_tracker.geometry.damping import adapted
 from contact_tracker.geometry.vectors import unit
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.evidence import weak_prior
@@ -38,8 +39,6 @@ FOLLOWED_STARTS: Final = 12
 ROUNDS: Final = ((4, 5), (10, 2))
 """Numbers of descent steps, and of the best starts that continue after them."""
 FIRST_DAMPING: Final = 1.0
-DAMPING_DECREASE: Final = 0.3
-DAMPING_INCREASE: Final = 6.0
 TINY: Final = 1e-12
 RELAXED_STARTS: Final = 2
 DRAWS: Final = 7
@@ -185,7 +184,7 @@ class _Problem(NamedTuple):
             then = self.cost(there)
             better = then < cost
             x, cost = np.where(better[:, None], there, x), np.where(better, then, cost)
-            damping = np.clip(damping * np.where(better, DAMPING_DECREASE, DAMPING_INCREASE), 1e-6, 1e9)
+            damping = adapted(damping, better)
         return x
 
     def _normal(self, x: Array, anchors: Array) -> tuple[Array, Array, Array]:

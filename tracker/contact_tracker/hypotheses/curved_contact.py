@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry.damping import adapted
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window
@@ -167,9 +168,6 @@ MOST_TICKS: Final = 60
 SURFACE_M: Final = 1e-4
 """Standard deviation of surfaces from their ideal shape, and of the mean of a tick from its arc."""
 FIRST_DAMPING: Final = 1.0
-DAMPING: Final = (0.2, 5.0)
-"""Factors after a step that lowers the cost, and after one that does not."""
-MOST_DAMPING: Final = 1e9
 SEED: Final = 7
 
 
@@ -271,7 +269,7 @@ class _Fit(NamedTuple):
             ahead = fit._replace(x=fit.x - step)
             tried = ahead.residuals()
             better = tried.cost < cost
-            damping = np.minimum(damping * np.where(better, *DAMPING), MOST_DAMPING)
+            damping = adapted(damping, better)
             fit = fit._replace(x=np.where(better[:, None], ahead.x, fit.x))
             cost, noise = np.where(better, tried.cost, cost), _where(better, tried.noise, noise)
             touch = Touch(*(_where(better, *both) for both in zip(tried.touch, touch, strict=True)))

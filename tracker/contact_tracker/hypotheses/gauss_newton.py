@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts.family import Family, directions, shifts, turns
+from contact_tracker.geometry.damping import adapted
 from contact_tracker.geometry.vectors import dot
 
 Array = NDArray[np.float64]
@@ -64,11 +65,6 @@ TOLERANCE: Final = 1e-3
 """A fit has converged when a step would lower its cost by less than this (nats)."""
 FIRST_DAMPING: Final = 10.0
 """Damping of turns in nats per squared radian; it limits first steps to about a third of a radian."""
-LEAST_DAMPING: Final = 1e-6
-MOST_DAMPING: Final = 1e12
-DAMPING_DECREASE: Final = 0.2
-DAMPING_INCREASE: Final = 8.0
-"""Factors of the damping after a step that has lowered the cost, and after one that has not."""
 LEAST_CURVATURE: Final = 1e-12
 LEAST_SHARE: Final = 1e-12
 
@@ -145,8 +141,7 @@ def minimise(
         moved = x[rows] + (tangent[rows] @ step[..., None])[..., 0]
         proposal, proposed_cost = complete(family, *these, anchors[rows], moved)
         better = proposed_cost < cost_now[rows]
-        damping[rows] *= np.where(better, DAMPING_DECREASE, DAMPING_INCREASE)
-        damping[rows] = np.clip(damping[rows], LEAST_DAMPING, MOST_DAMPING)
+        damping[rows] = adapted(damping[rows], better)
         won = rows[better]
         x[won], cost_now[won] = proposal[better], proposed_cost[better]
         won = won[left[won] > 0]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
+from contact_tracker.geometry.damping import adapted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.hypotheses.gauss_newton import Prior
@@ -131,10 +132,6 @@ END_TICK_SIGMAS: Final = 2.5
 ``FEW_TICKS``."""
 LEAST_CURVATURE: Final = 1e-9
 FIRST_DAMPING: Final = 1e-6
-LEAST_DAMPING: Final = 1e-9
-DAMPING_DECREASE: Final = 0.1
-DAMPING_INCREASE: Final = 100.0
-"""Factors of the damping after a step that has lowered the cost, and after one that has not."""
 STEP: Final = 1e-6
 """Step of finite differences, in radians and metres."""
 LEAST_SHOWN: Final = 1e-15
@@ -224,7 +221,7 @@ def _maximise(
         cost = float(0.5 * weight @ np.sum(residual**2, axis=1) + prior.cost(x)[0])
         return cost, residual, whiten_ar1(jacobian, correlation, window.index), tangent
 
-    damping, (now, residual, jacobian, tangent) = FIRST_DAMPING, new(x)
+    damping, (now, residual, jacobian, tangent) = np.array(FIRST_DAMPING), new(x)
     for _ in range(STEPS):
         pull = tangent.T @ prior.precision[0]
         weighted = weight[:, None, None] * jacobian
@@ -234,11 +231,9 @@ def _maximise(
         step = -np.linalg.solve(curvature + np.diag(ridge), gradient)
         proposal = model.family.normalise(x + step @ tangent.T, anchors)
         there = new(proposal)  # its cost alone would take nearly as long
+        damping = adapted(damping, there[0] < now)
         if there[0] < now:
-            x, damping = proposal, max(DAMPING_DECREASE * damping, LEAST_DAMPING)
-            now, residual, jacobian, tangent = there
-        else:
-            damping *= DAMPING_INCREASE
+            x, (now, residual, jacobian, tangent) = proposal, there
         if abs(gradient @ step) < TOLERANCE_NATS:
             break
     return x

@@ -10,6 +10,7 @@ from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.formations.elements import elements_complexity
 from contact_tracker.formations.further import SURE_NATS, KnownContact
+from contact_tracker.geometry.damping import adapted
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
@@ -31,8 +32,6 @@ FITS: Final = 2
 """Fits of a joint with play: with the noise alone, and with the play that the first fit shows."""
 STEPS: Final = 12
 FIRST_DAMPING: Final = 1e-3
-DAMPING: Final = (0.2, 10.0)
-"""Factors of the damping after a step that has lowered the cost, and after one that has not."""
 CONVERGED: Final = 1e-6
 PITCH_M: Final = 0.05
 """Prior standard deviation of the pitch (m/rad); that of turns is one radian, that of points the usual
@@ -173,7 +172,7 @@ def _minimise(
     model: JointModel, frames: JointFrames, window: Window, scales: EvidenceParameters, play: Array
 ) -> JointFrames:
     """Damped Gauss-Newton steps, with the noise of each tick and the ``play`` (K, K) as in ``_play``."""
-    noise_sd, damping, deviation = _noise_sd(window), FIRST_DAMPING, _deviations(scales)[model.free]
+    noise_sd, damping, deviation = _noise_sd(window), np.array(FIRST_DAMPING), _deviations(scales)[model.free]
     at = _whitened(model.residual(frames, window.zeta), noise_sd, scales, play)
     for _ in range(STEPS):
         hessian, gradient = at.normal()
@@ -182,7 +181,7 @@ def _minimise(
         there = model.moved(frames, step)
         then = _whitened(model.residual(there, window.zeta), noise_sd, scales, play)
         gained = at.cost - then.cost
-        damping = max(damping * DAMPING[0 if gained > 0.0 else 1], JITTER)
+        damping = adapted(damping, gained > 0.0)
         if gained > 0.0:
             frames, at = there, then
         if abs(gained) < CONVERGED * (1.0 + at.cost):

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry.damping import MOST_DAMPING, adapted
 from contact_tracker.geometry.vectors import sphere_tangent
 from contact_tracker.paper.kronecker import Kind, form
 from contact_tracker.states import Contact
@@ -18,11 +19,6 @@ from contact_tracker.states import Contact
 Array = NDArray[np.float64]
 
 FIRST_DAMPING: Final = 1e-3
-LEAST_DAMPING: Final = 1e-12
-MOST_DAMPING: Final = 1e12
-DAMPING_DECREASE: Final = 0.2
-DAMPING_INCREASE: Final = 8.0
-"""Factors of the damping after a step that has lowered the value, and after one that has not."""
 LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
 """Added to every curvature: a share of the largest one, and a constant for windows without curvature."""
@@ -90,8 +86,7 @@ def minimise_batched(
         x[rows], y[rows], cost[rows] = tx[accept], ty[accept], tried[accept]
         for now, then in zip(near, there, strict=True):
             now[rows] = then[accept]
-        changed = damping[active] * np.where(accept, DAMPING_DECREASE, DAMPING_INCREASE)
-        damping[active] = np.clip(changed, LEAST_DAMPING, MOST_DAMPING)
+        damping[active] = adapted(damping[active], accept)
         active = active[~done]
     converged = np.ones(len(cost), bool)
     converged[active] = False
