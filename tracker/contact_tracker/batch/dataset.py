@@ -172,6 +172,8 @@ def open_dataset(folder: Path) -> Iterator[Dataset]:
             temporary.write_text(json.dumps(FORMAT) + "\n", encoding="utf-8")
     with open(folder / _JOURNAL, "ab") as journal:
         _lock(journal, folder)
+        for left_over in folder.rglob(f"{TEMPORARY}*.part"):  # by a process that was killed
+            left_over.unlink()
         dataset = Dataset(folder, journal)
         try:
             yield dataset
