@@ -88,11 +88,11 @@ def _run(args: argparse.Namespace) -> int:
         return _follow(args, None)
     from contact_tracker.viewer.sinks import web_viewer
 
-    with web_viewer() as web:
-        say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
-        code = _follow(args, web.sink)
+    with web_viewer() as (url, sink, wait):
+        say(f"open {url} in a browser on this machine; Ctrl-C ends it")
+        code = _follow(args, sink)
         if code < 128:  # no signal has ended the stream
-            web.wait_until_interrupted()
+            wait()
     return code
 
 
