@@ -98,7 +98,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     """Follow a stream; ``sink`` is that of a live view other than the viewer's window."""
-    from contact_tracker.cli.source import Source, paced
+    from contact_tracker.cli.source import SavedStream, Source, paced
     from contact_tracker.recording import Follow
     from contact_tracker.tracker import Tracker
 
@@ -129,9 +129,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         printer = _Printer(args.json, source, status, args.suggest)
         saved = None
         if args.state is not None:
-            from contact_tracker.cli.saved_stream import SavedStream
-
-            saved = SavedStream(args.state, tracker, log, source, printer.changes, follow)
+            saved = SavedStream(args.state, tracker, source, printer.changes, follow)
             tracker = saved.tracker
 
         def report(beliefs: "list[Belief]") -> None:
