@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import document
-from contact_tracker.batch.rows import SUMMARY_COLUMNS
+from contact_tracker.batch.segmenting import SUMMARY_COLUMNS
 from contact_tracker.config import preset_names
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -14,10 +15,9 @@ from pyarrow import parquet
 import contact_tracker
 from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_recordings
 from contact_tracker import errors
-from contact_tracker.batch import rows, segmenting
+from contact_tracker.batch import segmenting
 from contact_tracker.batch.dataset import Batch, open_dataset
 from contact_tracker.batch.finding import find, matching
-from contact_tracker.batch.rows import Tally, WrenchSettings
 from contact_tracker.batch.segmenting import segment_recording
 from contact_tracker.errors import ContactTrackerWarning, StateError, UnreadableRecording, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
@@ -53,7 +53,7 @@ def test_each_recording_has_a_row_and_those_that_can_be_used_their_segments(tmp_
     assert (outcome.done, outcome.unchanged) == (len(good) + 1 + BROKEN, 0)
     assert (outcome.bad, outcome.damaged) == (BROKEN, 1)
     table = summary(tmp_path / "dataset")
-    assert types_of(table) == {name: TYPES[kind] for name, kind in rows.SUMMARY_COLUMNS.items()}
+    assert types_of(table) == {name: TYPES[kind] for name, kind in segmenting.SUMMARY_COLUMNS.items()}
     assert table["recording"].to_pylist() == sorted(map(str, [*good, cut, *broken]))
     codes = dict(zip(table["recording"].to_pylist(), table["exit_code"].to_pylist(), strict=True))
     assert {path: codes[str(path)] for path in good} == dict.fromkeys(good, 0)
@@ -124,7 +124,7 @@ def test_only_changed_recordings_are_done_again(tmp_path: Path, recordings: list
     dataset = tmp_path / "dataset"
 
     def done(**options: object) -> set[str]:
-        new: list[rows.Row] = []
+        new: list[segmenting.Row] = []
         run(recordings, dataset, new, **options)
         return {Path(row["recording"]).stem for row in new}
 
@@ -171,7 +171,7 @@ def test_another_version_processes_all_recordings_again(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(recordings[:1], tmp_path / "dataset")
-    monkeypatch.setattr("contact_tracker.batch.rows.__version__", "9.9")
+    monkeypatch.setattr("contact_tracker.batch.segmenting.__version__", "9.9")
     assert run(recordings[:1], tmp_path / "dataset").done == 1
 
 
@@ -246,7 +246,7 @@ def test_recorded_rows_survive_a_kill(tmp_path: Path, recordings: list[Path]) ->
         journal = (dataset / "journal.jsonl").read_bytes()
     (dataset / "summary.parquet").unlink()
     nested = b'{"recording": "a", "signature": "", "row": ' + b"[" * 100_000 + b"\n"
-    row = {key: {"a": 1} for key in rows.SUMMARY_COLUMNS}
+    row = {key: {"a": 1} for key in segmenting.SUMMARY_COLUMNS}
     odd = json.dumps({"recording": "a", "signature": "", "row": row}).encode() + b"\n"
     (dataset / "journal.jsonl").write_bytes(nested + odd + journal[:-20])
     assert run(recordings, dataset).unchanged == 1
@@ -276,7 +276,7 @@ def test_a_dataset_is_written_by_one_and_replaces_nothing_else(
 def test_nothing_is_written_through_links_in_a_dataset(
     name: str, tmp_path: Path, recordings: list[Path]
 ) -> None:
-    dataset, own = tmp_path / "dataset", Path(rows.file_of(str(recordings[0])))
+    dataset, own = tmp_path / "dataset", Path(segmenting.file_of(str(recordings[0])))
     run(recordings[1:], dataset)
     link = dataset / name.format(own.parent, own.name)
     is_file = bool(link.suffix)
@@ -335,11 +335,11 @@ def test_of_files_that_match_a_pattern_only_recordings_are_taken(tmp_path: Path)
     (logs / "empty.mcap").touch()
     os.mkfifo(logs / "pipe")
     for pattern, left_out in ((f"{logs}/**", 5), (f"{logs}/**/*.*", 4), (f"{logs}/**/*.mcap", 0)):
-        match = matching(pattern)
-        found = [Path(one.name).relative_to(logs).as_posix() for one in find(match.names)]
+        names, others = matching(pattern)
+        found = [Path(one.name).relative_to(logs).as_posix() for one in find(names)]
         tables, bags = ["poses.csv"] * (left_out > 0), ["bag"] if pattern.endswith("**") else ["bag/0.mcap"]
         assert sorted(found) == sorted([*bags, "deep/0.mcap", "deep/1.mcap", "empty.mcap", *tables]), pattern
-        assert match.left_out == left_out + (pattern.endswith("*.*")), "with the metadata.yaml"
+        assert others == left_out + (pattern.endswith("*.*")), "with the metadata.yaml"
     with pytest.raises(
         UnreadableRecording, match=r"\*: none of the 3 files and folders that match holds poses"
     ):
@@ -401,7 +401,7 @@ def test_wrenches_decide_as_they_do_for_one_recording(tmp_path: Path) -> None:
     names = write_recordings(tmp_path / "logs", 1)
     log = write_log(tmp_path / "logs" / "a.mcap", topics)
     names.append(log)
-    run(names, tmp_path / "dataset", wrench=WrenchSettings("/wrench", 1.0))
+    run(names, tmp_path / "dataset", wrench=("/wrench", 1.0))
     without, row = summary(tmp_path / "dataset").sort_by([("exit_code", "descending")]).to_pylist()
     assert (without["exit_code"], row["exit_code"]) == (2, 0)
     assert "no topic /wrench" in without["error"]
@@ -410,16 +410,16 @@ def test_wrenches_decide_as_they_do_for_one_recording(tmp_path: Path) -> None:
     assert list(result.warnings) == (row["warnings"] or "").splitlines()
     written = parquet.read_table(tmp_path / "dataset" / "segments" / row["file"])
     assert written.drop_columns("recording").equals(result.to_arrow("segments"))
-    assert run(names, tmp_path / "dataset", wrench=WrenchSettings("/wrench", 1.0)).unchanged == 2
+    assert run(names, tmp_path / "dataset", wrench=("/wrench", 1.0)).unchanged == 2
     assert run(names, tmp_path / "dataset").done == 2
 
 
 def test_what_the_motion_leaves_open_counts_for_no_contact() -> None:
     """At rest the label is that of a near tie, which noise decides."""
-    tally, others = Tally(), tuple(state for state in STATES if state is not Contact.FREE)
-    tally.add([Segment(0, 3 * 10**9, Contact.FREE, 0.29, None, others)], 30)
-    tally.add([Segment(3 * 10**9, 5 * 10**9, Contact.FREE, 0.9, None, others[:1])], 20)
-    cells = tally.cells()
+    counts, others = Counter(), tuple(state for state in STATES if state is not Contact.FREE)
+    segmenting.count([Segment(0, 3 * 10**9, Contact.FREE, 0.29, None, others)], counts)
+    segmenting.count([Segment(3 * 10**9, 5 * 10**9, Contact.FREE, 0.9, None, others[:1])], counts)
+    cells = segmenting.segment_cells(counts)
     assert (cells["time_free_s"], cells["segments_free"]) == (2.0, 1)
     assert (cells["time_open_s"], cells["segments_open"]) == (3.0, 1)
     assert cells["segments"] == 2

@@ -19,7 +19,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError, InputError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
-from contact_tracker.processes import Runner
+from contact_tracker.processes import run_all
 from contact_tracker.recording import need_truth, open_log, read_truth, write_recording
 from contact_tracker.states import Contact
 from contact_tracker_lab.calibration.calibrate import Plan, Source, calibrate, score_model, study_recording
@@ -99,11 +99,11 @@ def test_a_model_is_learned_and_its_file_says_from_what(
 def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path) -> None:
     names = sorted(map(str, logs.glob("*.mcap")))
     sources = (Source(names[0]), Source(names[1], use_truth=False))
-    found = calibrate(Plan(sources, MODEL, select(["transitions"]), 2), Runner(1))
+    found = calibrate(Plan(sources, MODEL, select(["transitions"]), 2), run_all)
     assert [study.labelled for study in found.studies] == [True, False]
     assert found.learned.model.noise == MODEL.noise
     assert [held_out.chain is not None for held_out in found.held_out] == [True, False]
-    other = calibrate(Plan(sources[:1], MODEL, select(["transitions"]), 0), Runner(1))
+    other = calibrate(Plan(sources[:1], MODEL, select(["transitions"]), 0), run_all)
     again = score_model(sources[1], other.learned.model)
     assert found.held_out[1].after.log_evidence == pytest.approx(again.log_evidence)
     assert found.held_out[1].after.log_evidence != found.held_out[1].before.log_evidence
@@ -155,7 +155,7 @@ def test_a_search_lowers_the_loss_of_its_recordings(logs: Path, monkeypatch: pyt
     monkeypatch.setattr("contact_tracker_lab.calibration.parameters.EVALUATIONS", 2)
     names = sorted(map(str, logs.glob("*.mcap")))[:1]
     parameter = next(learned for learned in select(["motion", "geometry"]) if learned.how is How.SEARCH)
-    found = calibrate(Plan((Source(names[0]),), MODEL, (parameter,), 0), Runner(1))
+    found = calibrate(Plan((Source(names[0]),), MODEL, (parameter,), 0), run_all)
     (searched,) = found.learned.searched
     assert searched.after <= searched.before
     assert len(searched.tried) > 2
@@ -203,7 +203,7 @@ def test_too_short_recordings_do_not_change_the_model(
     few = Poses.collect(open_log(str(logs / "log_0.mcap")))[:poses]
     write_recording(str(log), few, read_truth(str(logs / "log_0.mcap")) if labelled else None, {})
     wanted = select(["transitions", "noise.floor_position_m"])
-    found = calibrate(Plan((Source(str(log)),), MODEL, wanted, 0), Runner(1))
+    found = calibrate(Plan((Source(str(log)),), MODEL, wanted, 0), run_all)
     assert found.learned.model.noise == MODEL.noise
     assert sum(found.learned.model.transitions.counts.moving_s) < poses / 50.0 + 0.1
 
@@ -221,12 +221,12 @@ def test_the_readable_part_of_a_damaged_recording_is_learned_from(
 
 def test_processes_answer_in_order_and_a_killed_one_is_reported() -> None:
     done: list[None] = []
-    assert Runner(2, lambda: done.append(None))(divmod, [(n, 3) for n in range(5)]) == [
+    assert run_all(divmod, [(n, 3) for n in range(5)], 2, lambda: done.append(None)) == [
         (0, 0), (0, 1), (0, 2), (1, 0), (1, 1),
     ]  # fmt: skip
     assert len(done) == 5
     with pytest.raises(ContactTrackerError, match="--processes"):
-        Runner(2)(os._exit, [(1,), (1,)])
+        run_all(os._exit, [(1,), (1,)], 2)
     assert not active_children()
 
 
@@ -278,5 +278,5 @@ def test_truth_of_any_part_is_learned_from(logs, begin, end):
 def test_an_error_in_a_process_is_the_users_error_and_ends_all_processes(tmp_path: Path) -> None:
     (tmp_path / "text.mcap").write_text("no recording at all")
     with pytest.raises(InputError, match=r"text\.mcap"):
-        Runner(2)(need_truth, [(str(tmp_path / "text.mcap"),)] * 4)
+        run_all(need_truth, [(str(tmp_path / "text.mcap"),)] * 4, 2)
     assert not active_children()

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.exports.formats import json_line, open_csv
+from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
 from contact_tracker.hypotheses import compiled
 from contact_tracker.joints.evidence import find_joint
@@ -229,7 +229,7 @@ def test_outputs_contain_the_joint() -> None:
     assert any("= hinge" in line for line in table(found.segments, found.segments[0].start_ns))
     assert json.loads(json_line(found.beliefs[-1]))["joint"]["kind"] == "hinge"
     rows = StringIO(newline="")
-    with open_csv(rows, "segments", lambda: 0) as append:
+    with open_text(".csv", rows, "segments", lambda: 0) as append:
         append(found.segments)
     header, row = rows.getvalue().splitlines()[:2]
     assert ",joint,decided," in header

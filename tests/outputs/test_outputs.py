@@ -12,7 +12,7 @@ import pytest
 
 from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
-from contact_tracker.exports.formats import json_line, open_csv, open_tex
+from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.exports.summary_html import table_html
 from contact_tracker.files import whole_file
 from contact_tracker.geometry.elements import (
@@ -75,7 +75,7 @@ def test_csv_reads_back_exactly() -> None:
         Segment(ORIGIN_NS + 100, ORIGIN_NS + 200, Contact.EF, 0.5, ON_FACE),
     ]
     file = io.StringIO(newline="")
-    with open_csv(file, "segments", lambda: ORIGIN_NS - 10**9) as append:
+    with open_text(".csv", file, "segments", lambda: ORIGIN_NS - 10**9) as append:
         append(segments[:1])
         append(segments[1:])
     free, edge = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
@@ -95,7 +95,7 @@ def test_a_table_of_latex_has_the_rows_of_the_table_with_its_signs_escaped() -> 
         Segment(ORIGIN_NS, ORIGIN_NS + 10**9, Contact.VF, 0.5, ContactGeometry(ON_FACE.object, named))
     ]
     file = io.StringIO(newline="")
-    with open_tex(file, "segments", lambda: ORIGIN_NS) as append:
+    with open_text(".tex", file, "segments", lambda: ORIGIN_NS) as append:
         append(segments)
     *_, row, bottom, end = file.getvalue().splitlines()
     assert row.startswith(r"0.00 & 1.00 & v-f & 0.50 & edge along")

@@ -1,46 +1,15 @@
 """Temporary files of results: unpredictable names, mode of the replaced file, no remains."""
 
 import os
-import signal
 import stat
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from command_line import ENVIRONMENT
 from contact_tracker import files
 from contact_tracker.files import whole_file
 
-WRITER = """
-import sys
-from pathlib import Path
-from contact_tracker.files import whole_file
-with whole_file(Path(sys.argv[1])) as temporary:
-    temporary.write_text("half")
-    print(temporary, flush=True)
-    sys.stdin.read()
-"""
-
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="modes, links and signals as POSIX has them")
-
-
-def begin(target: Path) -> "subprocess.Popen[str]":
-    """Another process that is writing ``target``."""
-    command = [sys.executable, "-c", WRITER, str(target)]
-    pipe = subprocess.PIPE
-    return subprocess.Popen(command, env=ENVIRONMENT, stdin=pipe, stdout=pipe, text=True)
-
-
-def orphaned_file(target: Path) -> Path:
-    """The temporary file of a process that was killed while it wrote ``target``."""
-    with begin(target) as process:
-        temporary = Path(process.stdout.readline().rstrip("\n"))
-        process.send_signal(signal.SIGKILL)
-    assert temporary.read_text() == "half"
-    assert temporary.parent == target.parent
-    return temporary
 
 
 def write(target: Path, text: str = "new") -> None:
@@ -63,9 +32,6 @@ def test_a_planted_link_is_not_written_through(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(FileExistsError) as error, whole_file(tmp_path / "out.csv"):
         pytest.fail("there is something in the way")
     assert error.value.filename == str(tmp_path / "out.csv")
-    temporary.unlink()  # a link of another is not removed
-    temporary.hardlink_to(victim)
-    write(tmp_path / "out.csv")
     assert victim.read_text() == "precious"
 
 
@@ -170,63 +136,11 @@ def test_a_new_file_has_the_mode_that_the_user_asks_for(tmp_path: Path, mask: in
     assert mode(tmp_path / "out.csv") == 0o666 & ~mask
 
 
-def test_temporary_files_of_killed_processes_are_removed(tmp_path: Path) -> None:
-    target, other = tmp_path / "out.csv", tmp_path / "other.csv"
-    left, of_other = orphaned_file(target), orphaned_file(other)
-    write(target)
-    assert not left.exists()
-    assert of_other.exists()
-    write(other)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["other.csv", "out.csv"]
-
-
-def test_temporary_files_of_running_processes_are_kept(tmp_path: Path) -> None:
-    target = tmp_path / "out.csv"
-    with begin(target) as process:
-        temporary = Path(process.stdout.readline().rstrip("\n"))
-        write(target)
-        assert temporary.exists()
-        process.communicate("", timeout=30)
-    assert process.returncode == 0
-    assert target.read_text() == "half"
-    assert [p.name for p in tmp_path.iterdir()] == ["out.csv"]
-
-
-def test_temporary_files_of_other_hosts_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    target = tmp_path / "out.csv"
-    left = orphaned_file(target)
-    monkeypatch.setattr("platform.node", lambda: "elsewhere")
-    write(target)
-    assert left.exists()
-    monkeypatch.undo()
-    write(target)
-    assert not left.exists()
-
-
-def test_sweeping_follows_no_links_and_waits_for_no_pipe(tmp_path: Path) -> None:
-    target, victim = tmp_path / "out.csv", tmp_path / "victim"
-    victim.write_text("precious")
-    left = orphaned_file(target)
-    left.unlink()
-    left.symlink_to(victim)
-    write(target)
-    assert victim.read_text() == "precious"
-    left.unlink()
-    os.mkfifo(left)
-    write(target)
-    left.unlink()
-    left.mkdir()
-    write(target)
-    assert target.read_text() == "new"
-
-
 @pytest.mark.parametrize("name", ["x" * 251 + ".csv", "é" * 125 + ".csv", "\udcff" * 251 + ".csv", "\n.csv"])
 def test_any_name_that_a_file_may_have_can_be_written(tmp_path: Path, name: str) -> None:
     target = tmp_path / name
-    left = orphaned_file(target) if name.isascii() and name.isprintable() else None
     write(target)
     assert target.read_text() == "new"
-    assert left is None or not left.exists()
     assert os.listdir(tmp_path) == [name]
 
 

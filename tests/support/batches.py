@@ -7,7 +7,7 @@ from typing import Any
 
 from contact_tracker.batch.dataset import Batch, open_dataset
 from contact_tracker.batch.finding import find
-from contact_tracker.batch.rows import Row, Settings
+from contact_tracker.batch.segmenting import Row, Settings
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.recording import write_recording

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from contact_motions import touching
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.exports.formats import json_line, open_csv
+from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point, Unobserved
 from contact_tracker.hypotheses import observability, refit
 from contact_tracker.hypotheses.bank import blank
@@ -310,7 +310,7 @@ def test_outputs_name_the_indistinguishable_contacts():
     assert both == "Motion and wrenches leave the contact open for 2.00 of 6.00 s."
     assert len(list(table(segments[1:], 0))) == 2
     file = io.StringIO(newline="")
-    with open_csv(file, "segments", lambda: 0) as append:
+    with open_text(".csv", file, "segments", lambda: 0) as append:
         append(segments)
     row, _ = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
     assert row["inseparable"].split() == ["e-f", "free"]

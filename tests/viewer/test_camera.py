@@ -26,10 +26,10 @@ def touch(upward: Upward, plane: Plane, poses: Poses, lasted_ns: int) -> bool:
 
 
 def test_without_contact_z_is_up_and_the_eye_is_above_beside_the_object() -> None:
-    eye = Upward(UNKNOWN_EXTENT).eye(0.1)
-    assert np.array_equal(eye.up, UP)
-    assert eye.position_m[2] == pytest.approx(0.22)
-    assert np.linalg.norm(eye.position_m[:2]) == pytest.approx(0.39)
+    position_m, up = Upward(UNKNOWN_EXTENT).eye(0.1)
+    assert np.array_equal(up, UP)
+    assert position_m[2] == pytest.approx(0.22)
+    assert np.linalg.norm(position_m[:2]) == pytest.approx(0.39)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -37,7 +37,7 @@ def test_up_is_away_from_the_plane_whichever_way_its_normal_points(sign: float) 
     upward = Upward(UNKNOWN_EXTENT)
     assert touch(upward, Plane(sign * X, 0.0), at([[-0.5, 0.0, 0.0]]), 1_000), "the direction changes"
     assert upward.direction == pytest.approx(-X)
-    assert upward.eye(1.0).position_m @ -X == pytest.approx(2.2)
+    assert upward.eye(1.0)[0] @ -X == pytest.approx(2.2)
 
 
 def test_up_is_mostly_that_of_the_plane_that_was_touched_longest() -> None:

@@ -50,7 +50,7 @@ GEOMETRY = {
     Contact.VF: ContactGeometry(Point(np.array([-0.1, -0.1, 0.0]), 1e-6 * np.eye(3)), FLOOR),
     Contact.FREE: None,
 }
-MESHES = canvas.touching().meshes
+MESHES = canvas.touching()[:4]
 PHASES = ((Contact.FF, 0, 30), (Contact.FREE, 30, 60), (Contact.EF, 60, 90), (Contact.VF, 90, 120))
 STARTS_NS = [ORIGIN_NS + first * TICK_NS for _, first, _ in PHASES]
 
@@ -322,7 +322,7 @@ def test_indistinguishable_contacts_are_shown(
     assert lane == [["or v-f, free"], [""], [""], [""]]
     lane = [v for _, v in rows(tmp_path / "live.rrd", canvas.INSEPARABLE, "StateChange:state")]
     assert lane == [["or v-f"], [""]]
-    label = canvas.touching().label
+    label = canvas.touching()[-1]
     captions = [v[0] for _, v in rows(tmp_path / "some.rrd", label, "Points3D:labels")]
     assert captions[0] == "f-f  0.80 or v-f, free"
     assert captions[-1] == "v-f  0.80"
@@ -394,10 +394,10 @@ def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
     lane = [value for _, value in rows(path, canvas.further_lane(1), "StateChange:state")]
     assert [value[0] for value in lane if value] == [*([] if live else [""]), "v-f", "", "v-f", ""]
     second = canvas.touching(1)
-    labels = [value for _, value in rows(path, second.label, "Points3D:labels")]
+    labels = [value for _, value in rows(path, second[-1], "Points3D:labels")]
     together = "0.64" if live else "0.72"  # 0.8 beside a label with 0.8 and 0.9
     assert set(map(tuple, labels)) == {(f"+ v-f  {together} or e-f",)}
-    drawn = [len(value) > 0 for _, value in rows(path, second.meshes[2], "Mesh3D:vertex_positions")]
+    drawn = [len(value) > 0 for _, value in rows(path, second[2], "Mesh3D:vertex_positions")]
     changes = [a for a, b in zip(drawn, [None, *drawn], strict=False) if a is not b]
     assert changes == [*([] if live else [False]), True, False, True, False]
     first = [len(value) for _, value in rows(path, MESHES[2], "Mesh3D:vertex_positions")]
@@ -523,9 +523,10 @@ def test_planes_are_drawn_where_the_contact_took_place(poses: Poses) -> None:
 def test_a_cube_has_twelve_edges() -> None:
     solid = hull(CUBE_M)
     assert solid is not None
-    assert len(solid.edges) == 12
-    assert np.allclose(np.linalg.norm(solid.edges[:, 1] - solid.edges[:, 0], axis=1), 0.2)
-    assert solid.extent.centre_m == pytest.approx([0.0, 0.0, 0.1])
+    _, edges, extent = solid
+    assert len(edges) == 12
+    assert np.allclose(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1), 0.2)
+    assert extent.centre_m == pytest.approx([0.0, 0.0, 0.1])
     assert hull(CUBE_M[:4, :] * [0.0, 1.0, 1.0]) is None
 
 

@@ -25,10 +25,10 @@ def free_ports() -> tuple[int, int]:
 @LINUX
 def test_a_page_is_served_to_this_machine_only_and_ends_with_the_command() -> None:
     ports = free_ports()
-    with web_viewer(*ports) as web:
-        assert f":{ports[1]}/" in web.url
-        assert str(ports[0]) in web.url
-        with urlopen(web.url, timeout=10) as page:
+    with web_viewer(*ports) as (url, _, _):
+        assert f":{ports[1]}/" in url
+        assert str(ports[0]) in url
+        with urlopen(url, timeout=10) as page:
             assert b"rerun" in page.read().lower()
         for port in ports:
             with pytest.raises(ConnectionRefusedError):

@@ -88,9 +88,8 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     """Give a temporary file that replaces ``path`` on success and is removed on any failure.
 
     It is in the same folder, so that the last step is a rename, and has another suffix, so that it is not
-    taken for a result. Its name is unpredictable, and it is locked while it is written: temporary files of
-    ``path`` that no process of this host has locked were left by killed ones, and are removed. A replaced
-    file passes on its mode, and where permitted its owner and group.
+    taken for a result. Its name is unpredictable. A replaced file passes on its mode, and where permitted its
+    owner and group.
 
     Parameters
     ----------
@@ -110,9 +109,7 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
         replaced = os.lstat(target)
     except FileNotFoundError:
         replaced = None
-    prefix = _prefix(target.name)
-    _remove_left_over(target.parent, prefix)
-    temporary = target.with_name(f"{prefix}{os.urandom(8).hex()}.part")
+    temporary = target.with_name(f"{TEMPORARY}{os.urandom(8).hex()}.part")
     made = True
     try:
         try:
@@ -123,8 +120,6 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
             made = False
             raise
         try:
-            with suppress(OSError):  # some file systems have no locks
-                _lock(descriptor)
             yield temporary
             _finish(temporary, descriptor, replaced)
         finally:
@@ -138,15 +133,6 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     finally:
         if made:
             temporary.unlink(missing_ok=True)
-
-
-def _prefix(name: str) -> str:
-    """What the names of temporary files of a target begin with, on this host."""
-    import hashlib
-    import platform
-
-    names = os.fsencode(name) + b"\0" + os.fsencode(platform.node())
-    return f"{TEMPORARY}{hashlib.blake2b(names, digest_size=8).hexdigest()}-"
 
 
 def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -> None:
@@ -163,36 +149,6 @@ def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -
     if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group gets no more rights than others
         mode &= ~0o070 | mode << 3
     os.fchmod(descriptor, mode)
-
-
-def _remove_left_over(folder: Path, prefix: str) -> None:
-    """Remove the regular files of this prefix that no process has locked."""
-    with suppress(OSError):  # a folder that is writable but not readable
-        for name in os.listdir(folder):
-            if name.startswith(prefix) and name.endswith(".part"):
-                _remove_unlocked(str(folder / name))
-
-
-def _remove_unlocked(path: str) -> None:
-    with suppress(OSError):
-        if not stat.S_ISREG(os.lstat(path).st_mode):
-            return
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _NO_LINK)
-        try:
-            if stat.S_ISREG(os.fstat(descriptor).st_mode):
-                _lock(descriptor)
-                os.unlink(path)
-        finally:
-            os.close(descriptor)
-
-
-def _lock(descriptor: int) -> None:
-    """Lock an open file; raises OSError if another process has, or if there are no locks."""
-    if os.name != "posix":
-        raise OSError(errno.ENOSYS, "there are no locks")
-    import fcntl
-
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _check(status: os.stat_result, most_bytes: int) -> None:

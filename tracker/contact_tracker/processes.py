@@ -9,7 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 from contact_tracker.errors import ContactTrackerError
 from contact_tracker.interrupts import deferred, end_in_order
@@ -21,15 +21,9 @@ MOST_WORKERS: Final = 61 if os.name == "nt" else 1024
 _ENDED: Final = "a process has ended before its work was done"
 
 
-class Jobs(Protocol):
-    """Calls a function with the arguments of each job; yields the arguments with the answer, in any order.
-
-    The answer is None if the processes that worked on the job have ended.
-    """
-
-    def __call__(
-        self, function: Callable[..., T], jobs: Iterable[tuple[Any, ...]]
-    ) -> Iterator[tuple[tuple[Any, ...], T | None]]: ...
+Jobs = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], Iterator[tuple[tuple[Any, ...], Any]]]
+"""Calls a function with the arguments of each job; yields the arguments with the answer, in any order. The
+answer is None if the processes that worked on the job have ended."""
 
 
 class Workers(ProcessPoolExecutor):
@@ -46,7 +40,7 @@ class Workers(ProcessPoolExecutor):
         At the end, where a process was killed.
     """
 
-    def __init__(self, count: int, prepare: Callable[[], None]) -> None:
+    def __init__(self, count: int, prepare: Callable[[], None] | None = None) -> None:
         for name in _THREADS:  # one thread each in numerics, unless the environment says otherwise
             os.environ.setdefault(name, "1")
         if os.name == "posix":
@@ -142,48 +136,41 @@ def _answer_alone(own: Workers, function: Callable[..., T], arguments: tuple[Any
     return None
 
 
-def _nothing() -> None:
-    """No preparation."""
+def run_all(
+    function: Callable[..., T],
+    jobs: Sequence[tuple[Any, ...]],
+    processes: int = 1,
+    done: Callable[[], None] = lambda: None,
+    prepare: Callable[[], None] | None = None,
+) -> list[T]:
+    """Call a function on many arguments in ``processes`` (1: in this one); results are in their order.
 
+    ``done`` is called after each; other processes than this one first call ``prepare``. The first exception
+    ends the others.
 
-class Runner:
-    """Runs a function on many arguments in ``processes`` (1: in this one); ``done`` is called after each.
-
-    Other processes than this one first call ``prepare``.
+    Raises
+    ------
+    ContactTrackerError
+        A process was killed, for example because it took too much memory.
     """
-
-    def __init__(
-        self,
-        processes: int,
-        done: Callable[[], None] = lambda: None,
-        prepare: Callable[[], None] = _nothing,
-    ) -> None:
-        self._processes, self._done, self._prepare = processes, done, prepare
-
-    def __call__(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
-        """Results in the order of ``jobs``; the first exception ends the others.
-
-        Raises
-        ------
-        ContactTrackerError
-            A process was killed, for example because it took too much memory.
-        """
-        processes = min(self._processes, len(jobs))
-        if processes <= 1:
-            return [self._counted(function(*job)) for job in jobs]
-        with Workers(processes, self._prepare) as workers:
-            return [self._counted(result) for result in workers.map(function, *zip(*jobs, strict=True))]
-
-    def _counted(self, result: T) -> T:
-        self._done()
-        return result
+    processes, results = min(processes, len(jobs)), list[T]()
+    with ExitStack() as stack:
+        found: Iterable[T] = (function(*job) for job in jobs)
+        if processes > 1:
+            workers = stack.enter_context(Workers(processes, prepare))
+            found = workers.map(function, *zip(*jobs, strict=True))
+        for result in found:
+            results.append(result)
+            done()
+    return results
 
 
-def _begin(prepare: Callable[[], None]) -> None:
+def _begin(prepare: Callable[[], None] | None) -> None:
     """Initialise a worker process."""
     end_in_order("SIGTERM")
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    prepare()
+    if prepare is not None:
+        prepare()
 
 
 def _end_with_parent() -> None:

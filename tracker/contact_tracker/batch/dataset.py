@@ -17,10 +17,19 @@ from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, Self
 
 from contact_tracker import errors
-from contact_tracker.batch import rows
 from contact_tracker.batch.finding import Found
-from contact_tracker.batch.rows import SUMMARY_COLUMNS, Row, Settings
-from contact_tracker.batch.segmenting import Answer, Known, require_no_link, segment_recording
+from contact_tracker.batch.segmenting import (
+    SUMMARY_COLUMNS,
+    Answer,
+    Known,
+    Row,
+    Settings,
+    failure,
+    file_of,
+    require_no_link,
+    segment_recording,
+    shown,
+)
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import Kind
 from contact_tracker.exports.parquet import read_rows, require_kind, write_merged
@@ -67,29 +76,28 @@ class Dataset:
 
     def known(self, name: str, settings: Settings) -> Known | None:
         """The content from which a recording's result was made, if it exists for these settings."""
-        key = rows.shown(name)
+        key = shown(name)
         entry = self._entries.get(key)
         if entry is None or entry.content_hash is None or entry.settings_hash != settings.settings_hash:
             return None
         has_segments = entry.segments_bytes is not None
         if has_segments and settings.with_ticks and entry.ticks_bytes is None:
             return None
-        files = {
-            "segments": entry.segments_bytes,
-            "ticks": entry.ticks_bytes if settings.with_ticks else None,
-        }
-        for kind, size in files.items():
-            if size is not None and not _has(self.folder / kind / rows.file_of(name), size):
-                return None
-        return Known(self._signatures.get(key, ""), entry.content_hash)
+        ticks_bytes = entry.ticks_bytes if settings.with_ticks else None
+        for kind, size in (("segments", entry.segments_bytes), ("ticks", ticks_bytes)):
+            with suppress(OSError):
+                if size is None or (self.folder / kind / file_of(name)).stat().st_size == size:
+                    continue
+            return None
+        return self._signatures.get(key, ""), entry.content_hash
 
     def exit_code(self, name: str) -> int:
         """Exit code of a recording with a result."""
-        return self._entries[rows.shown(name)].exit_code
+        return self._entries[shown(name)].exit_code
 
     def record(self, answer: Answer) -> None:
         """Append an answer to the journal, and save at intervals."""
-        line = {"recording": rows.shown(answer.name), "signature": answer.signature, "row": answer.row}
+        line = {"recording": shown(answer.name), "signature": answer.signature, "row": answer.row}
         self._take(line)  # first: if an interrupt comes between, saving writes what was taken
         self._journal.write(json.dumps(line).encode() + b"\n")
         self._journal.flush()
@@ -101,18 +109,11 @@ class Dataset:
 
     def save(self) -> None:
         """Merge new answers into the summary."""
-        new = (
-            (_SUMMARY, SUMMARY_COLUMNS, list(self._new_rows.values())),
-            (
-                _SIGNATURES,
-                _SIGNATURE_COLUMNS,
-                [
-                    {"recording": name, "signature": signature}
-                    for name, signature in self._new_signatures.items()
-                ],
-            ),
-        )
-        for name, columns, some in new:
+        signatures = [{"recording": name, "signature": one} for name, one in self._new_signatures.items()]
+        for name, columns, some in (
+            (_SUMMARY, SUMMARY_COLUMNS, [*self._new_rows.values()]),
+            (_SIGNATURES, _SIGNATURE_COLUMNS, signatures),
+        ):
             path = self.folder / name
             if some or not path.exists():
                 with whole_file(path) as temporary:
@@ -172,6 +173,8 @@ def open_dataset(folder: Path) -> Iterator[Dataset]:
             temporary.write_text(json.dumps(FORMAT) + "\n", encoding="utf-8")
     with open(folder / _JOURNAL, "ab") as journal:
         _lock(journal, folder)
+        for left_over in folder.rglob(f"{TEMPORARY}*.part"):  # by a process that was killed
+            left_over.unlink()
         dataset = Dataset(folder, journal)
         try:
             yield dataset
@@ -212,13 +215,6 @@ def _lock(journal: IO[bytes], folder: Path) -> None:
         raise UsageError(f"cannot write {folder}: another process is writing it") from None
     except OSError:  # a file system without locks
         return
-
-
-def _has(path: Path, size: int) -> bool:
-    try:
-        return path.stat().st_size == size
-    except OSError:
-        return False
 
 
 _GIVEN_UP: Final = "the process that segmented it was ended, as happens where memory runs out"
@@ -270,7 +266,7 @@ class Batch:
             for (name, *_), answer in call(segment_recording, chain([first], jobs)):
                 if answer is None:
                     error = f"{name}: {_GIVEN_UP}"
-                    answer = Answer(name, "", rows.failure(name, self.settings, errors.KILLED, error, None))
+                    answer = Answer(name, "", failure(name, self.settings, errors.KILLED, error, None))
                 self._take(answer)
         return self
 
@@ -280,10 +276,10 @@ class Batch:
         for found in recordings:
             known = self.dataset.known(found.name, self.settings)
             if known is not None and self.looks_at_content:
-                known = known._replace(signature="")
+                known = "", known[1]
             if found.is_missing:
                 self._take(segment_recording(found.name, known, self.settings, folder))
-            elif known is not None and found.signature and known.signature == found.signature:
+            elif known is not None and found.signature and known[0] == found.signature:
                 self._count(found.name, None)
             else:
                 yield found.name, known, self.settings, folder, found.within
@@ -292,7 +288,7 @@ class Batch:
         self.dataset.record(answer)
         self._count(answer.name, answer.row)
 
-    def _count(self, name: str, new: rows.Row | None) -> None:
+    def _count(self, name: str, new: Row | None) -> None:
         """Count a recording with a ``new`` row, or an unchanged one, and report what is wrong with it."""
         code = self.dataset.exit_code(name)
         is_damaged = code == errors.DAMAGED
@@ -303,7 +299,7 @@ class Batch:
         self.bad += is_bad
         if new is None and (is_bad or is_damaged):
             column = "damage" if is_damaged else "error"
-            self.report(f"{rows.shown(name)}: as before: see the column {column} of the summary")
+            self.report(f"{shown(name)}: as before: see the column {column} of the summary")
         elif new is not None and (is_bad or is_damaged):
             self.report(new["error"] or f"{new['recording']}: {new['damage']}")
         self.warned += new is not None and bool(new["warnings"])

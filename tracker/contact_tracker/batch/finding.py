@@ -36,17 +36,9 @@ def missing_among(names: Iterable[str]) -> list[str]:
     return [name for name in names if not remote.is_remote(name) and not os.path.exists(name)]
 
 
-class Matches(NamedTuple):
-    """The recordings and folders that match a pattern, by ``names``; ``left_out`` is the number of other
-    files."""
-
-    names: list[str]
-    left_out: int = 0
-
-
-def matching(name: str) -> Matches:
+def matching(name: str) -> tuple[list[str], int]:
     """The local recordings and folders of recordings that match a pattern (``*``, ``?``, ``[...]``, ``**``),
-    by name; ``name`` itself if it is none, or no file matches.
+    by name, and the number of other files; ``name`` itself if it is none, or no file matches.
 
     A folder with a ``metadata.yaml`` that matches stands for the files in it.
 
@@ -56,7 +48,7 @@ def matching(name: str) -> Matches:
         None of what matches may be a recording.
     """
     if remote.is_remote(name) or os.path.lexists(name):
-        return Matches([name])
+        return [name], 0
     found = sorted(glob(name, recursive=True))
     whole = {one.rstrip(os.sep) for one in found if os.path.exists(os.path.join(one, _METADATA))}
     single = [one for one in found if os.path.dirname(one) not in whole]
@@ -68,7 +60,7 @@ def matching(name: str) -> Matches:
         raise UnreadableRecording(
             f"{name}: none of the {len(found)} files and folders that match holds poses"
         )
-    return Matches(sorted(chosen) or [name], len(files) - sum(not os.path.isdir(one) for one in chosen))
+    return sorted(chosen) or [name], len(files) - sum(not os.path.isdir(one) for one in chosen)
 
 
 def _may_be_recording(path: str) -> bool:
@@ -173,13 +165,6 @@ def _base(path: str) -> str:
     return path.replace(os.sep, "/").rpartition("/")[2]
 
 
-class Content(NamedTuple):
-    """A hash of the content (BLAKE2b, 32 hexadecimal digits), and its size in bytes."""
-
-    digits: str
-    size_bytes: int
-
-
 def files_of(name: str) -> list[str]:
     """The files of a local recording; raises UnreadableRecording."""
     beside = os.path.join(name, _METADATA)
@@ -196,8 +181,8 @@ def signature_of(name: str) -> str:
     return " ".join(f"{one.st_size:x}.{one.st_mtime_ns:x}.{one.st_ino:x}" for one in states)
 
 
-def read_content(name: str) -> Content:
-    """Hash and size of a recording's files.
+def read_content(name: str) -> tuple[str, int]:
+    """A hash of a recording's files (BLAKE2b, 32 hexadecimal digits), and their size in bytes.
 
     Raises
     ------
@@ -217,4 +202,4 @@ def read_content(name: str) -> Content:
             while block := file.read(_BLOCK):
                 found.update(block)
                 size += len(block)
-    return Content(found.hexdigest(), size)
+    return found.hexdigest(), size

@@ -1,19 +1,33 @@
-"""Segmentation of one recording of a batch: settings, reading, writing, and its summary row."""
+"""One recording of a batch: settings, reading, writing, and its summary row, also of a failed one
+(docs/batch.md)."""
 
 import errno
+import json
 import os
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from typing import Final, NamedTuple
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any, Final, NamedTuple
 
-from contact_tracker import errors
-from contact_tracker.batch import remote, rows
+from contact_tracker import __version__, errors
+from contact_tracker.batch import remote
 from contact_tracker.batch.finding import read_content, signature_of
-from contact_tracker.batch.rows import Row, Settings, Tally
-from contact_tracker.errors import ContactTrackerError, InputError, MissingExtra, NoPoses, UnreadableRecording
+from contact_tracker.config.parameters import Model
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.errors import (
+    ContactTrackerError,
+    InputError,
+    MissingExtra,
+    NoPoses,
+    UnreadableRecording,
+    printable,
+)
 from contact_tracker.exports.columns import (
     BELIEF_COLUMNS,
+    PROBABILITIES,
     SEGMENT_COLUMNS,
     Columns,
     Kind,
@@ -22,23 +36,157 @@ from contact_tracker.exports.columns import (
 )
 from contact_tracker.exports.parquet import open_parquet
 from contact_tracker.files import whole_file
-from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.adaptation import warnings
+from contact_tracker.map.map import Map
+from contact_tracker.outputs.adaptation import report_json
+from contact_tracker.outputs.text import is_open
 from contact_tracker.recording import PoseLog, open_log
-from contact_tracker.recording.wrenches import RecordedEvidence, recorded_evidence
+from contact_tracker.recording.wrenches import recorded_evidence
+from contact_tracker.saved_state import fingerprint
 from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.tracking.belief import Detail
+from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Detail, Segment
+
+Row = dict[str, Any]
+"""Values by the names of ``SUMMARY_COLUMNS``."""
+
+_STATES: Final = tuple(name.removeprefix("p_") for name in PROBABILITIES)
+_OPEN: Final = "open"
+"""For segments whose motion leaves the contact open among all states: their label means nothing."""
+_KINDS: Final = (*_STATES, _OPEN)
+SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
+    "recording": "text",
+    "exit_code": "integer",
+    "error": "text",
+    "damage": "text",
+    "warnings": "text",
+    "counts": "text",
+    "poses": "integer",
+    "first_ns": "integer",
+    "last_ns": "integer",
+    "duration_s": "number",
+    "ticks": "integer",
+    "segments": "integer",
+    **{f"segments_{state}": "integer" for state in _KINDS},
+    **{f"time_{state}_s": "number" for state in _KINDS},
+    "tick_s": "number",
+    "sigma_position_m": "number",
+    "sigma_rotation_rad": "number",
+    "tick_sigma_position_m": "number",
+    "tick_sigma_rotation_rad": "number",
+    "topic": "text",
+    "frame_id": "text",
+    "child_frame_id": "text",
+    "size_bytes": "integer",
+    "content_hash": "text",
+    "model": "text",
+    "model_hash": "text",
+    "settings_hash": "text",
+    "version": "text",
+    "file": "text",
+    "segments_bytes": "integer",
+    "ticks_bytes": "integer",
+}
+
+
+def shown(name: str) -> str:
+    """The name of a recording as text for the column ``recording``, whatever bytes it has; a URL without its
+    query, which may hold a token."""
+    return remote.shown(name).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def file_of(name: str) -> str:
+    """The path of a recording's Parquet files, below the folders ``segments`` and ``ticks``."""
+    import hashlib
+
+    digits = hashlib.blake2b(shown(name).encode(), digest_size=16).hexdigest()
+    return str(PurePosixPath(digits[:2], f"{digits[2:]}.parquet"))
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """All that determines a result besides the recording.
+
+    Parameters
+    ----------
+    topic, frame, relative_to : selection of poses, as of ``recording.open_log``.
+    table : what the columns of tables are, as of ``recording.open_log``.
+    with_ticks : whether to write the beliefs of all ticks, too.
+    wrench : topic of measured wrenches, which decide between contacts that motion cannot distinguish, and the
+        mass (kg) of the object if known.
+    """
+
+    model: Model
+    known_map: Map
+    topic: str | None = None
+    frame: str | None = None
+    relative_to: str | None = None
+    with_ticks: bool = False
+    table: TableReading = AS_NAMED
+    wrench: tuple[str, float | None] | None = None
+
+    @cached_property
+    def model_hash(self) -> str:
+        """Hash of the model with its noise, and of the map."""
+        return fingerprint((self.model, self.known_map))
+
+    @cached_property
+    def settings_hash(self) -> str:
+        """Hash of all but ``with_ticks``, and of the version."""
+        which = self.topic, self.frame, self.relative_to, tuple(self.table.words())
+        return fingerprint((__version__, self.model_hash, which, self.wrench or ()))
+
+
+def count(segments: Iterable[Segment], counts: Counter[str]) -> None:
+    """Add segments to the counts of ``segment_cells``."""
+    for one in segments:
+        state = _OPEN if is_open(one) else _STATES[STATES.index(one.contact)]
+        counts["segments"] += 1
+        counts[f"segments_{state}"] += 1
+        counts[f"time_{state}_s"] += one.end_ns - one.start_ns
+
+
+def segment_cells(counts: Counter[str]) -> Row:
+    """The number of segments, of those of each state, and how long these last."""
+    names = ("segments", *(f"segments_{state}" for state in _KINDS))
+    return {name: counts[name] for name in names} | {
+        f"time_{state}_s": counts[f"time_{state}_s"] / 1e9 for state in _KINDS
+    }
+
+
+def base(name: str, settings: Settings) -> Row:
+    """A row with the recording and settings only."""
+    return dict.fromkeys(SUMMARY_COLUMNS) | {
+        "recording": shown(name),
+        "exit_code": errors.DONE,
+        "model": settings.model.name,
+        "model_hash": settings.model_hash,
+        "settings_hash": settings.settings_hash,
+        "version": __version__,
+    }
+
+
+def failure(name: str, settings: Settings, exit_code: int, error: str, content_hash: str | None) -> Row:
+    """The row of a recording without segments.
+
+    ``content_hash`` is None if another run with the same content and settings may succeed.
+    """
+    text = printable(remote.without_secrets(error))
+    found = {"exit_code": exit_code, "error": text, "content_hash": content_hash}
+    return base(name, settings) | found
+
+
+def counts_text(counts: Mapping[str, int]) -> str:
+    """JSON of the counts of dropped and repaired poses, by kind."""
+    return json.dumps({kind: int(count) for kind, count in sorted(counts.items()) if count})
+
 
 _RECORDING: Final[dict[str, Kind]] = {"recording": "text"}
 SEGMENTS: Final = _RECORDING | SEGMENT_COLUMNS
 TICKS: Final = _RECORDING | BELIEF_COLUMNS
 
 
-class Known(NamedTuple):
-    """A recording at the time of its existing result."""
-
-    signature: str
-    content_hash: str
+Known = tuple[str, str]
+"""Signature and hash of the content of a recording at the time of its existing result."""
 
 
 class Answer(NamedTuple):
@@ -68,7 +216,7 @@ def segment_recording(
     """
     try:
         signature = _signature_of(name, within)
-        if known is not None and signature and signature == known.signature:
+        if known is not None and signature and signature == known[0]:
             return Answer(name, signature, None)
         if not remote.is_remote(name):
             answer = _answer(name, name, signature, known, settings, Path(folder))
@@ -78,9 +226,9 @@ def segment_recording(
         if _signature_of(name, within) != signature:
             raise UnreadableRecording(f"{remote.shown(name)}: it changed while it was read")
     except ContactTrackerError as error:
-        answer = Answer(name, "", rows.failure(name, settings, _code(error), str(error), None))
+        answer = Answer(name, "", failure(name, settings, _code(error), str(error), None))
     if answer.row is not None and answer.row["segments_bytes"] is None:
-        _remove(Path(folder), rows.file_of(name), "segments", "ticks")
+        _remove(Path(folder), file_of(name), "segments", "ticks")
     return answer
 
 
@@ -97,18 +245,17 @@ def _answer(
 ) -> Answer:
     """The answer for a recording at the local ``path``."""
     try:
-        content = read_content(path)
+        content_hash, size_bytes = read_content(path)
     except OSError as error:
         raise UnreadableRecording(f"{name}: {error.strerror or error}") from error
-    if known is not None and content.digits == known.content_hash:
+    if known is not None and content_hash == known[1]:
         return Answer(name, signature, None)
     try:
         row = _segmented(name, path, settings, folder)
-        return Answer(
-            name, signature, row | {"content_hash": content.digits, "size_bytes": content.size_bytes}
-        )
+        return Answer(name, signature, row | {"content_hash": content_hash, "size_bytes": size_bytes})
     except ContactTrackerError as error:
-        code, text, is_lasting = _code(error), str(error), not isinstance(error, MissingExtra | _Unread)
+        code, text = _code(error), str(error)
+        is_lasting = not isinstance(error, MissingExtra) and not isinstance(error.__cause__, OSError)
     except MemoryError:
         code, text, is_lasting = errors.INPUT, "it takes more memory than there is", False
     except OSError:
@@ -120,19 +267,22 @@ def _answer(
     shown = remote.shown(name)
     text = text.replace(path, shown)
     text = text if shown in text else f"{shown}: {text}"
-    row = rows.failure(name, settings, code, text, content.digits if is_lasting else None)
-    return Answer(name, signature, row | {"size_bytes": content.size_bytes})
+    row = failure(name, settings, code, text, content_hash if is_lasting else None)
+    return Answer(name, signature, row | {"size_bytes": size_bytes})
 
 
 def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     """Write the files; returns the row."""
-    log, wrenches = _open(path, settings), _wrenches(path, settings)
-    stream, tally = _Counted(log), Tally()
+    log, wrenches = _open(path, settings), None
+    if settings.wrench is not None:
+        topic, mass_kg = settings.wrench
+        poses = _open(path, settings)
+        wrenches = recorded_evidence(path, topic, poses, settings.model, settings.known_map, mass_kg)
     evidence = None if wrenches is None else wrenches.evidence
     tracker = OfflineTracker(
         settings.model, settings.known_map, wrenches=evidence, read_as=log.source.read_as
     )
-    outliers, file, recording = 0, rows.file_of(name), rows.shown(name)
+    counts, ticks, outliers, file, recording = Counter[str](), 0, 0, file_of(name), shown(name)
     targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})
     with ExitStack() as stack:
         append = {}
@@ -142,14 +292,15 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
             target.parent.mkdir(parents=True, exist_ok=True)
             temporary = stack.enter_context(whole_file(target))
             append[kind] = stack.enter_context(open_parquet(columns, temporary, kind == "segments"))
-        for piece in tracker.pieces(stream, None, Detail.WEIGHTS):
-            tally.add(piece.segments, len(piece.beliefs))
+        for piece in tracker.pieces(log, None, Detail.WEIGHTS):
+            count(piece.segments, counts)
+            ticks += len(piece.beliefs)
             outliers += piece.outliers
             append["segments"](_of(recording, segment_columns(piece.segments)))
             if settings.with_ticks:
                 append["ticks"](_of(recording, belief_columns(piece.beliefs)))
-        if not stream.poses:
-            noted = rows.counts_text(log.counts)
+        if not log.valid:
+            noted = counts_text(log.counts)
             reason = "" if log.loss is None else f": {log.loss}"
             raise NoPoses(
                 f"{name}: no pose that can be used{reason}{f'; noted: {noted}' if log.counts else ''}"
@@ -159,19 +310,21 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     adapted = tracker.report
     unused = () if wrenches is None else wrenches.warnings
     notes = [*filter(None, [log.note]), *log.remarks, *unused]
-    notes += [] if adapted is None else warnings(adapted)
+    report = {} if adapted is None else report_json(adapted)
+    notes += report.get("warnings", [])
     return {
-        **rows.base(name, settings),
-        **tally.cells(),
-        **rows.adapted_cells(adapted),
+        **base(name, settings),
+        "ticks": ticks,
+        **segment_cells(counts),
+        **{name: cell for name, cell in report.items() if name in SUMMARY_COLUMNS and name != "warnings"},
         "exit_code": errors.DONE if log.damage is None else errors.DAMAGED,
         "damage": log.damage,
         "warnings": "\n".join(notes) or None,
-        "counts": rows.counts_text({**log.counts, "outlier": outliers}),
-        "poses": stream.poses,
-        "first_ns": stream.first_ns,
-        "last_ns": stream.last_ns,
-        "duration_s": (stream.last_ns - stream.first_ns) / 1e9,
+        "counts": counts_text({**log.counts, "outlier": outliers}),
+        "poses": log.valid,
+        "first_ns": log.first_ns,
+        "last_ns": log.last_ns,
+        "duration_s": (log.last_ns - log.first_ns) / 1e9,
         "topic": log.source.topic,
         "frame_id": log.source.frame_id,
         "child_frame_id": log.source.child_frame_id,
@@ -181,62 +334,8 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
 
 
 def _open(path: str, settings: Settings) -> PoseLog:
-    with _reading():
-        return open_log(
-            path,
-            settings.topic,
-            settings.frame,
-            relative_to=settings.relative_to,
-            table=settings.table,
-        )
-
-
-def _wrenches(path: str, settings: Settings) -> RecordedEvidence | None:
-    if settings.wrench is None:
-        return None
-    log = _open(path, settings)
-    with _reading():
-        return recorded_evidence(
-            path, settings.wrench.topic, log, settings.model, settings.known_map, settings.wrench.mass_kg
-        )
-
-
-class _Unread(UnreadableRecording):
-    """The system failed to read a file."""
-
-
-@contextmanager
-def _reading() -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise _Unread(error.strerror or str(error)) from error
-
-
-class _Counted:
-    """Poses that are counted as they are read, as ``poses.Batched``."""
-
-    def __init__(self, log: PoseLog) -> None:
-        self._log = log
-        self.poses = 0
-        self.first_ns = 0
-        self.last_ns = 0
-
-    def batches(self) -> Iterator[Poses]:
-        stream = self._log.batches()
-        while True:
-            with _reading():
-                some = next(stream, None)
-            if some is None:
-                return
-            if not self.poses:
-                self.first_ns = int(some.stamp_ns[0])
-            self.last_ns = int(some.stamp_ns[-1])
-            self.poses += len(some)
-            yield some
-
-    def __iter__(self) -> Iterator[Pose]:
-        return (pose for some in self.batches() for pose in some)
+    frame, relative_to = settings.frame, settings.relative_to
+    return open_log(path, settings.topic, frame, relative_to=relative_to, table=settings.table)
 
 
 def _of(recording: str, columns: Columns) -> Columns:

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
     from contact_tracker.batch.dataset import OWN_FILES, Batch, open_dataset
     from contact_tracker.batch.finding import find
-    from contact_tracker.batch.rows import Settings, WrenchSettings
+    from contact_tracker.batch.segmenting import Settings
 
     arguments.require_wrench_for_mass(args)
     settings = Settings(
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         args.relative_to,
         args.ticks,
         args.table,
-        None if args.wrench is None else WrenchSettings(args.wrench, args.mass),
+        None if args.wrench is None else (args.wrench, args.mass),
     )
     recordings = list(find(_names(args.logs)))
     read = [*(one.name for one in recordings), *arguments.files_read([], args.model, args.known)]
@@ -131,7 +131,7 @@ def _names(logs: list[str]) -> list[str]:
                 "file that matches is no recording" if left_out == 1 else "files that match are no recordings"
             )
             say(f"{log}: {left_out} {are}: left out")
-    logs = [name for _, match in matches for name in match.names]
+    logs = [name for _, (names, _) in matches for name in names]
     missing = missing_among(log for log in logs if log != "-")
     if missing:
         more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""

@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from contact_tracker.outputs.summary import summary_json, summary_lines
+    from contact_tracker.outputs.adaptation import summary_json, summary_lines
     from contact_tracker.recording import open_log, summarise
 
     if args.relative_to is not None and args.log == "-":

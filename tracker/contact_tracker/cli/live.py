@@ -88,17 +88,17 @@ def _run(args: argparse.Namespace) -> int:
         return _follow(args, None)
     from contact_tracker.viewer.sinks import web_viewer
 
-    with web_viewer() as web:
-        say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
-        code = _follow(args, web.sink)
+    with web_viewer() as (url, sink, wait):
+        say(f"open {url} in a browser on this machine; Ctrl-C ends it")
+        code = _follow(args, sink)
         if code < 128:  # no signal has ended the stream
-            web.wait_until_interrupted()
+            wait()
     return code
 
 
 def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     """Follow a stream; ``sink`` is that of a live view other than the viewer's window."""
-    from contact_tracker.cli.source import Source, paced
+    from contact_tracker.cli.source import SavedStream, Source, paced
     from contact_tracker.recording import Follow
     from contact_tracker.tracker import Tracker
 
@@ -129,9 +129,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         printer = _Printer(args.json, source, status, args.suggest)
         saved = None
         if args.state is not None:
-            from contact_tracker.cli.saved_stream import SavedStream
-
-            saved = SavedStream(args.state, tracker, log, source, printer.changes, follow)
+            saved = SavedStream(args.state, tracker, source, printer.changes, follow)
             tracker = saved.tracker
 
         def report(beliefs: "list[Belief]") -> None:

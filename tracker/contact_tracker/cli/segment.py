@@ -6,8 +6,9 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -44,25 +45,10 @@ PLACE: Final = "{}"
 """Placeholder for the name of a recording, and of an object, in an output's name."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """One recording and source. ``name`` is unique among the jobs; ``output`` None is stdout, and
-    ``other_outputs`` are those of the other jobs."""
-
-    log: str
-    topic: str | None
-    frame: str | None
-    name: str
-    output: Path | None
-    other_outputs: tuple[Path, ...] = ()
-
-    def applied_to(self, args: argparse.Namespace) -> argparse.Namespace:
-        """``args`` for this job alone."""
-        return argparse.Namespace(**{**vars(args), **vars(self)})
-
-
-def list_jobs(args: argparse.Namespace) -> list[Job]:
-    """A job for each of ``args.logs``, with ``args.all`` for each source of poses in each of them.
+def list_jobs(args: argparse.Namespace) -> list[argparse.Namespace]:
+    """The arguments of a job for each of ``args.logs``, with ``args.all`` for each source of poses in each of
+    them: those of the command with its ``log``, topic and frame, a ``name`` that is unique, its ``output``
+    (None is stdout), and those of the other jobs as ``other_outputs``.
 
     Raises
     ------
@@ -73,7 +59,8 @@ def list_jobs(args: argparse.Namespace) -> list[Job]:
     """
     if len(args.logs) > 1 and "-" in args.logs:
         raise UsageError("standard input is read alone, without other recordings")
-    found = [job for log in args.logs for job in (_objects(log, args) if args.all else _whole(log, args))]
+    whole = ([_job(args, log, args.topic, args.frame, log, [_stem(log)])] for log in args.logs)
+    found = [*chain.from_iterable((_objects(log, args) for log in args.logs) if args.all else whole)]
     outputs = [job.output for job in found if job.output is not None]
     if len(found) > 1 and args.output is not None and PLACE not in str(args.output):
         raise UsageError(
@@ -82,16 +69,22 @@ def list_jobs(args: argparse.Namespace) -> list[Job]:
         )
     if doubled := {str(output) for output in outputs if outputs.count(output) > 1}:
         raise UsageError(f"several recordings would be written to {min(doubled)}: take them one by one")
-    return [
-        replace(one, other_outputs=tuple(each for each in outputs if each != one.output)) for one in found
-    ]
+    for job in found:
+        job.other_outputs = [output for output in outputs if output != job.output]
+    return found
 
 
-def _whole(log: str, args: argparse.Namespace) -> Iterator[Job]:
-    yield Job(log, args.topic, args.frame, log, _named(args.output, [_stem(log)]))
+def _job(
+    args: argparse.Namespace, log: str, topic: str | None, frame: str | None, name: str, names: Iterable[str]
+) -> argparse.Namespace:
+    """The arguments of a job, whose output has these ``names``."""
+    plain = "-".join(re.sub(r"[^\w.-]+", "_", one).strip("_") for one in names)
+    output = None if args.output is None else Path(str(args.output).replace(PLACE, plain))
+    own = {"log": log, "topic": topic, "frame": frame, "name": name, "output": output}
+    return argparse.Namespace(**{**vars(args), **own})
 
 
-def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
+def _objects(log: str, args: argparse.Namespace) -> Iterator[argparse.Namespace]:
     from contact_tracker.recording import list_sources
 
     if log == "-":
@@ -103,19 +96,12 @@ def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
         raise fault(f"{log}: no such source of poses; contact-tracker info shows what is in it")
     for source in sources:
         body = source.child_frame_id or source.topic
-        output = _named(args.output, [_stem(log), body])
-        yield Job(log, f"{source.topic}:{source.type}", source.frames or None, f"{log} {source}", output)
+        chosen = f"{source.topic}:{source.type}", source.frames or None
+        yield _job(args, log, *chosen, f"{log} {source}", [_stem(log), body])
 
 
 def _stem(log: str) -> str:
     return "stdin" if log == "-" else Path(os.path.realpath(log)).stem
-
-
-def _named(pattern: Path | None, names: Iterable[str]) -> Path | None:
-    if pattern is None:
-        return None
-    plain = "-".join(re.sub(r"[^\w.-]+", "_", name).strip("_") for name in names)
-    return Path(str(pattern).replace(PLACE, plain))
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -147,12 +133,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    jobs = list_jobs(args)
     if args.output is not None:
         require_library(args.output)
         args.rows = rows_of(args.output, args.rows)
     elif args.rows is not None:
         raise UsageError("--rows is of use with -o FILE")
+    jobs = list_jobs(args)
     is_figure = args.output is not None and args.output.suffix.lower() in FIGURES
     if (args.labels is not None or args.map) and not (args.labels and is_figure and len(jobs) == 1):
         raise UsageError(
@@ -166,10 +152,10 @@ def run(args: argparse.Namespace) -> int:
     model, known_map = arguments.load_model(args), arguments.load_map(args, _noting(notes))
     with _workers(args.processes) as executor:
 
-        def segment(job: Job) -> int:
+        def segment(job: argparse.Namespace) -> int:
             if job.output is None and len(jobs) > 1:
                 show(job.name)
-            return _segment(job.applied_to(args), model, known_map, executor, notes)
+            return _segment(job, model, known_map, executor, notes)
 
         codes = list(arguments.run_each((partial(segment, job) for job in jobs), len(jobs) == 1))
     return next(filter(None, codes), DONE)

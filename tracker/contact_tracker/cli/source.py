@@ -1,21 +1,31 @@
-"""The poses of a recording by the arguments: cut to the interval, counted, paced."""
+"""The poses of a recording by the arguments: cut to the interval, counted, paced; and the stream of
+``live --state``, resumed from a file and saved to it."""
 
 import argparse
 import os
+import signal
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.cli.terminal import detail, say, warn
-from contact_tracker.errors import DAMAGED, DONE, ChoiceError, NoPoses
+from contact_tracker.errors import DAMAGED, DONE, ChoiceError, NoPoses, StateError, UsageError
+from contact_tracker.files import why_not_replaceable
+from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import News, noise_text, warnings
-from contact_tracker.recording import PoseLog
+from contact_tracker.outputs.text import Changes
+from contact_tracker.recording import Follow, PoseLog, PoseSource
+from contact_tracker.recording.sources import Stamping
+from contact_tracker.saved_state import fingerprint, is_same, load, save
+from contact_tracker.tracker import Tracker
 from contact_tracker.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -36,7 +46,7 @@ class Source:
     """
 
     def __init__(self, log: PoseLog, name: str, args: argparse.Namespace) -> None:
-        self._log = log
+        self.log = log
         self.name = name
         detail(f"reading {log.source}")
         self._start_ns = round(args.start * 1e9)
@@ -65,7 +75,7 @@ class Source:
         NoPoses, ChoiceError
             At the end, if there were none.
         """
-        for poses in self._log.batches():
+        for poses in self.log.batches():
             rows, has_ended = self._cut(poses.stamp_ns)
             if rows.start < rows.stop:
                 yield poses[rows]
@@ -76,9 +86,9 @@ class Source:
     def arrivals(self) -> Iterator[Arrival]:
         """What each measured pose of the interval brings, with less delay; raises as ``batches``."""
         late = 0
-        for count, arrival in enumerate(self._log.arrivals(), 1):
+        for count, arrival in enumerate(self.log.arrivals(), 1):
             if count % _POSES_PER_LOOK == 0:
-                self._warn_of(self._log.loss)
+                self._warn_of(self.log.loss)
             rows, has_ended = self._cut([pose.stamp_ns for pose in arrival.poses])
             late = self._warn_of_late(late)
             if self.used:
@@ -117,19 +127,19 @@ class Source:
 
     def _warn_of_late(self, reported: int) -> int:
         """Warn of late sources beyond the first ``reported``; returns their number."""
-        for other in self._log.late_sources[reported:]:
+        for other in self.log.late_sources[reported:]:
             warn(
-                f"{self.name}: another source of poses shows up: {other}; going on with {self._log.source}: "
+                f"{self.name}: another source of poses shows up: {other}; going on with {self.log.source}: "
                 "choose with --topic or --frame"
             )
-        return len(self._log.late_sources)
+        return len(self.log.late_sources)
 
     def _require_some(self) -> None:
         """Raise if no pose was used."""
         if self.used:
             return
         if self._read_ns is None:
-            reason = "" if self._log.loss is None else f": {self._log.loss}"
+            reason = "" if self.log.loss is None else f": {self.log.loss}"
             raise NoPoses(f"{self.name}: no pose that can be used{reason}{self._noted()}")
         raise ChoiceError(
             f"{self.name}: no pose in the interval that --start and --duration leave; poses were read until "
@@ -145,21 +155,21 @@ class Source:
     @property
     def expected(self) -> int | None:
         """Approximate number of poses, if the recording's index has it."""
-        is_shared = self._log.source.type.endswith("TFMessage")  # of several frames
+        is_shared = self.log.source.type.endswith("TFMessage")  # of several frames
         is_cut = self._start_ns > 0 or self._end_ns is not None
-        return None if is_shared or is_cut else self._log.source.messages
+        return None if is_shared or is_cut else self.log.source.messages
 
     @property
     def counts(self) -> dict[str, int]:
         """Numbers of dropped or repaired poses, by kind."""
-        kinds = {**self._log.counts, "late": self.late, "outlier": self.outliers}
+        kinds = {**self.log.counts, "late": self.late, "outlier": self.outliers}
         return {kind: count for kind, count in kinds.items() if count}
 
     def trajectory(self) -> Trajectory:
         """All poses of the interval, in memory."""
         poses = Poses.join(list(self.batches()))
         is_rereadable = not self.is_stdin and os.path.exists(self.name) and self._is_as_named
-        return Trajectory.from_log(self._log, self.name, poses, is_rereadable, self.origin_ns)
+        return Trajectory.from_log(self.log, self.name, poses, is_rereadable, self.origin_ns)
 
     def finish(self, adapted: "Report | None") -> int:
         """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""
@@ -171,14 +181,14 @@ class Source:
         if adapted is not None and adapted.map_use:
             say(adapted.map_use)
         self.warn_of_news(adapted)
-        for line in self._log.remarks:
+        for line in self.log.remarks:
             warn(f"{self.name}: {line}")
-        return DONE if self._log.damage is None else DAMAGED
+        return DONE if self.log.damage is None else DAMAGED
 
     def warn_of_damage(self) -> None:
         """Warn, if that is not done yet, that most poses were dropped, or that the recording is damaged: it
         comes before the results."""
-        self._warn_of(self._log.damage)
+        self._warn_of(self.log.damage)
 
     def _warn_of(self, damage: str | None) -> None:
         for line in self._news.of(filter(None, [damage])):
@@ -211,3 +221,122 @@ def paced(
             while (wait_s := due_s - time.monotonic()) > 0 and not has_to_end():
                 time.sleep(min(wait_s, _LONGEST_SLEEP_S))  # a signal that raises nothing does not end it
         yield arrival
+
+
+EVERY_S: Final = 10.0
+_SAVED: Final = ("initial", "state", "source", "first", "taken", "gate", "stamping", "span", "reported")
+"""What is saved, between the arrivals of two poses: a hash of the initial state, which model, lag and prior
+map determine, and the tracker; topic, type and frames of the poses; the first pose of the log with its log
+time (ns), and how many were read, with the gate and the stamping (``sources.Stamping``); the stamps of the
+first pose, of the first and last that were used, and their number; what was reported (``Changes``)."""
+_WAIT_S: Final = 0.5
+"""Longer than it takes to decode a pose, which must not be interrupted."""
+
+
+class SavedStream:
+    """Saves between poses only: a signal ends the stream after the current pose, a second one at once. On
+    standard input, where the next pose may never come, the stream ends while it waits for one.
+
+    Parameters
+    ----------
+    path : of the file; without one the stream starts from the beginning.
+    initial : the tracker before the first pose.
+    source, changes : the poses, and what was reported, to be resumed.
+
+    Raises
+    ------
+    StateError
+        The file is not a state.
+    UsageError
+        It was saved of another source or recording, or with another model, lag or map, or has no
+        folder.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        initial: Tracker,
+        source: Source,
+        changes: Changes,
+        follow: Follow | None,
+    ) -> None:
+        self.signal = 0
+        self._waits = False
+        self.tracker = initial
+        self._path, self._initial, self._log, self._source = path, fingerprint(initial), source.log, source
+        self._changes, self._follow = changes, follow
+        self._saved_s = time.monotonic()
+        if path.exists():
+            self._carry_on(load(path))
+            say(f"resumed from {path}, after {source.used} poses")
+        elif not path.parent.is_dir():
+            raise UsageError(f"{path}: there is no folder {path.parent} to save it in")
+        elif (refusal := why_not_replaceable(path)) is not None:
+            raise UsageError(f"{path}: the state cannot be saved there: {refusal}")
+        for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, self._stop)
+
+    def take(self) -> None:
+        """A pose has come, and is processed until ``keep``."""
+        self._waits = False
+
+    def keep(self) -> bool:
+        """Save at intervals, after each pose; returns whether to end."""
+        now_s = time.monotonic()
+        if not self.signal and now_s - self._saved_s >= EVERY_S:
+            self.save()
+            self._saved_s = now_s
+        self._waits = not self.signal
+        return bool(self.signal)
+
+    def save(self) -> None:
+        """Write the file."""
+        self._waits = False
+        log, source, changes = self._log, self._source, self._changes
+        values = (
+            *(self._initial, self.tracker, self._names, log.first, log.taken, log.gate, tuple(log.stamping)),
+            (source.origin_ns, source.first_ns, source.last_ns, source.used),
+            (changes.label, changes.settled, changes.open, changes.further),
+        )
+        save(self._path, dict(zip(_SAVED, values, strict=True)))
+
+    @property
+    def _names(self) -> tuple[str, str, str, str]:
+        source = self._log.source
+        return source.topic, source.type, source.frame_id, source.child_frame_id
+
+    def _carry_on(self, saved: object) -> None:
+        if not isinstance(saved, dict) or tuple(saved) != _SAVED:
+            raise StateError(f"{self._path}: it is no state of a stream")
+        initial, self.tracker, names, first, taken, gate, stamping, span, reported = saved.values()
+        if initial != self._initial:
+            raise UsageError(
+                f"{self._path} was saved with another model, --lag, --states or known geometry: give the "
+                "same, or another file"
+            )
+        log, name, is_stdin = self._log, self._source.name, self._source.is_stdin
+        if names != self._names:
+            raise UsageError(
+                f"{self._path} is of {PoseSource(*names)}, not of {log.source}: name another file"
+            )
+        is_same_log = is_same(first, log.first) and not is_stdin
+        first_ns = log.first_stamp_ns + gate.shift_ns
+        if not is_same_log and not is_stdin and first_ns <= span[2]:
+            raise UsageError(
+                f"{self._path} is of another recording, which does not end before {name} begins: name "
+                "another file"
+            )
+        log.carry_on(gate, Stamping(*stamping), taken, is_same_log)
+        self._source.carry_on(*span)
+        changes = self._changes
+        changes.label, changes.settled, changes.open, changes.further = reported
+
+    def _stop(self, number: int, _: FrameType | None) -> None:
+        if self.signal:
+            raise SystemExit(128 + number)
+        self.signal = number
+        if self._source.is_stdin:  # a second signal ends the wait for the next pose, once it has lasted
+            repeat_unless(number, lambda: not self._waits, _WAIT_S)
+        if self._follow is not None:
+            self._follow.stop()

@@ -70,10 +70,10 @@ def _opener(
     if args.save is not None:
         yield lambda _: partial(write_rrd, args.save, check=check)
     elif args.web:
-        with web_viewer() as web:
-            say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
-            yield lambda name: begin(web.sink, name, are_several)
-            web.wait_until_interrupted()
+        with web_viewer() as (url, sink, wait):
+            say(f"open {url} in a browser on this machine; Ctrl-C ends it")
+            yield lambda name: begin(sink, name, are_several)
+            wait()
     else:
         sink = to_viewer()
         yield lambda name: begin(sink, name, are_several)

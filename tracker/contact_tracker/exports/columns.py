@@ -58,22 +58,24 @@ OPEN: Final = "open"
 
 def belief_columns(beliefs: Iterable[Belief]) -> Columns:
     """A row per tick with the columns ``BELIEF_COLUMNS``; ``probability`` is that of the label."""
-    rows = _Rows(BELIEF_COLUMNS)
-    for one in beliefs:
+
+    def cells(one: Belief) -> dict[str, Any]:
         posterior = [float(p) for p in one.probability]
         times = {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns}
         own = times | dict(zip(PROBABILITIES, posterior, strict=True))
-        rows.add(own | _contact_cells(one, posterior[one.contact.column]), one.geometry)
-    return rows.columns
+        return own | _contact_cells(one, posterior[one.contact.column])
+
+    return _columns(BELIEF_COLUMNS, ((cells(one), one.geometry) for one in beliefs))
 
 
 def segment_columns(segments: Iterable[Segment]) -> Columns:
     """A row per segment with the columns ``SEGMENT_COLUMNS``."""
-    rows = _Rows(SEGMENT_COLUMNS)
-    for one in segments:
+
+    def cells(one: Segment) -> dict[str, Any]:
         times = {"start_ns": one.start_ns, "end_ns": one.end_ns}
-        rows.add(times | _contact_cells(one, one.probability) | _motion_cells(one.motion), one.geometry)
-    return rows.columns
+        return times | _contact_cells(one, one.probability) | _motion_cells(one.motion)
+
+    return _columns(SEGMENT_COLUMNS, ((cells(one), one.geometry) for one in segments))
 
 
 TABLES: Final[dict[Rows, tuple[dict[str, Kind], Callable[[Iterable[Any]], Columns]]]] = {
@@ -142,19 +144,19 @@ def _kinds(one: Belief | Segment) -> str:
     return "" if one.contact is Contact.FREE else " ".join((one.contact, *(f.contact for f in one.further)))
 
 
-class _Rows:
-    """Columns built by rows; consecutive rows often share their geometry."""
-
-    def __init__(self, kinds: dict[str, Kind]) -> None:
-        self.columns: Columns = {name: [] for name in kinds}
-        self._last: tuple[ContactGeometry | None, dict[str, Any]] = (None, _geometry_cells(None))
-
-    def add(self, cells: dict[str, Any], geometry: ContactGeometry | None) -> None:
-        if self._last[0] is not geometry:
-            self._last = geometry, _geometry_cells(geometry)
-        cells |= self._last[1]
-        for name, column in self.columns.items():
+def _columns(
+    kinds: dict[str, Kind], rows: Iterable[tuple[dict[str, Any], ContactGeometry | None]]
+) -> Columns:
+    """Columns of rows, each with the cells beside its geometry, which consecutive rows often share."""
+    columns: Columns = {name: [] for name in kinds}
+    last, shared = None, _geometry_cells(None)
+    for cells, geometry in rows:
+        if last is not geometry:
+            last, shared = geometry, _geometry_cells(geometry)
+        cells |= shared
+        for name, column in columns.items():
             column.append(cells[name])
+    return columns
 
 
 def _geometry_cells(geometry: ContactGeometry | None) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from contact_tracker.files import accept_any, whole_file
 if TYPE_CHECKING:
     from contact_tracker.exports.columns import Rows
     from contact_tracker.outputs.outcome import Outcome
+    from contact_tracker.outputs.text import Row
     from contact_tracker.tracking.belief import Belief, Segment, SegmentPart
     from contact_tracker.tracking.segmentation import Segmentation
 
@@ -97,10 +98,9 @@ def open_rows(
             with _parquet(temporary, rows) as append:
                 yield append
             return
-        texts = {".csv": open_csv, ".jsonl": open_jsonl, ".srt": open_srt, ".tex": open_tex}
         with (
             open(temporary, "w", encoding="utf-8", newline="") as file,
-            texts[path.suffix.lower()](file, rows, origin_ns) as append,
+            open_text(path.suffix.lower(), file, rows, origin_ns) as append,
         ):
             yield append
 
@@ -164,50 +164,45 @@ def _parquet(path: Path, rows: "Rows") -> Iterator[Append]:
 
 
 @contextmanager
-def open_jsonl(file: TextIO, *_: Any) -> Iterator[Append]:
-    """JSON lines, one per entry."""
-
-    def write(entries: Iterable[Any]) -> None:
-        for one in entries:
-            file.write(json_line(one) + "\n")
-
-    yield write
-
-
-@contextmanager
-def open_csv(file: TextIO, rows: "Rows", origin_ns: Callable[[], int]) -> Iterator[Append]:
-    """One row per entry, with the columns of ``csv_columns``."""
+def open_text(suffix: str, file: TextIO, rows: "Rows", origin_ns: Callable[[], int]) -> Iterator[Append]:
+    """Text by its suffix: JSON lines; CSV with the columns of ``csv_columns``; a table of LaTeX with the rows
+    of that on a terminal; or SubRip subtitles for a video that starts with the recording, one per segment, or
+    per part between changes of its further contacts, that lasts at least a millisecond."""
     from contact_tracker.exports.columns import csv_columns
-
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(csv_columns(rows, (), 0))
-
-    def write(entries: Iterable[Any]) -> None:
-        if entries := list(entries):
-            writer.writerows(zip(*csv_columns(rows, entries, origin_ns()).values(), strict=True))
-
-    yield write
-
-
-@contextmanager
-def open_tex(file: TextIO, _: "Rows", origin_ns: Callable[[], int]) -> Iterator[Append]:
-    """A table of LaTeX with the rows of the table on a terminal."""
     from contact_tracker.outputs.text import GEOMETRY_TITLE, segment_rows
 
-    columns = r"\begin{tabular}{rrlr>{\raggedright\arraybackslash}p{0.6\linewidth}}"
-    file.write("% \\usepackage{array,booktabs}\n" + columns + "\n\\toprule\n")
-    file.write(rf"start (s) & end (s) & contact & $p$ & {GEOMETRY_TITLE} \\" + "\n\\midrule\n")
+    numbers, table = count(1), csv.writer(file, lineterminator="\n")
+    if suffix == ".csv":
+        table.writerow(csv_columns(rows, (), 0))
+    elif suffix == ".tex":
+        file.write(_TEX_BEGIN.format(title=GEOMETRY_TITLE))
 
-    def write(entries: "Iterable[Segment]") -> None:
-        for segment in entries:
-            for row in segment_rows(segment, origin_ns()):
-                figures = f"{row.start_s:.2f} & {row.end_s:.2f} & {row.kind} & {row.probability:.2f}"
-                file.write(f"{figures} & {_tex(row.where)} " + "\\\\\n")
+    def write(entries: Iterable[Any]) -> None:
+        match suffix:
+            case ".csv":
+                if entries := list(entries):
+                    table.writerows(zip(*csv_columns(rows, entries, origin_ns()).values(), strict=True))
+            case ".jsonl":
+                file.writelines(f"{json_line(one)}\n" for one in entries)
+            case ".tex":
+                lines = (_tex_line(row) for one in entries for row in segment_rows(one, origin_ns()))
+                file.writelines(lines)
+            case ".srt":
+                for segment in entries:
+                    for part in segment.parts:
+                        file.write(f"{next(numbers)}\n{_subtitle(segment, part, origin_ns())}\n\n")
 
     yield write
-    file.write("\\bottomrule\n\\end{tabular}\n")
+    if suffix == ".tex":
+        file.write("\\bottomrule\n\\end{tabular}\n")
 
 
+_TEX_BEGIN: Final = r"""% \usepackage{{array,booktabs}}
+\begin{{tabular}}{{rrlr>{{\raggedright\arraybackslash}}p{{0.6\linewidth}}}}
+\toprule
+start (s) & end (s) & contact & $p$ & {title} \\
+\midrule
+"""
 _TEX: Final = {
     **{sign: rf"\{sign}" for sign in "&%$#_{}"},
     "\\": r"\textbackslash{}",
@@ -218,28 +213,16 @@ _TEX: Final = {
 }
 
 
+def _tex_line(row: "Row") -> str:
+    figures = f"{row.start_s:.2f} & {row.end_s:.2f} & {row.kind} & {row.probability:.2f}"
+    return f"{figures} & {_tex(row.where)} " + "\\\\\n"
+
+
 def _tex(text: str) -> str:
     """Geometry in words as LaTeX; names of elements may have any letters."""
     escaped = "".join(_TEX.get(sign, sign) for sign in printable(text))
     with_units = re.sub(r" (m|mm)\b", r"~\1", escaped).replace(" deg", r"$^\circ$")
     return with_units.replace(" +/- ", r"~$\pm$~")
-
-
-@contextmanager
-def open_srt(file: TextIO, _: "Rows", origin_ns: Callable[[], int]) -> Iterator[Append]:
-    """SubRip subtitles for a video that starts with the recording: one per segment, or per part between
-    changes of its further contacts; times count from the stamp that ``origin_ns`` returns.
-
-    Each lasts at least a millisecond.
-    """
-    numbers = count(1)
-
-    def write(entries: "Iterable[Segment]") -> None:
-        for segment in entries:
-            for part in segment.parts:
-                file.write(f"{next(numbers)}\n{_subtitle(segment, part, origin_ns())}\n\n")
-
-    yield write
 
 
 def _subtitle(segment: "Segment", part: "SegmentPart", origin_ns: int) -> str:

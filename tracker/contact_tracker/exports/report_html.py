@@ -146,10 +146,10 @@ def _known(parts: Sequence[Part], side: int) -> Iterator[Mesh3d | Scatter3d]:
 
 def _camera(eye: Eye) -> dict[str, Any]:
     """Camera in plotly's units, in which the scene has about size one."""
-    place = 1.9 * eye.position_m / np.linalg.norm(eye.position_m)
+    place = 1.9 * eye[0] / np.linalg.norm(eye[0])
     return {
         "eye": dict(zip("xyz", place.tolist(), strict=True)),
-        "up": dict(zip("xyz", eye.up.tolist(), strict=True)),
+        "up": dict(zip("xyz", eye[1].tolist(), strict=True)),
     }
 
 

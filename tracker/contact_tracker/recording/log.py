@@ -72,6 +72,8 @@ class PoseLog:
         ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
         define usably), ``other_source`` (poses of late sources),
         ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.sources``).
+    valid, first_ns, last_ns : number of poses that ``batches`` has given so far, and the stamps of the first
+        and the last of them.
     damage : one line if most poses were dropped, or the recording is truncated or damaged; final after
         iteration.
 
@@ -100,7 +102,7 @@ class PoseLog:
         self.is_stamped = reading.is_table or composer is not None
         self._counts: Counter[str] = Counter()
         self.gate = PoseGate(self._counts)
-        self._taken = self._skipped = 0
+        self._taken = self._skipped = self.valid = self.first_ns = self.last_ns = 0
         self._is_resumed = False
         self._reading, self._composer, self._logged = reading, composer, logged
         self._assumed = reading.decoder.assumed
@@ -192,11 +194,17 @@ class PoseLog:
         own, many, stamping = self._own(), min(_FEW, BATCH), self._assigned
         while some := list(islice(own, many)):
             many = BATCH
-            poses = admitted(self.gate, stamping, some, self._counts)
-            if len(poses):
-                yield poses
-        if rest := self.gate.finish():
-            yield Poses.collect(rest)
+            yield from self._noted(admitted(self.gate, stamping, some, self._counts))
+        yield from self._noted(Poses.collect(self.gate.finish()))
+
+    def _noted(self, poses: Poses) -> Iterator[Poses]:
+        if len(poses):
+            self.first_ns, self.last_ns = (
+                self.first_ns if self.valid else int(poses.stamp_ns[0]),
+                int(poses.stamp_ns[-1]),
+            )
+            self.valid += len(poses)
+            yield poses
 
     def _own(self) -> Iterator[Logged]:
         """The poses of the source from where the log goes on; what else is read is counted."""

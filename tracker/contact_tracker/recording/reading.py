@@ -229,10 +229,11 @@ class Reading:
             try:
                 yield from self._part(part, single)
                 readable = True
-            except UnreadableRecording as error:
-                named = type(error)(f"{_shown(part)}: {error}")
-                errors.append(named)
-                self._damage.add(str(named))
+            except (UnreadableRecording, OSError) as error:
+                kind = type(error) if isinstance(error, UnreadableRecording) else UnreadableRecording
+                errors.append(kind(f"{_shown(part)}: {getattr(error, 'strerror', None) or error}"))
+                errors[-1].__cause__ = error
+                self._damage.add(str(errors[-1]))
         if errors and not readable:
             raise errors[0]
 

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import AmbiguousSource
 from contact_tracker.motion.poses import Pose, Poses, ReadAs
@@ -382,45 +382,26 @@ class _Track:
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
         """Interpolated position and rotation at stamps, and whether they are known there."""
-        samples = self._about(int(stamps_ns.min()))
-        if not len(samples):
-            unknown = np.zeros(len(stamps_ns), bool)
-            return np.zeros((len(stamps_ns), 3)), Rotation.identity(len(stamps_ns)), unknown
-        if self._static or len(samples) == 1:
-            known = np.full(len(stamps_ns), True) if self._static else stamps_ns == samples.stamp_ns[0]
-            rotation = Rotation.from_quat(np.repeat(samples.quat_xyzw, len(stamps_ns), axis=0))
-            return np.repeat(samples.position_m, len(stamps_ns), axis=0), rotation, known
-        return self._between(samples, stamps_ns)
-
-    def _about(self, stamp_ns: int) -> Poses:
-        """The samples from the last one before a stamp onwards."""
-        about = deque[Pose]()
+        about = deque[Pose]()  # from the last sample before the first stamp onwards
         for sample in reversed(self._samples):
             about.appendleft(sample)
-            if sample.stamp_ns <= stamp_ns:
+            if sample.stamp_ns <= stamps_ns.min():
                 break
-        return Poses.collect(about)
-
-    def _between(
-        self, samples: Poses, stamps_ns: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
-        known = (stamps_ns >= samples.stamp_ns[0]) & (stamps_ns <= samples.stamp_ns[-1])
-        after = np.clip(np.searchsorted(samples.stamp_ns, stamps_ns, side="left"), 1, len(samples) - 1)
-        is_wide = np.diff(samples.stamp_ns)[after - 1] > GAP_NS
-        is_exact = (stamps_ns == samples.stamp_ns[after]) | (stamps_ns == samples.stamp_ns[after - 1])
-        known &= ~is_wide | is_exact | samples.repeats[after - 1]
-        origin_ns = samples.stamp_ns[0]
-        times = (samples.stamp_ns - origin_ns) * 1e-9
-        wanted = np.clip((stamps_ns - origin_ns) * 1e-9, 0, times[-1])
-        apart = np.append(True, np.diff(times) > 0.0)  # of stamps that seconds do not tell apart the first
-        times, quats, positions = times[apart], samples.quat_xyzw[apart], samples.position_m[apart]
-        wanted = np.minimum(wanted, times[-1])
-        if len(times) == 1:
-            rotation = Rotation.from_quat(np.repeat(quats, len(wanted), axis=0))
-        else:
-            rotation = Slerp(times, Rotation.from_quat(quats))(wanted)
-        columns = [np.interp(wanted, times, column) for column in positions.T]
-        return np.column_stack(columns), rotation, known
+        if not about:
+            unknown = np.zeros(len(stamps_ns), bool)
+            return np.zeros((len(stamps_ns), 3)), Rotation.identity(len(stamps_ns)), unknown
+        times_ns, positions, quats = Poses.collect(about).columns
+        end = times_ns.searchsorted(stamps_ns).clip(max=len(times_ns) - 1)
+        begin = np.where(times_ns[end] > stamps_ns, end - 1, end).clip(min=0)
+        step_ns = times_ns[end] - times_ns[begin]
+        rests = (positions[begin] == positions[end]).all(axis=1) & (quats[begin] == quats[end]).all(axis=1)
+        known = (times_ns[begin] <= stamps_ns) & (stamps_ns <= times_ns[end]) & ((step_ns <= GAP_NS) | rests)
+        share = ((stamps_ns - times_ns[begin]) / np.maximum(step_ns, 1)).clip(0.0, 1.0)[:, None]
+        rotations = Rotation.from_quat(quats)
+        turn = (rotations[begin].inv() * rotations[end]).as_rotvec()
+        rotation = rotations[begin] * Rotation.from_rotvec(share * turn)
+        position = positions[begin] + share * (positions[end] - positions[begin])
+        return position, rotation, known | self._static
 
 
 def _product(first: _Placed, second: _Placed) -> _Placed:

@@ -1,11 +1,15 @@
-"""Entities of the views and their rows for rerun: many at once offline, one at a time live."""
+"""Entities of the views, their rows for rerun (many at once offline, one at a time live), and the layout: 3D
+and events on the left, plots over time on the right."""
 
+import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Final, NamedTuple
+from functools import partial
+from typing import Any, Final, Literal
 from uuid import uuid4
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array, ContactGeometry
@@ -15,7 +19,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.viewer.parts import Part
-from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Mesh, joined
+from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, joined
 
 Stamps = NDArray[np.int64]
 
@@ -68,19 +72,13 @@ _LEGEND: Final = """\
 """
 
 
-class Touching(NamedTuple):
-    """Entities of one touching pair: its ``meshes`` as in a ``Drawing``, and its name."""
-
-    meshes: tuple[str, str, str, str]
-    label: str
-
-
-def touching(number: int = 0) -> Touching:
-    """The entities of the labelled touching pair (0) or of further contact ``number``."""
+def touching(number: int = 0) -> tuple[str, ...]:
+    """The entities of the labelled touching pair (0) or of further contact ``number``: the meshes as in a
+    ``Drawing``, and the label."""
     end = f"_{number + 1}" if number else ""
     pair = f"world/body/element{end}", f"world/surroundings/element{end}"
-    meshes = (pair[0], f"{pair[0]}/uncertainty", pair[1], f"{pair[1]}/uncertainty")
-    return Touching(meshes, f"world/surroundings/label{end}")
+    meshes = (f"{one}{part}" for one in pair for part in ("", "/uncertainty"))
+    return (*meshes, f"world/surroundings/label{end}")
 
 
 def further_lane(number: int) -> str:
@@ -219,16 +217,16 @@ class Canvas:
 
     def drawings(self, stamp_ns: Stamps, drawings: Sequence[Drawing | None], number: int = 0) -> None:
         """Draw touching pair ``number`` from each stamp on; None clears it."""
-        entities = touching(number)
-        if entities.label not in self._labelled:
-            self._labelled.add(entities.label)
+        *entities, label = touching(number)
+        if label not in self._labelled:
+            self._labelled.add(label)
             style = rr.Points3D.from_fields(radii=rr.Radius.ui_points(0.0), show_labels=True)
-            self._static(entities.label, style)
+            self._static(label, style)
         meshes = [NOTHING if d is None else d.meshes for d in drawings]
-        for entity, of_entity in zip(entities.meshes, zip(*meshes, strict=True), strict=True):
-            self._meshes(entity, stamp_ns, of_entity)
+        for entity, of_entity in zip(entities, zip(*meshes, strict=True), strict=True):
+            self._send(entity, stamp_ns, partial(_mesh_columns, of_entity))
         places = [np.zeros((0, 3)) if d is None else d.label_m[None] for d in drawings]
-        self._send(entities.label, stamp_ns, lambda rows: _place_columns(places[rows]))
+        self._send(label, stamp_ns, lambda rows: _place_columns(places[rows]))
 
     def fade(
         self,
@@ -239,17 +237,18 @@ class Canvas:
         number: int = 0,
     ) -> None:
         """Colour, opacity and caption of touching pair ``number`` from each stamp on."""
-        entities = touching(number)
+        *entities, label = touching(number)
         colours = np.array([COLOUR[contact] for contact in contacts], np.uint8)
         of_object = np.broadcast_to(np.array(OBJECT, np.uint8), colours.shape)
         shades = (of_object, of_object, colours, colours)
-        for entity, shade, opacity in zip(entities.meshes, shades, OPACITY, strict=True):
+        for entity, shade, opacity in zip(entities, shades, OPACITY, strict=True):
             alpha = 255.0 * opacity * np.clip(probability, 0.0, 1.0)
-            if entity == entities.meshes[2]:
+            if entity == entities[2]:
                 alpha = alpha * np.where([contact.value.endswith("-f") for contact in contacts], SHEET, 1.0)
-            self._shade(entity, stamp_ns, np.column_stack([shade, np.round(alpha).astype(np.uint8)]))
+            rgba = np.column_stack([shade, np.round(alpha).astype(np.uint8)])
+            self._send(entity, stamp_ns, partial(_shade_columns, rgba))
         self._send(
-            entities.label,
+            label,
             stamp_ns,
             lambda rows: rr.Points3D.columns(labels=captions[rows], colors=colours[rows]),
         )
@@ -262,12 +261,6 @@ class Canvas:
             stamp_ns,
             lambda rows: rr.TextLog.columns(text=texts[rows], level=levels[rows], color=colours[rows]),
         )
-
-    def _meshes(self, entity: str, stamp_ns: Stamps, meshes: Sequence[Mesh]) -> None:
-        self._send(entity, stamp_ns, lambda rows: _mesh_columns(meshes[rows]))
-
-    def _shade(self, entity: str, stamp_ns: Stamps, rgba: NDArray[np.uint8]) -> None:
-        self._send(entity, stamp_ns, lambda rows: rr.Mesh3D.columns(albedo_factor=rgba[rows]))
 
     def _lines(self, entity: str, colours: Mapping[str, Colour]) -> None:
         widths = [1.6] * len(colours)
@@ -309,7 +302,12 @@ def _chunks(count: int) -> Iterator[slice]:
     return (slice(start, min(start + _ROWS, count)) for start in range(0, count, _ROWS))
 
 
-def _mesh_columns(meshes: Sequence[Mesh]) -> Columns:
+def _shade_columns(rgba: NDArray[np.uint8], rows: slice) -> Columns:
+    return rr.Mesh3D.columns(albedo_factor=rgba[rows])
+
+
+def _mesh_columns(all_meshes: Sequence[Mesh], rows: slice) -> Columns:
+    meshes = all_meshes[rows]
     vertices, triangles, normals = (np.concatenate(part) for part in zip(*meshes, strict=True))
     per_vertex, per_triangle = ([len(m[i]) for m in meshes] for i in (0, 1))
     yield from rr.Mesh3D.columns(vertex_positions=vertices, vertex_normals=normals).partition(per_vertex)
@@ -349,3 +347,114 @@ def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
     how = "joins " if joins else "leaves"
     where = describe(further.geometry, further.inseparable) if joins else ""
     return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {where}".rstrip()
+
+
+PanelState = Literal["collapsed", "expanded"]
+BACKGROUND = (25, 28, 33)
+"""Dark in light themes as well, on which the object's white elements are not seen."""
+TRAIL_S = 4.0
+LIVE_S = 10.0
+_RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
+_MOTION = "Slip at the touching point (m/s)"
+_PAPER = "Paper's objectives, windows of 500 poses (normalised)"
+
+
+def offline_layout(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
+    """Layout of a whole recording; with several recordings their list is open."""
+    everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
+    smoothed = _plot(P_SMOOTHED, "Probability, smoothed (all data)", everything, 1.05, legend=True)
+    filtered = _plot(P_FILTERED, "Probability, filtered (data so far)", everything, 1.05)
+    residual = _plot(RESIDUAL, _RESIDUAL, everything, 3.0, legend=True)
+    paper = _plot(PAPER, _PAPER, everything, 1.0, legend=True)
+    motion = _plot(MOTION, _MOTION, everything, None, legend=True)
+    views = _states(everything), smoothed, filtered, rrb.Tabs(residual, motion, paper)
+    over_time = rrb.Vertical(*views, row_shares=[15, 14, 7, 12])
+    panel = rrb.TimePanel(state="collapsed", timeline=TIMELINE)
+    return _blueprint(eye, over_time, panel, "expanded" if is_one_of_several else "collapsed")
+
+
+def live_layout(eye: Eye) -> rrb.Blueprint:
+    """Layout of a live view: the last seconds before the cursor, which follows the data."""
+    recent = rr.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-LIVE_S),
+        end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
+    )
+    over_time = rrb.Vertical(
+        _states(recent),
+        _plot(P_FILTERED, "Probability", recent, 1.05, legend=True),
+        _plot(RESIDUAL, _RESIDUAL, recent, 3.0, legend=True),
+        row_shares=[4, 4, 4],
+    )
+    panel = rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following")
+    return _blueprint(eye, over_time, panel)
+
+
+def _blueprint(
+    eye: Eye, over_time: rrb.Container, panel: rrb.TimePanel, recordings: PanelState = "collapsed"
+) -> rrb.Blueprint:
+    events = rrb.TextLogView(
+        origin=EVENTS,
+        name="Changes of contact",
+        columns=rrb.TextLogColumns(
+            timeline_columns=[_no_column(TIMELINE), _no_column(STAMP)],
+            text_log_columns=["LogLevel", "Body"],
+        ),
+    )
+    legend = rrb.TextDocumentView(origin=LEGEND, name="What is what")
+    left = rrb.Vertical(_space(eye), legend, events, row_shares=[18, 5, 5])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, over_time, column_shares=[11, 9]),
+        rrb.BlueprintPanel(state=recordings),
+        rrb.SelectionPanel(state="collapsed"),
+        panel,
+        auto_views=False,
+    )
+
+
+def _no_column(timeline: str) -> rrb.encodings.TimelineColumn:
+    """No time column: the text has the time, as the viewer's column is too narrow."""
+    return rrb.encodings.TimelineColumn(timeline, visible=False)
+
+
+def _space(eye: Eye) -> rrb.View:
+    trail = rr.VisibleTimeRange(
+        TIMELINE,
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
+        end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
+    )
+    controls = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=eye[0],
+        look_target=(0.0, 0.0, 0.0),
+        eye_up=eye[1],
+        tracking_entity=CENTRE,  # the place of the eye is relative to it
+    )
+    # The world frame need not be level, so the viewer's ground grid would mislead.
+    return rrb.Spatial3DView(
+        origin="world",
+        contents="world/**",
+        name="Object and contact",
+        background=BACKGROUND,
+        line_grid=False,
+        eye_controls=controls,
+        overrides={TRAIL: rrb.VisibleTimeRanges(trail)},
+    )
+
+
+def _states(time_range: rr.TimeRange) -> rrb.View:
+    options: dict[str, Any] = {}
+    if "time_view" in inspect.signature(rrb.StateTimelineView.__init__).parameters:  # not yet in 0.38
+        options["time_view"] = rrb.TimeAxis(view_range=time_range)
+    return rrb.StateTimelineView(origin="state", name="Contact", **options)
+
+
+def _plot(
+    entity: str, name: str, time_range: rr.TimeRange, top: float | None, legend: bool = False
+) -> rrb.View:
+    return rrb.TimeSeriesView(
+        origin=entity,
+        name=name,
+        axis_x=rrb.TimeAxis(view_range=time_range),
+        axis_y=None if top is None else rrb.ScalarAxis(range=(0.0, top)),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
+    )

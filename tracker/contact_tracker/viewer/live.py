@@ -16,7 +16,7 @@ from contact_tracker.outputs.text import Changes, is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.informative_motion import InformativeMotion
-from contact_tracker.viewer import canvas, layout
+from contact_tracker.viewer import canvas
 from contact_tracker.viewer.canvas import Canvas, caption, event, further_caption, further_event
 from contact_tracker.viewer.parts import KnownParts
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Upward, draw
@@ -63,7 +63,7 @@ class LiveViewer:
         self._is_open = False
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
-        (sink or to_viewer())(self._recording, layout.live(self._upward.eye(self._extent.radius_m)))
+        (sink or to_viewer())(self._recording, canvas.live_layout(self._upward.eye(self._extent.radius_m)))
 
     def pose(self, pose: Pose) -> None:
         """Move the body, at up to 100 Hz."""
@@ -126,7 +126,7 @@ class LiveViewer:
     def _draw(self, sheet: Canvas, belief: Belief, tick: Poses) -> None:
         geometry, lasted_ns = belief.geometry, belief.stamp_ns - (self._drawn_ns or belief.stamp_ns)
         if geometry is not None and is_settled(belief) and self._upward.add(geometry, tick, lasted_ns):
-            self._recording.send_blueprint(layout.live(self._upward.eye(self._extent.radius_m)))
+            self._recording.send_blueprint(canvas.live_layout(self._upward.eye(self._extent.radius_m)))
         up = self._upward.direction
         drawing = None if geometry is None else draw(geometry, tick, self._extent, up)
         self._is_open = drawing is not None and drawing.is_open

@@ -16,7 +16,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.tracking.belief import FurtherContact, Segment, SegmentPart
-from contact_tracker.viewer import canvas, layout
+from contact_tracker.viewer import canvas
 from contact_tracker.viewer.canvas import Canvas, Stamps, caption, event, further_caption, further_event
 from contact_tracker.viewer.parts import KnownParts
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Upward, draw, poses_within
@@ -66,7 +66,7 @@ def begin(sink: Sink, name: str, is_one_of_several: bool = False) -> Draw:
     ViewerError : the viewer does not start, or later, does not take the data.
     """
     recording, eye = canvas.new_recording(name), Upward(UNKNOWN_EXTENT).eye(UNKNOWN_EXTENT.radius_m)
-    sink(recording, layout.offline(eye, is_one_of_several))
+    sink(recording, canvas.offline_layout(eye, is_one_of_several))
     return partial(_draw, recording, is_one_of_several)
 
 
@@ -92,7 +92,15 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     sheet.states(canvas.FILTERED, filtered.stamp_ns, filtered.contacts)
     if len(beliefs):
         sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
-        _Segments(sheet, outcome, known, upward).draw(spans)
+
+        def drawn(one: Segment | FurtherContact | None, within: Poses) -> Drawing | None:
+            """The drawing of a contact with its poses, if it has a geometry."""
+            if one is None or one.geometry is None:
+                return None
+            return draw(one.geometry, within, extent, upward.direction)
+
+        _draw_segments(sheet, outcome, [drawn(*both) for both in zip(outcome.segments, spans, strict=True)])
+        _draw_further(sheet, outcome, drawn)
         _draw_trail(sheet, outcome)
         _draw_motion(sheet, outcome)
     if (truth := outcome.truth) is not None:
@@ -102,7 +110,7 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     paper = curves(poses)
     sheet.scalars(canvas.PAPER, paper.stamp_ns, paper.normalised)
     eye = upward.eye(max(extent.radius_m, whole.radius_m))
-    recording.send_blueprint(layout.offline(eye, is_one_of_several))
+    recording.send_blueprint(canvas.offline_layout(eye, is_one_of_several))
     close(recording)
 
 
@@ -125,87 +133,69 @@ def _draw_motion(sheet: Canvas, outcome: Outcome) -> None:
         sheet.scalars(canvas.MOTION, np.append(motion.stamp_ns, gap_ns), np.vstack([speeds, [np.nan] * 2]))
 
 
-class _Segments:
-    """Draws the segments: their elements, names, states and events."""
+def _draw_segments(sheet: Canvas, outcome: Outcome, drawings: Sequence[Drawing | None]) -> None:
+    """Draw the geometry of each segment from its start, its name, state and event."""
+    segments, origin_ns = outcome.segments, outcome.origin_ns
+    starts = np.array([s.start_ns for s in segments], np.int64)
+    sheet.drawings(starts, drawings)
+    _fade(sheet, outcome, starts, [one is not None and one.is_open for one in drawings])
+    contacts = [s.contact for s in segments]
+    texts = [event(s.start_ns - origin_ns, s.probability, s.geometry, s.inseparable) for s in segments]
+    sheet.events(starts, contacts, texts)
+    sheet.inseparable(starts, [s.inseparable for s in segments])
+    sheet.states(canvas.SMOOTHED, starts, contacts)
 
-    def __init__(self, sheet: Canvas, outcome: Outcome, known: KnownParts, upward: Upward) -> None:
-        self._sheet, self._outcome, self._upward = sheet, outcome, upward
-        self._extent = known.object_extent or UNKNOWN_EXTENT
 
-    def draw(self, spans: Sequence[Poses]) -> None:
-        """Draw the geometry of each segment from its start, and its event; ``spans`` are its poses."""
-        segments, origin_ns = self._outcome.segments, self._outcome.origin_ns
-        starts = np.array([s.start_ns for s in segments], np.int64)
-        drawings = [self._drawn(one, within) for one, within in zip(segments, spans, strict=True)]
-        self._sheet.drawings(starts, drawings)
-        self._draw_further()
-        self._fade(starts, [one is not None and one.is_open for one in drawings])
-        contacts = [s.contact for s in segments]
-        texts = [event(s.start_ns - origin_ns, s.probability, s.geometry, s.inseparable) for s in segments]
-        self._sheet.events(starts, contacts, texts)
-        self._sheet.inseparable(starts, [s.inseparable for s in segments])
-        self._sheet.states(canvas.SMOOTHED, starts, contacts)
-
-    def _draw_further(self) -> None:
-        """Draw, label and plot each further contact from its start to its end, and add its events."""
-        segments, origin_ns = self._outcome.segments, self._outcome.origin_ns
-        self._sheet.have_further(max((len(segment.further) for segment in segments), default=0))
-        parts = [(segment, part) for segment in segments for part in segment.parts]
-        starts = np.array([part.start_ns for _, part in parts], np.int64)
-        poses = self._outcome.trajectory.poses
-        spans = [poses_within(poses, part.start_ns, part.end_ns) for _, part in parts]
-        for number in range(1, self._sheet.most_further + 1):
-            held = [_further_of(segment, part, number) for segment, part in parts]
-            drawings = [
-                None if one is None else self._drawn(one, within)
-                for one, within in zip(held, spans, strict=True)
-            ]
-            self._sheet.drawings(starts, drawings, number)
-            named = [one for one in held if one is not None]
-            self._sheet.fade(
-                starts[[one is not None for one in held]],
-                [one.contact for one in named],
-                np.array([one.probability for one in named]),
-                [further_caption(one) for one in named],
-                number,
-            )
-            lane = canvas.further_lane(number)
-            self._sheet.states(lane, starts, [None if one is None else one.contact for one in held])
-        rows = [
-            (stamp_ns, one.contact, further_event(stamp_ns - origin_ns, one, joins))
-            for segment in segments
-            for one in segment.further
-            for stamp_ns, joins in ((one.start_ns, True), (one.end_ns, False))
-            if stamp_ns is not None
-        ]
-        if rows:
-            stamps, contacts, texts = zip(*sorted(rows, key=lambda row: row[0]), strict=True)
-            self._sheet.events(np.array(stamps, np.int64), contacts, texts)
-
-    def _drawn(self, one: Segment | FurtherContact, within: Poses) -> Drawing | None:
-        """``within`` are the poses of the contact."""
-        if one.geometry is None:
-            return None
-        return draw(one.geometry, within, self._extent, self._upward.direction)
-
-    def _fade(self, begins: Stamps, is_open: Sequence[bool]) -> None:
-        """Draw each tick's probability; a segment begins with that of its first tick."""
-        beliefs, segments = self._outcome.beliefs, self._outcome.segments
-        stamps = beliefs.stamp_ns
-        first = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
-        contacts = [*(s.contact for s in segments), *beliefs.contacts]
-        rows = np.concatenate([first, np.arange(len(beliefs))])
-        probability = beliefs.probability[rows, [c.column for c in contacts]]
-        times = np.concatenate([begins, stamps])
-        number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
-        captions = [
-            caption(contact, p, segments[i].inseparable, is_open[i])
-            for contact, p, i in zip(contacts, probability, number, strict=True)
-        ]
-        order = np.argsort(times, kind="stable")
-        self._sheet.fade(
-            times[order], [contacts[i] for i in order], probability[order], [captions[i] for i in order]
+def _draw_further(
+    sheet: Canvas, outcome: Outcome, drawn: Callable[[FurtherContact | None, Poses], Drawing | None]
+) -> None:
+    """Draw, label and plot each further contact from its start to its end, and add its events."""
+    segments, origin_ns = outcome.segments, outcome.origin_ns
+    sheet.have_further(max((len(segment.further) for segment in segments), default=0))
+    parts = [(segment, part) for segment in segments for part in segment.parts]
+    starts = np.array([part.start_ns for _, part in parts], np.int64)
+    spans = [poses_within(outcome.trajectory.poses, part.start_ns, part.end_ns) for _, part in parts]
+    for number in range(1, sheet.most_further + 1):
+        held = [_further_of(segment, part, number) for segment, part in parts]
+        sheet.drawings(starts, [drawn(*both) for both in zip(held, spans, strict=True)], number)
+        named = [one for one in held if one is not None]
+        sheet.fade(
+            starts[[one is not None for one in held]],
+            [one.contact for one in named],
+            np.array([one.probability for one in named]),
+            [further_caption(one) for one in named],
+            number,
         )
+        lane = canvas.further_lane(number)
+        sheet.states(lane, starts, [None if one is None else one.contact for one in held])
+    rows = [
+        (stamp_ns, one.contact, further_event(stamp_ns - origin_ns, one, joins))
+        for segment in segments
+        for one in segment.further
+        for stamp_ns, joins in ((one.start_ns, True), (one.end_ns, False))
+        if stamp_ns is not None
+    ]
+    if rows:
+        stamps, contacts, texts = zip(*sorted(rows, key=lambda row: row[0]), strict=True)
+        sheet.events(np.array(stamps, np.int64), contacts, texts)
+
+
+def _fade(sheet: Canvas, outcome: Outcome, begins: Stamps, is_open: Sequence[bool]) -> None:
+    """Draw each tick's probability; a segment begins with that of its first tick."""
+    beliefs, segments = outcome.beliefs, outcome.segments
+    stamps = beliefs.stamp_ns
+    first = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
+    contacts = [*(s.contact for s in segments), *beliefs.contacts]
+    rows = np.concatenate([first, np.arange(len(beliefs))])
+    probability = beliefs.probability[rows, [c.column for c in contacts]]
+    times = np.concatenate([begins, stamps])
+    number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
+    captions = [
+        caption(contact, p, segments[i].inseparable, is_open[i])
+        for contact, p, i in zip(contacts, probability, number, strict=True)
+    ]
+    order = np.argsort(times, kind="stable")
+    sheet.fade(times[order], [contacts[i] for i in order], probability[order], [captions[i] for i in order])
 
 
 def _further_of(segment: Segment, part: SegmentPart, number: int) -> FurtherContact | None:

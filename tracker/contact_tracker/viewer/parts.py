@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
-from contact_tracker.map.map import EMPTY_MAP, KINDS, Map, NamedElement
+from contact_tracker.map.map import EMPTY_MAP, KINDS, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
@@ -20,7 +20,6 @@ from contact_tracker.viewer.scene import (
     EMPTY,
     UNKNOWN_EXTENT,
     Extent,
-    Hull,
     Mesh,
     across,
     hull,
@@ -81,13 +80,23 @@ class KnownParts:
     ----------
     known_map : bodies and elements that are listed.
     vertices_m : (V, 3) of the object in the body frame, if known otherwise.
+
+    Attributes
+    ----------
+    bodies : the known bodies.
+    object_extent : the size of the object, if it is a known body.
     """
 
     def __init__(self, known_map: Map = EMPTY_MAP, vertices_m: Array | None = None) -> None:
-        self._bodies = list(_bodies(known_map))
-        solid = None if vertices_m is None else hull(vertices_m)
-        if solid is not None and all(side != 0 for side, _, _ in self._bodies):
-            self._bodies.insert(0, (0, SIDES[0], solid))
+        bodies = list(_bodies(known_map))
+        if vertices_m is not None and all(side != 0 for side, _, _ in bodies):
+            bodies.insert(0, (0, SIDES[0], vertices_m))
+        solids = [(side, name, hull(corners_m)) for side, name, corners_m in bodies]
+        known = [(side, name, *solid) for side, name, solid in solids if solid is not None]
+        self.bodies = tuple(
+            Part(side, name, mesh, tuple(edges), extent.centre_m) for side, name, mesh, edges, extent in known
+        )
+        self.object_extent = next((extent for side, *_, extent in known if side == 0), None)
         self._listed: dict[Hashable, tuple[int, str, Element]] = {
             (side, one.name): (side, one.name, one.element)
             for side, known in enumerate((known_map.object, known_map.environment))
@@ -105,16 +114,6 @@ class KnownParts:
         for one in outcome.segments:
             known.add_contact(one.start_ns, one.end_ns, one.geometry)
         return known
-
-    @property
-    def bodies(self) -> tuple[Part, ...]:
-        """The known bodies."""
-        return tuple(_of_body(*body) for body in self._bodies)
-
-    @property
-    def object_extent(self) -> Extent | None:
-        """The size of the object, if it is a known body."""
-        return next((body.extent for side, _, body in self._bodies if side == 0), None)
 
     def extent(self, world: GrowingMap | None) -> Extent:
         """The size of the object by all that is known of it."""
@@ -183,18 +182,15 @@ def known_parts(outcome: Outcome) -> tuple[Part, ...]:
     return KnownParts.of(outcome).parts(outcome.touched)
 
 
-def _bodies(known_map: Map) -> Iterator[tuple[int, str, Hull]]:
-    """Known boxes and meshes: side, name and hull."""
+def _bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
+    """Known boxes and meshes: side, name and corners (V, 3)."""
     for side, known in enumerate((known_map.object, known_map.environment)):
         for number in dict.fromkeys(one.solid for one in known if one.solid is not None):
             corners = [one for one in known if one.solid == number and isinstance(one.element, Point)]
-            solid = hull(np.array([one.element.point_m for one in corners if isinstance(one.element, Point)]))
-            if solid is not None:
-                yield side, _body_name(corners[0]) or SIDES[side], solid
-
-
-def _body_name(corner: NamedElement) -> str:
-    return corner.name.rpartition(KINDS["v"])[0].strip()
+            if corners:
+                name = corners[0].name.rpartition(KINDS["v"])[0].strip() or SIDES[side]
+                places = [one.element.point_m for one in corners if isinstance(one.element, Point)]
+                yield side, name, np.array(places)
 
 
 def _elements_of(world: GrowingMap) -> dict[Hashable, tuple[int, str, Element]]:
@@ -278,11 +274,6 @@ def _crossing(ours: Line, theirs: Line, rotation: Array, position_m: Array) -> A
     along = ours.direction - (ours.direction @ direction) * direction
     square = float(along @ along)
     return ours.point_m + ours.direction * (float(along @ arm) / square if square > 0.0 else 0.0)
-
-
-def _of_body(side: int, name: str, solid: Hull) -> Part:
-    mesh = Mesh(solid.vertices, solid.triangles, np.zeros_like(solid.vertices))
-    return Part(side, name, mesh, tuple(np.asarray(solid.edges, float)), solid.extent.centre_m)
 
 
 def _of_element(side: int, name: str, element: Element, touched: Sequence[Array], extent: Extent) -> Part:

@@ -418,17 +418,9 @@ def _label_position(element: Element, centre: Array, half_m: float, up: Array) -
     return np.asarray(centre + half_m * away)
 
 
-class Hull(NamedTuple):
-    """``vertices`` (V, 3) in metres in the body frame, ``triangles`` (T, 3), ``edges`` (E, 2, 3)."""
-
-    vertices: NDArray[np.float32]
-    triangles: NDArray[np.uint32]
-    edges: NDArray[np.float32]
-    extent: Extent
-
-
-def hull(vertices_m: Array) -> Hull | None:
-    """The convex hull; None if ``vertices_m`` (V, 3) do not span a solid."""
+def hull(vertices_m: Array) -> tuple[Mesh, Array, Extent] | None:
+    """The convex hull in the body frame with its edges (E, 2, 3) in metres, and its size; None if
+    ``vertices_m`` (V, 3) do not span a solid."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -443,18 +435,16 @@ def hull(vertices_m: Array) -> Hull | None:
         for b in row
         if a < b and not np.allclose(found.equations[a], found.equations[b], atol=1e-6)
     ]
-    return Hull(
-        vertices_m.astype(np.float32),
-        found.simplices.astype(np.uint32),
-        np.array(edges, np.float32).reshape(-1, 2, 3),
-        Extent(centre, radius, vertices_m),
-    )
+    places = vertices_m.astype(np.float32)
+    mesh = Mesh(places, found.simplices.astype(np.uint32), np.zeros_like(places))
+    lines = np.array(edges, np.float32).reshape(-1, 2, 3).astype(float)
+    return mesh, lines, Extent(centre, radius, vertices_m)
 
 
 def extent_of(vertices_m: Array | None) -> Extent:
     """The size of an object by its vertices (V, 3), if they are known and span a solid."""
     solid = None if vertices_m is None else hull(vertices_m)
-    return UNKNOWN_EXTENT if solid is None else solid.extent
+    return UNKNOWN_EXTENT if solid is None else solid[2]
 
 
 _BACK: Final = 3.9
@@ -465,11 +455,8 @@ _AHEAD: Final = np.array([0.2, 1.0, 0.1])
 _ALIKE: Final = np.cos(np.radians(10.0))
 
 
-class Eye(NamedTuple):
-    """``position_m`` (3,) relative to the object, which is in the middle of the view; ``up`` (3,)."""
-
-    position_m: Array
-    up: Array
+Eye = tuple[Array, Array]
+"""Its position (3,) in metres relative to the object, which is in the middle of the view, and up (3,)."""
 
 
 class Upward:
@@ -503,4 +490,4 @@ class Upward:
         """The eye for an object of this size."""
         up = self.direction
         ahead = _AHEAD - (_AHEAD @ up) * up
-        return Eye(radius_m * (_ABOVE * up - _BACK * ahead / np.linalg.norm(ahead)), up)
+        return radius_m * (_ABOVE * up - _BACK * ahead / np.linalg.norm(ahead)), up

@@ -8,8 +8,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 from urllib.parse import quote
 
 import rerun as rr
@@ -160,22 +161,15 @@ def close(recording: rr.RecordingStream, timeout_s: float = 60.0) -> None:
         recording.disconnect()
 
 
-class WebViewer(NamedTuple):
-    """A viewer's page at ``url``, for this machine only; ``sink`` sends recordings to it."""
-
-    url: str
-    sink: Sink
-    server: "subprocess.Popen[bytes]"
-
-    def wait_until_interrupted(self) -> None:
-        """Serve until Ctrl-C, or until the server ends."""
-        with suppress(KeyboardInterrupt):
-            self.server.wait()
-
-
 @contextmanager
-def web_viewer(port: int = PORT, web_port: int = WEB_PORT) -> Iterator[WebViewer]:
-    """Serve the page at ``web_port``, and accept recordings at ``port``, until the context ends.
+def web_viewer(port: int = PORT, web_port: int = WEB_PORT) -> Iterator[tuple[str, Sink, Callable[[], None]]]:
+    """Serve a viewer's page to this machine only at ``web_port``, and accept recordings at ``port``, until
+    the context ends.
+
+    Returns
+    -------
+    The page's URL, the sink that sends recordings to it, and a function that waits for Ctrl-C or until the
+    server ends.
 
     Raises
     ------
@@ -187,6 +181,11 @@ def web_viewer(port: int = PORT, web_port: int = WEB_PORT) -> Iterator[WebViewer
     server = start(port, ("--serve-web", "--web-viewer-port", str(web_port)), web_port)
     try:
         url = f"http://{HOST}:{web_port}/?url={quote(address(port), safe='')}"
-        yield WebViewer(url, to_viewer(port), server)
+        yield url, to_viewer(port), partial(_wait, server)
     finally:
         end(server)
+
+
+def _wait(server: "subprocess.Popen[bytes]") -> None:
+    with suppress(KeyboardInterrupt):
+        server.wait()

@@ -1,10 +1,10 @@
 """Calibration on all recordings, cross-validation, and the report of both."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from contact_tracker.errors import NoPoses, NoTruth
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
-from contact_tracker.processes import Runner
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.offline_smoother import segment
@@ -60,6 +59,8 @@ from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number, table
 
 Ints = NDArray[np.int64]
+Run = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
+"""Calls a function with the arguments of each job, as ``processes.run_all``."""
 
 CONFIDENT: Final = 0.95
 """Smoothed probability above which a segment counts as its contact where there is no truth."""
@@ -245,7 +246,7 @@ class Calibration:
         return (mean_log_loss(before), mean_log_loss(after)) if before else None
 
 
-def calibrate(plan: Plan, run: Runner) -> Calibration:
+def calibrate(plan: Plan, run: Run) -> Calibration:
     """Learn from all recordings, and in folds.
 
     Raises
@@ -272,7 +273,7 @@ def calibrate(plan: Plan, run: Runner) -> Calibration:
     return Calibration(plan, tuple(studies), learned, tuple(held_out), left_out)
 
 
-def _hold_out(plan: Plan, studies: Sequence[Study], run: Runner) -> list[HeldOut]:
+def _hold_out(plan: Plan, studies: Sequence[Study], run: Run) -> list[HeldOut]:
     """Every recording once, in order; fold k holds out each ``folds``-th from the k-th on."""
     everything = range(len(studies)) if plan.folds else ()
     models = [
@@ -297,7 +298,7 @@ def mean_log_loss(scores: Sequence[ModelScore]) -> float:
     return sum(tally.log_loss_s for tally in tallies) / seconds if seconds else float("nan")
 
 
-def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Runner) -> LearnedModel:
+def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Run) -> LearnedModel:
     """Learn from the recordings in ``rows``, first in closed forms, in turn, then by search; other parameters
     stay as in the plan's start."""
 

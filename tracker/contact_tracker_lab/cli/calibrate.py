@@ -5,6 +5,7 @@ import os
 import shlex
 import textwrap
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -69,7 +70,7 @@ def _folds(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.config.loading import load_model
-    from contact_tracker.processes import Runner
+    from contact_tracker.processes import run_all
     from contact_tracker_lab.calibration.calibrate import Plan, calibrate, to_text
     from contact_tracker_lab.calibration.parameters import select
 
@@ -90,7 +91,9 @@ def run(args: argparse.Namespace) -> int:
             done += 1
             set_done(done)
 
-        found = calibrate(plan, Runner(args.processes, count, take_over_warnings))
+        found = calibrate(
+            plan, partial(run_all, processes=args.processes, done=count, prepare=take_over_warnings)
+        )
     _write(found, args, check)
     show(to_text(found))
     if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
