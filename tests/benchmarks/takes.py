@@ -29,7 +29,9 @@ SHIFT_M, WORLD_M = 0.02, np.array([0.03, 0.0, 0.04])
 def long_contacts(log: str) -> Iterator[TruthInterval]:
     """True contacts of some seconds, without the parts of a tenth of a second between."""
     merged = list[TruthInterval]()
-    for one in read_truth(log).intervals:
+    truth = read_truth(log)
+    assert truth is not None
+    for one in truth.intervals:
         if merged and one.contact is merged[-1].contact:
             merged[-1] = replace(merged[-1], end_ns=one.end_ns)
         else:
@@ -44,14 +46,14 @@ def changed(take: Trajectory, what: str, at: TruthInterval, normal: NDArray[np.f
     stamp_ns, position_m, quat_xyzw = take.stamp_ns.copy(), take.position_m.copy(), take.quat_xyzw
     inside = (stamp_ns >= at.start_ns) & (stamp_ns <= at.end_ns)
     if what == "missing":
-        return Trajectory(stamp_ns[~inside], position_m[~inside], quat_xyzw[~inside])
+        return Trajectory.from_arrays(stamp_ns[~inside], position_m[~inside], quat_xyzw[~inside])
     if what == "longer":
         stamp_ns += np.clip(stamp_ns - at.start_ns, 0, at.end_ns - at.start_ns)
     elif what == "elsewhere":
         position_m[inside] += SHIFT_M * normal
     else:
         position_m += WORLD_M
-    return Trajectory(stamp_ns, position_m, quat_xyzw)
+    return Trajectory.from_arrays(stamp_ns, position_m, quat_xyzw)
 
 
 def verdict_at(found: Comparison, at: TruthInterval, origin_ns: int) -> tuple[str, int]:
@@ -83,10 +85,11 @@ def main(folder: Path) -> None:
             log = str(folder / f"{task}_{after}.mcap")
             own = list(long_contacts(str(folder / f"{task}_{before}.mcap")))
             other = list(long_contacts(log))
+            pairs = list(zip(own[::-1], other[::-1], strict=False))  # a "?" may cut the first
             faces = (s.geometry.environment for s in first.segments if s.contact is Contact.FF and s.geometry)
             normal = next(one.normal for one in faces if isinstance(one, Plane) and not one.unobserved)
             for kind, count in (("missing", 9), ("longer", 9), ("elsewhere", 9), ("world", 1)):
-                for mine, at in list(zip(own, other, strict=True))[:count]:
+                for mine, at in pairs[:count]:
                     if kind == "elsewhere" and at.contact is not Contact.FF:
                         continue
                     found = compare_outcomes(first, segment(changed(read(log), kind, at, normal)))

@@ -69,9 +69,7 @@ def run(args: argparse.Namespace) -> int:
     return code or second_code or (DIFFERENT if found.differences else DONE)
 
 
-def _segmented(
-    args: argparse.Namespace, log: str, model: "Model", known_map: "Map"
-) -> "tuple[Outcome, int]":
+def _segmented(args: argparse.Namespace, log: str, model: "Model", known_map: "Map") -> "tuple[Outcome, int]":
     from contact_tracker.cli.source import Source
     from contact_tracker.outputs.outcome import segmented
 

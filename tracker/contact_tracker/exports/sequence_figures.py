@@ -13,6 +13,7 @@ from matplotlib.patches import FancyArrowPatch, Polygon
 
 from contact_tracker.exports.figure import DOTS_PER_INCH, fraction
 from contact_tracker.files import accept_any, whole_file
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR
 from contact_tracker.sequences.comparison import ComparedStep, Comparison, Verdict
 from contact_tracker.sequences.graph import ContactGraph
@@ -41,8 +42,8 @@ def draw_comparison(comparison: Comparison) -> Figure:
     for steps, ribbon in zip(takes, _RIBBONS, strict=True):
         for one in steps:
             _draw_segment(axes, one, ribbon, width_s)
-    for one in comparison.steps:
-        _draw_step(axes, one)
+    for step in comparison.steps:
+        _draw_step(axes, step)
     shown = dict.fromkeys(one.verdict for one in comparison.steps)
     for verdict in shown:
         colour, hatch = _BAND[verdict]
@@ -128,6 +129,11 @@ def write_comparison(found: Comparison, path: Path, check: Callable[[], None] = 
         writer = csv.DictWriter(file, found.columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(one.to_json() for one in found.steps)
+
+
+def write_contact_graph(outcome: Outcome, path: Path, check: Callable[[], None] = accept_any) -> None:
+    """Write the figure of the contacts of a recording; raises OSError."""
+    write_drawn(lambda: draw_graph(ContactGraph.of(outcome)), path, check)
 
 
 def write_drawn(draw: Callable[[], Figure], path: Path, check: Callable[[], None] = accept_any) -> None:

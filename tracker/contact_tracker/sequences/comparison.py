@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import takewhile
 from math import degrees, hypot, sqrt
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from contact_tracker.map.same_element import SAME
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.sequences.pair_hmm import align
-from contact_tracker.sequences.places import Distance, distances, place_evidence
+from contact_tracker.sequences.places import UNKNOWN, Distance, distances, place_evidence
 from contact_tracker.sequences.steps import Step, steps_of
 from contact_tracker.states import STATES
 
@@ -27,6 +27,25 @@ TOLERANCE: Final = 0.25
 everyday tasks (docs/assembly.md)."""
 MOST_STEPS: Final = 300
 """Most segments of a recording that are aligned: 300 by 300 take half a minute."""
+
+
+Kind = Literal["number", "text"]
+_SPAN: Final[tuple[tuple[str, str, Kind], ...]] = (
+    ("contact", "", "text"),
+    ("start", "_s", "number"),
+    ("end", "_s", "number"),
+)
+_APART: Final = ("shift_mm", "shift_sd_mm", "turn_deg", "turn_sd_deg")
+COLUMNS: Final[dict[str, Kind]] = {
+    "verdict": "text",
+    "probability": "number",
+    **{f"{name}_{take}{unit}": kind for take in "ab" for name, unit, kind in _SPAN},
+    "longer_s": "number",
+    "longer_sd_s": "number",
+    "moved": "text",
+    **{f"{side}_{name}": "number" for side in ("object", "surroundings") for name in _APART},
+}
+"""Of the rows in CSV, JSON and DataFrames, with their kinds."""
 
 
 class Verdict(StrEnum):
@@ -61,24 +80,22 @@ class ComparedStep:
     verdict: Verdict
     probability: float
     moved: str = ""
-    object: Distance = Distance()
-    surroundings: Distance = Distance()
+    object: Distance = UNKNOWN
+    surroundings: Distance = UNKNOWN
     longer_s: float = np.nan
     longer_sd_s: float = np.nan
 
     def to_json(self) -> dict[str, Any]:
-        """Names and values of the row; None is unknown or not applicable."""
-        cells: dict[str, Any] = {"verdict": self.verdict.value, "probability": self.probability}
-        for name, steps in (("a", self.first), ("b", self.second)):
-            cells[f"contact_{name}"] = _label(steps) if steps else None
-            cells[f"start_{name}_s"] = steps[0].start_s if steps else None
-            cells[f"end_{name}_s"] = steps[-1].end_s if steps else None
-        cells |= {"longer_s": self.longer_s, "longer_sd_s": self.longer_sd_s, "moved": self.moved}
-        for name, apart in (("object", self.object), ("surroundings", self.surroundings)):
-            values = (1e3 * apart.shift_m, 1e3 * apart.shift_sd_m, apart.turn_rad, apart.turn_sd_rad)
-            cells |= {f"{name}_shift_mm": values[0], f"{name}_shift_sd_mm": values[1]}
-            cells |= {f"{name}_turn_deg": degrees(values[2]), f"{name}_turn_sd_deg": degrees(values[3])}
-        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in cells.items()}
+        """Names (those of ``COLUMNS``) and values of the row; None is unknown or not applicable."""
+        values: list[Any] = [self.verdict.value, self.probability]
+        for steps in (self.first, self.second):
+            values += [_label(steps), steps[0].start_s, steps[-1].end_s] if steps else [None] * 3
+        values += [self.longer_s, self.longer_sd_s, self.moved or None]
+        for apart in (self.object, self.surroundings):
+            values += [1e3 * apart.shift_m, 1e3 * apart.shift_sd_m]
+            values += [degrees(apart.turn_rad), degrees(apart.turn_sd_rad)]
+        known = (None if isinstance(one, float) and not np.isfinite(one) else one for one in values)
+        return dict(zip(COLUMNS, known, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +119,7 @@ class Comparison:
     def columns(self) -> dict[str, list[Any]]:
         """Values by name, a row per step."""
         rows = [one.to_json() for one in self.steps]
-        return {name: [row[name] for row in rows] for name in rows[0]}
+        return {name: [row[name] for row in rows] for name in COLUMNS}
 
     def __str__(self) -> str:
         return "\n".join((*(f"warning: {note}" for note in self.notes), *self.lines()))
@@ -136,13 +153,15 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), []
     for i, j in np.argwhere(np.isfinite(evidence[..., 0, 0])):  # each of the four is as probable before
         pairs[i, j, takes[0][i].contact.column] = np.logaddexp.reduce(evidence[i, j].ravel()) - np.log(4.0)
-    found = align(*likelihoods, pairs)
+    found = align(likelihoods[0], likelihoods[1], pairs)
     matched = [_best_pair(step, found.together, evidence) for step in found.steps]
     same = np.array([_p_same(evidence[pair]) for pair in matched if pair is not None]).reshape(-1, 2)
-    is_compared = (same > 0.5).any(axis=0)
+    is_compared = np.asarray((same > 0.5).any(axis=0))
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
         if len(same) and not is_same:
-            notes.append(f"nothing that touched of the {name} is where it was: another {name}, or frames that")
+            notes.append(
+                f"nothing that touched of the {name} is where it was: another {name}, or frames that"
+            )
             notes[-1] += " have moved; its places are not compared"
     steps = []
     for (own, other), pair in zip(found.steps, matched, strict=True):
@@ -152,7 +171,7 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
             steps.append(_alone(*parts, p))
             continue
         p = float(found.together[np.ix_(own, other)].max())
-        moved, apart = "", (Distance(), Distance())
+        moved, apart = "", (UNKNOWN, UNKNOWN)
         if pair is not None and ours is not None and theirs is not None:
             one, another = takes[0][pair[0]], takes[1][pair[1]]
             apart = distances(one, another, ours, theirs, _near_m(another, second))
@@ -272,5 +291,3 @@ def _by(one: ComparedStep) -> str:
         words += [f"{degrees(where.turn_rad):.3g}+/-{degrees(where.turn_sd_rad):.2g} deg"]
         return " ".join(word for word in words if "nan" not in word)
     return "" if np.isnan(one.longer_s) else f"{one.longer_s:+.2f}+/-{one.longer_sd_s:.2g} s"
-
-

@@ -51,7 +51,11 @@ class ContactGraph:
     @classmethod
     def of(cls, outcome: Outcome) -> "ContactGraph":
         """The graph of a recording."""
-        numbers, nodes, edges = dict[tuple[object, ...], int](), list[Node](), dict[tuple[int, int], list[float]]()
+        numbers, nodes, edges = (
+            dict[tuple[object, ...], int](),
+            list[Node](),
+            dict[tuple[int, int], list[float]](),
+        )
         sequence = list[tuple[int, float]]()
         for one in outcome.segments:
             elements = _elements(one, outcome)
@@ -71,7 +75,13 @@ class ContactGraph:
     def graphml(self) -> str:
         """The graph as GraphML."""
         root = ElementTree.Element("graphml", xmlns=_NAMESPACE)
-        kinds = {"label": "string", "contact": "string", "count": "int", "seconds": "double", "times_s": "string"}
+        kinds = {
+            "label": "string",
+            "contact": "string",
+            "count": "int",
+            "seconds": "double",
+            "times_s": "string",
+        }
         owners = {"count": "all", "times_s": "all"}
         for name, kind in kinds.items():
             keys = {"id": name, "for": owners.get(name, "node"), "attr.name": name, "attr.type": kind}

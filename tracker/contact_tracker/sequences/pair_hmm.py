@@ -19,7 +19,7 @@ MATCH, FIRST_GOES_ON, SECOND_GOES_ON, MISSING, NEW = range(5)
 of the first or the second alone."""
 _MOVES: Final = np.array([(1, 1), (1, 0), (0, 1), (1, 0), (0, 1)])
 RATES: Final = (0.02, 0.05, 0.1, 0.2, 0.3)
-"""Of steps that are missing, that are new, and that are cut in two: between one in fifty and nearly one half."""
+"""Of steps that are missing (or new), and that are cut in two."""
 _SAMPLES: Final = 1000
 """Alignments from which probabilities are counted: to one in a hundred."""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import sqrt
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ class Distance(NamedTuple):
     shift_sd_m: float = np.nan
     turn_rad: float = np.nan
     turn_sd_rad: float = np.nan
+
+
+UNKNOWN: Final = Distance()
 
 
 def place_evidence(
@@ -60,7 +63,7 @@ def distances(
     the object's face were the same.
     """
     if one.segment.geometry is None or other.segment.geometry is None:
-        return Distance(), Distance()
+        return UNKNOWN, UNKNOWN
     before, after = one.segment.geometry, other.segment.geometry
     found = (
         _distance(before.object, after.object, near_m[0]),
@@ -95,7 +98,7 @@ def _distance(first: Element, second: Element, near_m: Array) -> Distance:
     """The distance of two elements of one kind, of faces along the normal at ``near_m`` (3,)."""
     first, second = by_foot(first, near_m), by_foot(second, near_m)
     if first.covariance is None or second.covariance is None:
-        return Distance()
+        return UNKNOWN
     x, y, covariance = numbers(first), numbers(second), first.covariance + second.covariance
     match first, second:
         case Point(), Point():
@@ -109,7 +112,7 @@ def _distance(first: Element, second: Element, near_m: Array) -> Distance:
             row = np.append(near_m, -1.0)
             sd = sqrt(max(float(row @ covariance @ row), 0.0))
             return Distance(abs(float(row @ off)), sd, *_length(off[:3], covariance[:3, :3]))
-    return Distance()
+    return UNKNOWN
 
 
 def _length(vector: Array, covariance: Array) -> tuple[float, float]:

@@ -1,9 +1,9 @@
 """A plan: the contacts that are to come, one after another, and a filter that says where in it a stream is.
 
-The filter (docs/theory.md, T49) is a hidden Markov model of the steps. A tick changes the odds of two contacts as much as the
-tracker's belief changes, beyond what the passing of time changes: so evidence counts once. A step is as
-probable as its contacts. Beside the steps there is the state of having left the plan, in which all is as the
-tracker alone believes.
+The filter (docs/theory.md, T49) is a hidden Markov model of the steps. A tick changes the odds of two
+contacts as much as the tracker's belief changes, beyond what the passing of time changes: so evidence counts
+once. Beside the steps there is the state of having left the plan, in which all is as the tracker alone
+believes.
 """
 
 from dataclasses import dataclass
@@ -163,7 +163,7 @@ class PlanFollower:
         self._left = 1.0 / (len(lengths) + 1)
         self._weight[0] = self._entered(0) * (1.0 - self._left)
         self._belief: tuple[int, Array] | None = None
-        self._has_left = False
+        self.has_left, self._told, self._news = False, -1, ""
 
     def update(self, belief: Belief) -> Progress:
         """Take the next belief in."""
@@ -203,14 +203,29 @@ class PlanFollower:
         shares[instead] += rest
         return shares
 
+    @property
+    def news(self) -> str:
+        """What is new since the belief before, in words: a step that is sure, or that the plan was left."""
+        return self._news
+
     def _progress(self) -> Progress:
         shares = np.bincount(self._number, self._weight.sum(axis=0))
         step, p_left = int(np.argmax(shares)), 1.0 - float(self._weight[0].sum())
-        leaves = not self._has_left and p_left >= SURE_PROBABILITY
-        self._has_left = self._has_left or leaves
+        leaves = not self.has_left and p_left >= SURE_PROBABILITY
+        self.has_left = self.has_left or leaves
         rest = range(step + 1, len(shares))
         following = next((k + 1 for k in rest if not self.plan.steps[k].is_optional), None)
+        is_sure = shares[step] >= SURE_PROBABILITY and step != self._told
+        self._news = ""
+        if leaves or is_sure:
+            self._told = step
+            comes = "the last one" if following is None else f"next {self._named(following)}"
+            left = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
+            self._news = f"{left}step {self._named(step + 1)} of {len(shares)}; {comes}"
         return Progress(step + 1, float(shares[step]), p_left, following, leaves)
+
+    def _named(self, number: int) -> str:
+        return f"{number} ({self.plan.steps[number - 1].name})"
 
 
 _LEAST_PROBABILITY: Final = 1e-4

@@ -3,6 +3,7 @@ and what they touched."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import sqrt
 from typing import Final
 
@@ -90,7 +91,7 @@ def _boundary_sd_s(
     """
     tick_s = float(np.median(np.diff(stamps_ns))) * 1e-9 if len(stamps_ns) > 1 else 0.0
     found = [0.0]
-    for before, after in zip(segments, segments[1:], strict=False):
+    for before, after in pairwise(segments):
         middles = [(one.start_ns + one.end_ns) // 2 for one in (before, after)]
         p = probability[slice(*np.searchsorted(stamps_ns, middles).tolist()), before.contact.column]
         spread_s = 0.0 if before.contact is after.contact else float((p * (1.0 - p)).sum()) * tick_s
