@@ -67,7 +67,11 @@ SINGLE_IMPORTER = {
     "matplotlib": ("exports/figure.py", "exports/sequence_figures.py"),
     "pandas": ("exports/columns.py", "api/offline.py"),
     "plotly": "exports/report_html.py",
-    "pyarrow": ("exports/parquet.py", "recording/binary_tables.py"),  # output and input
+    "pyarrow": (
+        "exports/parquet.py",
+        "recording/binary_tables.py",
+        "batch/lerobot.py",
+    ),  # output, input, both
     "shtab": "cli/main.py",
     "ruptures": "benchmark/bic.py",
     "tqdm": ("cli", "benchmark/runner.py"),

@@ -23,6 +23,7 @@ from contact_tracker.states import Contact
 TASKS = ("book", "mug", "wedge")
 TAKES = (20, 21, 22)
 LONG_S = 3.5
+PAUSE_NS = 100_000_000
 SHIFT_M, WORLD_M = 0.02, np.array([0.03, 0.0, 0.04])
 
 
@@ -46,14 +47,15 @@ def changed(take: Trajectory, what: str, at: TruthInterval, normal: NDArray[np.f
     stamp_ns, position_m, quat_xyzw = take.stamp_ns.copy(), take.position_m.copy(), take.quat_xyzw
     inside = (stamp_ns >= at.start_ns) & (stamp_ns <= at.end_ns)
     if what == "missing":
-        return Trajectory.from_arrays(stamp_ns[~inside], position_m[~inside], quat_xyzw[~inside])
-    if what == "longer":
+        stamp_ns[stamp_ns > at.end_ns] -= at.end_ns - at.start_ns - PAUSE_NS
+        stamp_ns, position_m, quat_xyzw = stamp_ns[~inside], position_m[~inside], quat_xyzw[~inside]
+    elif what == "longer":
         stamp_ns += np.clip(stamp_ns - at.start_ns, 0, at.end_ns - at.start_ns)
     elif what == "elsewhere":
         position_m[inside] += SHIFT_M * normal
     else:
         position_m += WORLD_M
-    return Trajectory.from_arrays(stamp_ns, position_m, quat_xyzw)
+    return Trajectory.from_arrays(stamp_ns, position_m, quat_xyzw, time_unit="ns")
 
 
 def verdict_at(found: Comparison, at: TruthInterval, origin_ns: int) -> tuple[str, int]:

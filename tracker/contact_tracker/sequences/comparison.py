@@ -153,7 +153,8 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), []
     for i, j in np.argwhere(np.isfinite(evidence[..., 0, 0])):  # each of the four is as probable before
         pairs[i, j, takes[0][i].contact.column] = np.logaddexp.reduce(evidence[i, j].ravel()) - np.log(4.0)
-    found = align(likelihoods[0], likelihoods[1], pairs)
+    are_open = [np.array([one.is_open for one in steps]) for steps in takes]
+    found = align(likelihoods[0], likelihoods[1], pairs, are_open[0][:, None] == are_open[1])
     matched = [_best_pair(step, found.together, evidence) for step in found.steps]
     same = np.array([_p_same(evidence[pair]) for pair in matched if pair is not None]).reshape(-1, 2)
     is_compared = np.asarray((same > 0.5).any(axis=0))

@@ -6,6 +6,7 @@ the cells (i, j) after i segments of the first and j of the second sequence, alo
 """
 
 from collections.abc import Callable
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,8 +19,8 @@ MATCH, FIRST_GOES_ON, SECOND_GOES_ON, MISSING, NEW = range(5)
 """What a move adds: a segment of each, another one of the first or of the second to the same step, a segment
 of the first or the second alone."""
 _MOVES: Final = np.array([(1, 1), (1, 0), (0, 1), (1, 0), (0, 1)])
-RATES: Final = (0.02, 0.05, 0.1, 0.2, 0.3)
-"""Of steps that are missing (or new), and that are cut in two."""
+RATES: Final = (0.02, 0.1, 0.3)
+"""With which steps are missing (or new), are cut in two, and are open in one sequence only."""
 _SAMPLES: Final = 1000
 """Alignments from which probabilities are counted: to one in a hundred."""
 
@@ -41,7 +42,7 @@ class Alignment(NamedTuple):
     new: Array
 
 
-def align(first: Array, second: Array, pairs: Array) -> Alignment:
+def align(first: Array, second: Array, pairs: Array, are_alike: NDArray[np.bool_]) -> Alignment:
     """Align two sequences.
 
     Parameters
@@ -49,11 +50,16 @@ def align(first: Array, second: Array, pairs: Array) -> Alignment:
     first, second : (n, C) and (m, C) log likelihoods of the contacts of each segment, relative to their mean
         over all contacts.
     pairs : (n, m, C) further log likelihood ratios of two segments that begin the same step.
+    are_alike : (n, m) whether two segments are both open, or both not.
 
-    The rates with which steps are missing or new, and are cut in two, are those of a grid that make the two
-    sequences most probable.
+    The rates are those of a grid that make the two sequences most probable.
     """
-    models = [_Model.of(first, second, pairs, missing, cut) for missing in RATES for cut in RATES]
+    agreement = [np.log(2.0 * np.where(are_alike, 1.0 - rate, rate))[..., None] for rate in RATES]
+    models = [
+        _Model.of(first, second, pairs + one, missing, cut)
+        for one in agreement
+        for missing, cut in product(RATES, RATES)
+    ]
     evidence = [np.logaddexp.reduce(one.forward(np.logaddexp.reduce)[:, -1, -1]) for one in models]
     model = models[int(np.argmax(evidence))]
     (move,) = model.trace(model.forward(np.max))
