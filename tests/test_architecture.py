@@ -35,6 +35,7 @@ LAYERS = (
     ("recording", "saved_state", "processes"),
     ("trajectory",),
     ("outputs",),
+    ("sequences",),
     ("viewer",),
     ("exports",),
     ("batch",),
@@ -63,10 +64,14 @@ SINGLE_IMPORTER = {
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",
     "foxglove": "exports/foxglove_scene.py",
-    "matplotlib": "exports/figure.py",
+    "matplotlib": ("exports/figure.py", "exports/sequence_figures.py"),
     "pandas": ("exports/columns.py", "api/offline.py"),
     "plotly": "exports/report_html.py",
-    "pyarrow": ("exports/parquet.py", "recording/binary_tables.py"),  # output and input
+    "pyarrow": (
+        "exports/parquet.py",
+        "recording/binary_tables.py",
+        "batch/lerobot.py",
+    ),  # output, input, both
     "shtab": "cli/main.py",
     "ruptures": "benchmark/bic.py",
     "tqdm": ("cli", "benchmark/runner.py"),

@@ -8,7 +8,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from contact_tracker.api import Map, Result, Tracker, segment
+    from contact_tracker.api import Comparison, Map, Plan, PlanFollower, Result, Tracker, compare, segment
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
@@ -20,16 +20,20 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Belief",
+    "Comparison",
     "Contact",
     "ContactTrackerError",
     "ContactTrackerWarning",
     "Map",
+    "Plan",
+    "PlanFollower",
     "Result",
     "Segment",
     "Tracker",
     "Trajectory",
     "Wrenches",
     "__version__",
+    "compare",
     "evaluate",
     "read",
     "segment",
@@ -37,15 +41,19 @@ __all__ = [
 
 _HOMES = {
     "Belief": "contact_tracker.tracking.belief",
+    "Comparison": "contact_tracker.api",
     "Contact": "contact_tracker.states",
     "ContactTrackerError": "contact_tracker.errors",
     "ContactTrackerWarning": "contact_tracker.errors",
     "Map": "contact_tracker.api",
+    "Plan": "contact_tracker.api",
+    "PlanFollower": "contact_tracker.api",
     "Result": "contact_tracker.api",
     "Segment": "contact_tracker.tracking.belief",
     "Tracker": "contact_tracker.api",
     "Trajectory": "contact_tracker.trajectory",
     "Wrenches": "contact_tracker.wrenches.wrenches",
+    "compare": "contact_tracker.api",
     "evaluate": "contact_tracker_lab.evaluation.report",
     "read": "contact_tracker.trajectory",
     "segment": "contact_tracker.api",

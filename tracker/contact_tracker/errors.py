@@ -37,6 +37,8 @@ DONE: Final = 0
 INPUT: Final = 1
 USAGE: Final = 2
 DAMAGED: Final = 3
+DIFFERENT: Final = 4
+"""Two takes differ, or a stream has left its plan."""
 UNEXPECTED: Final = 70
 """Of a recording in a batch: a fault of this package."""
 INTERRUPTED: Final = 130

@@ -28,6 +28,8 @@ from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.outputs.text import table
 from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_wrenches
 from contact_tracker.recording.wrenches import RecordedEvidence, evidence_of
+from contact_tracker.sequences.graph import ContactGraph
+from contact_tracker.sequences.plan import Plan
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.trajectory import Trajectory, read
 from contact_tracker.trajectory.arguments import (
@@ -97,6 +99,22 @@ class Result(Outcome):
         T_world_body[:3, 3] = self.trajectory.position_m[row]
         found = (task_frame(contact, where, T_world_body) for contact, where in contacts if where is not None)
         return [frame for frame in found if frame is not None]
+
+    @property
+    def graph(self) -> ContactGraph:
+        """The graph of contacts: those that occur, with their elements, and the transitions between them."""
+        return ContactGraph.of(self)
+
+    @property
+    def plan(self) -> Plan:
+        """The recording as a plan, for ``PlanFollower`` and ``live --expect``."""
+        return Plan.of(self)
+
+    def plot_graph(self) -> "Figure":
+        """A figure of matplotlib with the graph of contacts."""
+        from contact_tracker.exports.sequence_figures import draw_graph
+
+        return draw_graph(self.graph)
 
     def to_pandas(self, rows: Rows = "ticks") -> "pandas.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.

@@ -21,7 +21,8 @@ DESCRIPTION: Final = f"""\
 Segment many recordings into a dataset: a Parquet file of segments for each of them, and
 DATASET/summary.parquet with a row for each. Run again, it processes only new recordings, those
 whose content has changed, and all with another model. A recording that cannot be used is a row with
-the error, and the others go on; the exit code is {DAMAGED} then. If a LOG does not exist or is a
+the error, and the others go on; the exit code is {DAMAGED} then. Of a LeRobot data set, a folder,
+DATASET is a copy with the contacts of its frames (docs/batch.md). If a LOG does not exist or is a
 folder without recordings, no recording is processed, and the exit code is {INPUT}."""
 EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
 _MOST_SHOWN: Final = 10
@@ -63,6 +64,8 @@ def run(args: argparse.Namespace) -> int:
             f"cannot write {args.output}: a dataset is a folder of this machine or a shared disk"
         )
     require_library(Path("summary.parquet"))
+    if any(os.path.isfile(os.path.join(log, "meta", "info.json")) for log in args.logs):
+        return _annotate(args)
 
     from contact_tracker.batch.dataset import OWN_FILES, Batch, open_dataset
     from contact_tracker.batch.finding import find
@@ -107,6 +110,24 @@ def run(args: argparse.Namespace) -> int:
     if batch.warned:
         say(f"warnings: {batch.warned} of the new ones have some: see the column warnings of the summary")
     return DAMAGED if batch.bad or batch.damaged else DONE
+
+
+def _annotate(args: argparse.Namespace) -> int:
+    """Write a copy of a LeRobot data set with the contacts of its frames."""
+    from contact_tracker.batch.lerobot import LeRobot
+    from contact_tracker.processes import Workers
+
+    unused = {"--wrench": args.wrench, "--topic": args.topic, "--frame": args.frame, "--ticks": args.ticks}
+    unused |= {"--relative-to": args.relative_to, "--scheduler": args.scheduler, "--rehash": args.rehash}
+    given = next((name for name, value in unused.items() if value), None)
+    if len(args.logs) > 1 or given is not None:
+        raise UsageError(f"a LeRobot data set is taken alone, without {given or 'others beside it'}")
+    data = LeRobot.open(args.logs[0])
+    model, known_map = arguments.load_model(args), arguments.load_map(args)
+    with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
+        bad = data.annotate(args.output, model, known_map, args.table, warn, executor)
+    say(f"wrote {args.output}: {len(list(data.episodes()))} episodes, of which {bad} cannot be used")
+    return DAMAGED if bad else DONE
 
 
 def _names(logs: list[str]) -> list[str]:

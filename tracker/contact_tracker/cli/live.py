@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import StatusLine, say
-from contact_tracker.errors import DONE, INTERRUPTED, UsageError
+from contact_tracker.errors import DIFFERENT, DONE, INTERRUPTED, UsageError
 from contact_tracker.exports.formats import TICKS, check_output, require_library
 from contact_tracker.files import near_file
 from contact_tracker.interrupts import SIGNALS, deferred
@@ -16,6 +16,7 @@ from contact_tracker.interrupts import SIGNALS, deferred
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.map.map import Map
+    from contact_tracker.sequences.plan import Plan
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.tracking.informative_motion import InformativeMotion
     from contact_tracker.viewer.live import LiveViewer
@@ -51,6 +52,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="say which small motion would decide while the contact is open: a line a second, or "
         '"suggestions" in --json',
+    )
+    parser.add_argument(
+        "--expect",
+        metavar="PLAN.toml",
+        help="say when the contacts leave this plan, once, and which step comes next: lines with plan:, or "
+        f'"plan" in --json; the exit code is {DIFFERENT} if it was left',
     )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument(
@@ -111,7 +118,14 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         raise UsageError("--suggest is of now: leave --lag out")
     if args.state is not None and (args.start or args.duration is not None):
         raise UsageError("--state carries on with all that comes: without --start and --duration")
-    read = arguments.files_read([args.log], args.model, args.known)
+    if args.state is not None and args.expect is not None:
+        raise UsageError("--expect follows a plan from its first step: without --state")
+    plan = None
+    if args.expect is not None:
+        from contact_tracker.sequences.plan import Plan
+
+        plan = Plan.read(args.expect)
+    read = [*arguments.files_read([args.log], args.model, args.known), *filter(None, [args.expect])]
     check_output(args.state, True, read)
     check = check_output(args.output, args.overwrite, read, written=[args.state])
     arguments.check_map_out(args, known_map)
@@ -126,7 +140,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         StatusLine() as status,
         _ticks(args.output, source, check) as write,
     ):
-        printer = _Printer(args.json, source, status, args.suggest)
+        printer = _Printer(args.json, source, status, args.suggest, plan)
         saved = None
         if args.state is not None:
             saved = SavedStream(args.state, tracker, source, printer.changes, follow)
@@ -180,6 +194,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     code = source.finish(tracker.report)
     if args.map_out is not None:
         arguments.write_map(args.map_out, None if tracker.best is None else tracker.best.map)
+    if code == DONE and printer.has_left:
+        code = DIFFERENT
     return code if ended == DONE else ended
 
 
@@ -210,15 +226,24 @@ def _ticks(
 class _Printer:
     """Prints each belief as JSON, or a line where the contact changes or becomes settled."""
 
-    def __init__(self, as_json: bool, source: "Source", status: StatusLine, suggests: bool) -> None:
+    def __init__(
+        self, as_json: bool, source: "Source", status: StatusLine, suggests: bool, plan: "Plan | None"
+    ) -> None:
         from contact_tracker.outputs.text import Changes
+        from contact_tracker.sequences.plan import PlanFollower
 
+        self._follower = None if plan is None else PlanFollower(plan)
         self.changes = Changes()
         self._as_json = as_json
         self._source = source
         self._status = status
         self._suggests = suggests
         self._suggested_ns: int | None = None
+
+    @property
+    def has_left(self) -> bool:
+        """Whether the plan has been left, if there is one."""
+        return self._follower is not None and self._follower.has_left
 
     def show(self, belief: "Belief", found: "tuple[InformativeMotion, ...]") -> None:
         from contact_tracker.exports.formats import json_line
@@ -232,8 +257,13 @@ class _Printer:
 
         is_first = self.changes.label is None
         is_news, joins, leaves = self.changes.update(belief)
+        progress = None if self._follower is None else self._follower.update(belief)
         if self._as_json:
-            more = {"suggestions": [one.to_json() for one in found]} if self._suggests else {}
+            more: dict[str, object] = {}
+            if self._suggests:
+                more["suggestions"] = [one.to_json() for one in found]
+            if progress is not None:
+                more["plan"] = progress.to_json()
             self._status.print(json_line(belief, more))
         elif is_news:
             if is_first:
@@ -244,6 +274,8 @@ class _Printer:
                 self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))
             for one in joins:
                 self._status.print(join_line(one, belief.stamp_ns, self._source.origin_ns))
+            if self._follower is not None and progress is not None and (text := self._follower.news):
+                self._status.print(f"{(belief.stamp_ns - self._source.origin_ns) * 1e-9:8.2f}  plan: {text}")
             if found and (self._suggested_ns is None or belief.stamp_ns >= self._suggested_ns + 10**9):
                 self._suggested_ns = belief.stamp_ns
                 time_s = (belief.stamp_ns - self._source.origin_ns) * 1e-9

@@ -14,10 +14,11 @@ from importlib import import_module
 from typing import Any, Final, NoReturn
 
 from contact_tracker import __version__, viewer
-from contact_tracker.cli import batch, info, live, segment, view
+from contact_tracker.cli import batch, compare, info, live, segment, view
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import (
     DAMAGED,
+    DIFFERENT,
     DONE,
     INPUT,
     INTERRUPTED,
@@ -31,7 +32,7 @@ from contact_tracker.suggestions import suggestion
 
 _ENDING: Final = ("SIGTERM", "SIGHUP")
 _SIGNALLED: Final = "".join(f", {code} by {name}" for name in _ENDING if (code := exit_code_of(name)))
-COMMANDS: Final = (live, segment, batch, view, info)
+COMMANDS: Final = (live, segment, compare, batch, view, info)
 LAB_COMMANDS: Final = ("simulate", "evaluate", "calibrate")
 """Modules of ``contact_tracker_lab.cli``, which imports this package and is found by name only."""
 SHELLS: Final = ("bash", "zsh", "tcsh")
@@ -48,7 +49,8 @@ example:
   contact-tracker live recordings/paper_experiment.mcap
 
 exit codes: {DONE} done, {INPUT} the input cannot be used, {USAGE} wrong usage,
-  {DAMAGED} done with a truncated or damaged input, {INTERRUPTED} ended by Ctrl-C{_SIGNALLED}"""
+  {DAMAGED} done with a truncated or damaged input, {DIFFERENT} done: takes differ, or a plan was left,
+  {INTERRUPTED} ended by Ctrl-C{_SIGNALLED}"""
 
 
 class Parser(argparse.ArgumentParser):

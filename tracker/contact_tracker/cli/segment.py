@@ -37,7 +37,8 @@ Cut a recording into segments of one contact each, with all the data at hand: th
 sequence, smoothed probabilities and the geometry of each segment. FILE.csv, FILE.srt (subtitles) and
 FILE.tex (LaTeX) get an entry per segment, FILE.jsonl and FILE.parquet one per tick, unless --rows says
 otherwise; FILE.mcap is the recording with what Foxglove draws beside it, FILE.html a report, and
-FILE.png, .pdf and .svg a figure; without -o a table goes to stdout."""
+FILE.png, .pdf and .svg a figure, FILE.graphml the graph of contacts, FILE.toml a plan for
+live --expect; without -o a table goes to stdout."""
 EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o out.csv"
 
 
@@ -126,6 +127,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=ROWS,
         help=f"what {able} have an entry per (default: .csv segments, the others ticks)",
     )
+    parser.add_argument(
+        "--graph",
+        action="store_true",
+        help="draw the contacts and the transitions between them in FILE.png, .pdf or .svg instead",
+    )
     arguments.add_labels(parser, "your own labels of LOG, shown in a figure above those that are found")
     arguments.add_map_out(parser)
     several = "processes that fit segments in parallel; helps with recordings of many minutes (default: 1)"
@@ -144,6 +150,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             "--labels FILE is of use with one LOG and -o FILE.png, .pdf or .svg; evaluate compares"
         )
+    if args.graph and (args.labels is not None or not is_figure):
+        raise UsageError("--graph is of use with -o FILE.png, .pdf or .svg, without --labels")
     if args.labels is not None and jobs[0].log == "-":
         raise UsageError("--labels reads the recording twice, which standard input does not allow")
     if args.map_out is not None and len(jobs) > 1:
@@ -208,7 +216,12 @@ def _segment(
         if args.output is not None and args.rows is None:
             trajectory = source.trajectory()
             outcome = segmented(trajectory, model, known_map, wrenches, executor, set_done, notes)
-            write_outcome(replace(outcome, labels=labels), args.output, check=check)
+            if args.graph:
+                from contact_tracker.exports.sequence_figures import write_contact_graph
+
+                write_contact_graph(outcome, args.output, check)
+            else:
+                write_outcome(replace(outcome, labels=labels), args.output, check=check)
             source.outliers = outcome.segmentation.outliers
             report, touched = outcome.report, outcome.touched
         else:  # incrementally, to save memory

@@ -27,7 +27,7 @@ _NAME_SIZE: Final = 9.0
 _ROW: Final = 3.2
 _MAP: Final = 4.2
 """Heights (inches) of a plot over time, and of what is known."""
-_DOTS_PER_INCH: Final = 200
+DOTS_PER_INCH: Final = 200
 _ROOM: Final = 1.2
 """Width of a span with a name, by that of the name."""
 _SPANS: Final = 4
@@ -73,7 +73,7 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
         axes.broken_barh(
             [(start_s, duration_s)],
             (low, high - low),
-            facecolor=_fraction(COLOUR[segment.contact]),
+            facecolor=fraction(COLOUR[segment.contact]),
             edgecolor="white",
             alpha=0.25 + 0.75 * segment.probability,
             hatch="///" if segment.inseparable else None,
@@ -81,7 +81,7 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
         )
         _name(axes, start_s, duration_s, _RIBBON, segment.contact)
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
-        axes.plot(seconds, share, color=_fraction(COLOUR[state]), label=state.value)
+        axes.plot(seconds, share, color=fraction(COLOUR[state]), label=state.value)
     axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, high + 0.02))
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
     if truth is not None and len(seconds):
@@ -108,7 +108,7 @@ def _draw_truth(axes: Axes, truth: Truth, origin_ns: int) -> None:
         axes.broken_barh(
             [(start_s, duration_s)],
             (low, high - low),
-            facecolor="white" if one.contact is None else _fraction(COLOUR[one.contact]),
+            facecolor="white" if one.contact is None else fraction(COLOUR[one.contact]),
             edgecolor="grey",
             linewidth=0.5,
         )
@@ -166,7 +166,7 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     """Write the figure in the format of a suffix."""
     figure = draw_figure(outcome)
-    figure.savefig(path, format=suffix.removeprefix("."), dpi=_DOTS_PER_INCH)
+    figure.savefig(path, format=suffix.removeprefix("."), dpi=DOTS_PER_INCH)
     pyplot.close(figure)
 
 
@@ -174,10 +174,10 @@ def _draw_curves(axes: Axes, curves: WindowCurves, origin_ns: int) -> None:
     """Draw the curves like the paper's Fig. 5, each value at the end of its window."""
     seconds = (curves.stamp_ns - origin_ns) * 1e-9
     for contact, curve in zip(CONTACTS, curves.normalised.T, strict=True):
-        axes.plot(seconds, curve, color=_fraction(COLOUR[contact]), label=contact.value)
+        axes.plot(seconds, curve, color=fraction(COLOUR[contact]), label=contact.value)
     axes.set(ylabel="objective / its maximum", ylim=(0.0, 1.02))
 
 
-def _fraction(colour: Colour) -> tuple[float, float, float]:
+def fraction(colour: Colour) -> tuple[float, float, float]:
     red, green, blue = colour
     return red / 255.0, green / 255.0, blue / 255.0

@@ -53,6 +53,8 @@ FORMATS: Final = {
     **dict.fromkeys(FIGURES, Format((), "figure", "write_figure")),
     ".srt": Format(("segments",)),
     ".tex": Format(("segments",)),
+    ".toml": Format((), "sequence_files", "write_plan"),
+    ".graphml": Format((), "sequence_files", "write_graph"),
 }
 SUFFIXES: Final = tuple(FORMATS)
 TICKS: Final = tuple(suffix for suffix, one in FORMATS.items() if "ticks" in one.rows)

@@ -1,0 +1,293 @@
+"""LeRobot data sets (v2.1 and v3): their episodes as poses, and a copy with the contacts of each frame.
+
+A data set is a folder with ``meta/info.json`` and Parquet files in ``data/``, whose rows are frames with an
+``episode_index`` and a ``timestamp`` (s). What is written back is what LeRobot calls subtasks
+(https://huggingface.co/docs/lerobot/dataset_subtask), and probabilities.
+"""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import pyarrow
+from numpy.typing import NDArray
+from pyarrow import compute
+from pyarrow.parquet import ParquetFile, write_table
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.errors import ContactTrackerError, UnreadableRecording, UsageError
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.outputs.outcome import Outcome, segmented
+from contact_tracker.states import STATES
+from contact_tracker.trajectory import Trajectory
+
+INFO: Final = os.path.join("meta", "info.json")
+VERSIONS: Final = ("v2.0", "v2.1", "v3.0")
+SUBTASK, PROBABILITY = "subtask_index", "contact_probability"
+NAMES: Final = (*(state.value for state in STATES), "open", "unknown")
+"""Of the subtasks: a contact, ``open`` where the motion leaves it open, ``unknown`` in an episode that cannot
+be used."""
+_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
+
+
+class _Labels(NamedTuple):
+    """What is written of the frames of an episode: numbers of ``NAMES`` (N,), and probabilities (N, 7); or
+    the ``error`` why they are not known."""
+
+    episode: int
+    subtask: NDArray[np.int64]
+    probability: NDArray[np.float32]
+    error: str | None
+
+
+@dataclass(frozen=True)
+class LeRobot:
+    """A LeRobot data set on this machine.
+
+    ``folder`` is its name, ``info`` the content of ``meta/info.json``, ``files`` the Parquet files of frames,
+    relative to the folder.
+    """
+
+    folder: Path
+    info: Mapping[str, Any]
+    files: tuple[str, ...]
+
+    @classmethod
+    def open(cls, folder: str | os.PathLike[str]) -> "LeRobot":
+        """Open a data set; raises UnreadableRecording."""
+        path = Path(folder)
+        try:
+            info = json.loads((path / INFO).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise UnreadableRecording(f"{path / INFO} cannot be read: {error}") from error
+        version = info.get("codebase_version") if isinstance(info, dict) else None
+        if version not in VERSIONS or not isinstance(info.get("features"), dict):
+            raise UnreadableRecording(
+                f"{path}: LeRobot data sets of {', '.join(VERSIONS)} are read, not of {version}; LeRobot "
+                "converts older ones"
+            )
+        files = sorted(one.relative_to(path).as_posix() for one in (path / "data").glob("*/*.parquet"))
+        if not files:
+            raise UnreadableRecording(f"{path}: there are no frames, data/*/*.parquet")
+        return cls(path, info, tuple(files))
+
+    def episodes(self) -> Iterator[tuple[int, str]]:
+        """The number of each episode, and the file with its frames."""
+        for file in self.files:
+            for number in _read(self.folder / file, ["episode_index"])["episode_index"].unique().to_pylist():
+                yield int(number), file
+
+    def trajectory(self, episode: int, reading: TableReading = AS_NAMED) -> Trajectory:
+        """The poses of an episode.
+
+        Parameters
+        ----------
+        reading : which entries of the features are the pose, and how angles are meant. By default they are
+            found by the names that ``info.json`` has for the entries of observations.
+
+        Raises
+        ------
+        UsageError
+            There is no such episode, or it is not known which entries are the pose.
+        InputError
+            A file cannot be read, or has no usable pose.
+        """
+        for number, file in self.episodes():
+            if number == episode:
+                return self._trajectory(number, file, reading)
+        raise UsageError(f"{self.folder}: there is no episode {episode}")
+
+    def _trajectory(self, episode: int, file: str, reading: TableReading) -> Trajectory:
+        """The poses of an episode in a file."""
+        columns = list(dict.fromkeys(["episode_index", "timestamp", *self._observations()]))
+        frames = _read(self.folder / file, columns)
+        frames = frames.filter(compute.equal(frames["episode_index"], episode))
+        is_by_number = any("[" in name for _, name in reading.columns)
+        table: dict[str, Any] = {"timestamp": frames["timestamp"].to_numpy().astype(float)}
+        for feature in self._observations():
+            values = np.array(frames[feature].to_pylist(), float)
+            names = _entries(feature, self.info["features"][feature], values.shape[-1], is_by_number)
+            table |= dict(zip(names, values.reshape(len(frames), -1).T, strict=True))
+        unit = replace(reading, time_unit=reading.time_unit or "s")
+        try:
+            found = Trajectory.from_dataframe(
+                table,
+                unit=unit.unit,
+                time_unit=unit.time_unit,
+                euler=unit.euler,
+                rotation_vector=unit.rotation_vector,
+                matrix=unit.matrix,
+                columns=dict(unit.columns) or None,
+            )
+        except UsageError as error:
+            entries = ", ".join(table)
+            raise UsageError(
+                f"{self.folder}: which entries are the pose is not known ({error}); say it as in --columns "
+                f"position=observation.state[0:3],quaternion=observation.state[3:7]; there are {entries}"
+            ) from error
+        return replace(found, name=f"{self.folder.name} episode {episode}")
+
+    def _observations(self) -> list[str]:
+        """Features that are lists of numbers, without actions."""
+        return [
+            name
+            for name, one in self.info["features"].items()
+            if name.startswith("observation.")
+            and str(one.get("dtype")).startswith("float")
+            and len(one.get("shape", ())) == 1
+        ]
+
+    def annotate(
+        self,
+        out: str | os.PathLike[str],
+        model: Model,
+        known_map: Map = EMPTY_MAP,
+        reading: TableReading = AS_NAMED,
+        report: Callable[[str], None] = lambda _: None,
+        executor: Executor | None = None,
+    ) -> int:
+        """Write a copy of the data set into the new folder ``out`` with the contacts of each frame.
+
+        Of the copy, ``data`` has the columns ``subtask_index`` and ``contact_probability`` (7, in the order
+        of ``STATES``), ``meta/info.json`` these features, and ``meta/subtasks.parquet`` (v2: ``.jsonl``) the
+        names of the subtasks. An episode that cannot be used is reported, and ``unknown``. There is no folder
+        after a failure.
+
+        Returns
+        -------
+        The number of episodes that cannot be used.
+
+        Raises
+        ------
+        UsageError
+            The folder is there already, or inside of the data set.
+        OSError
+            It cannot be written.
+        """
+        target = Path(os.path.abspath(out))
+        if target.exists() or Path(os.path.abspath(self.folder)) in target.parents:
+            raise UsageError(f"cannot write {out}: a copy of a data set is a new folder beside it")
+        bad = 0
+        jobs = [(self, number, file, reading, model, known_map) for number, file in self.episodes()]
+        found = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
+        with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
+            copy = Path(folder) / target.name
+            shutil.copytree(self.folder, copy, ignore=self._frames_among)
+            labels = dict[str, list[_Labels]]()
+            for (_, number, file, *_), one in zip(jobs, found, strict=True):
+                bad += one.error is not None
+                if one.error is not None:
+                    report(f"{self.folder}: episode {number}: {one.error}")
+                labels.setdefault(file, []).append(one)
+            for file, of_file in labels.items():
+                _write_frames(self.folder / file, copy / file, of_file)
+            self._write_meta(copy)
+            copy.rename(target)
+        return bad
+
+    def _frames_among(self, where: str, names: list[str]) -> list[str]:
+        """Of the names in a folder, the files of frames."""
+        return [one for one in names if Path(where, one).relative_to(self.folder).as_posix() in self.files]
+
+    def _write_meta(self, copy: Path) -> None:
+        features = dict(self.info["features"])
+        features[SUBTASK] = {"dtype": "int64", "shape": [1], "names": None}
+        features[PROBABILITY] = {"dtype": "float32", "shape": [len(STATES)], "names": list(STATES)}
+        text = json.dumps({**self.info, "features": features}, indent=4)
+        (copy / INFO).write_text(text + "\n", encoding="utf-8")
+        numbers = range(len(NAMES))
+        if str(self.info["codebase_version"]).startswith("v2"):
+            rows = (json.dumps({SUBTASK: k, "subtask": NAMES[k]}) for k in numbers)
+            (copy / "meta" / "subtasks.jsonl").write_text("\n".join(rows) + "\n", encoding="utf-8")
+            return
+        kinds = {SUBTASK: ("int64", "int64"), "subtask": ("unicode", "object")}
+        described = [
+            {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": type, "metadata": None}
+            for name, (kind, type) in kinds.items()
+        ]
+        index = {"index_columns": ["subtask"], "column_indexes": [], "columns": described}
+        table = pyarrow.table({SUBTASK: pyarrow.array(numbers, pyarrow.int64()), "subtask": NAMES})
+        table = table.replace_schema_metadata({"pandas": json.dumps(index)})  # LeRobot looks names up in it
+        write_table(table, copy / "meta" / "subtasks.parquet")
+
+
+def _read(path: Path, columns: list[str]) -> Any:
+    """Columns of a Parquet file; raises UnreadableRecording."""
+    try:
+        with ParquetFile(path) as file:
+            missing = [name for name in columns if name not in file.schema_arrow.names]
+            if missing:
+                raise UnreadableRecording(f"{path}: there is no column {missing[0]}")
+            return file.read(columns)
+    except _ERRORS as error:
+        raise UnreadableRecording(f"{path} cannot be read: {error}") from error
+
+
+def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_number: bool) -> list[str]:
+    """Names of the entries of a feature: those of ``info.json``, a list or under ``motors`` or with their
+    numbers, if there are as many; else by number."""
+    names = description.get("names")
+    if isinstance(names, dict):
+        lists = [one for one in names.values() if isinstance(one, list)]
+        names = lists[0] if lists else list(names)
+    if is_by_number or not isinstance(names, list) or len(names) != count:
+        return [f"{feature}[{i}]" for i in range(count)]
+    doubled = {name for name in names if names.count(name) > 1}
+    return [f"{feature}.{name}{i if name in doubled else ''}" for i, name in enumerate(names)]
+
+
+def _labels_of(job: tuple[LeRobot, int, str, TableReading, Model, Map]) -> _Labels:
+    """The contacts of the frames of an episode."""
+    data, episode, file, reading, model, known_map = job
+    frames = _read(data.folder / file, ["episode_index", "timestamp"])
+    frames = frames.filter(compute.equal(frames["episode_index"], episode))
+    stamp_ns = np.rint(frames["timestamp"].to_numpy().astype(float) * 1e9).astype(np.int64)
+    unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
+    uniform = np.full((len(stamp_ns), len(STATES)), 1.0 / len(STATES), np.float32)
+    try:
+        outcome = segmented(data._trajectory(episode, file, reading), model, known_map)
+    except ContactTrackerError as error:
+        return _Labels(episode, unknown, uniform, str(error))
+    return _Labels(episode, *_labels_at(outcome, stamp_ns), None)
+
+
+def _labels_at(
+    outcome: Outcome, stamp_ns: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Numbers of ``NAMES``, and probabilities, at some stamps."""
+    starts = np.array([one.start_ns for one in outcome.segments])
+    names = np.array([NAMES.index("open" if one.inseparable else one.contact) for one in outcome.segments])
+    number = np.maximum(np.searchsorted(starts, stamp_ns, side="right") - 1, 0)
+    tick = np.minimum(np.searchsorted(outcome.beliefs.stamp_ns, stamp_ns), len(outcome.beliefs) - 1)
+    return names[number], outcome.beliefs.probability[tick].astype(np.float32)
+
+
+def _write_frames(source: Path, target: Path, labels: Iterable[_Labels]) -> None:
+    """Write a file of frames with their contacts, in place of those that it may have."""
+    frames = ParquetFile(source).read()
+    episode = frames["episode_index"].to_numpy()
+    subtask, probability = np.zeros(len(frames), np.int64), np.zeros((len(frames), len(STATES)), np.float32)
+    for one in labels:
+        subtask[episode == one.episode], probability[episode == one.episode] = one.subtask, one.probability
+    frames = frames.drop_columns([name for name in (SUBTASK, PROBABILITY) if name in frames.column_names])
+    rows = pyarrow.FixedSizeListArray.from_arrays(probability.ravel(), len(STATES))
+    frames = frames.append_column(SUBTASK, pyarrow.array(subtask)).append_column(PROBABILITY, rows)
+    metadata = frames.schema.metadata or {}
+    if b"huggingface" in metadata:  # the library "datasets" reads the columns that are named there
+        described = json.loads(metadata[b"huggingface"])
+        value = {"dtype": "float32", "_type": "Value"}
+        described["info"]["features"] |= {
+            SUBTASK: {"dtype": "int64", "_type": "Value"},
+            PROBABILITY: {"feature": value, "length": len(STATES), "_type": "Sequence"},
+        }
+        frames = frames.replace_schema_metadata({**metadata, b"huggingface": json.dumps(described)})
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_table(frames, target)

@@ -1,0 +1,81 @@
+"""``contact-tracker compare``: two takes of one task, step by step."""
+
+import argparse
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker.cli import arguments
+from contact_tracker.cli.terminal import progress, say, show, warn
+from contact_tracker.errors import DIFFERENT, DONE, UsageError
+from contact_tracker.exports.formats import FIGURES, check_output
+
+if TYPE_CHECKING:
+    from contact_tracker.config.parameters import Model
+    from contact_tracker.map.map import Map
+    from contact_tracker.outputs.outcome import Outcome
+
+HELP: Final = "which steps of a take are missing, new, longer or elsewhere in another"
+DESCRIPTION: Final = f"""\
+Align two takes of one task, with one object in one place, by their contacts and by what touched, and
+say of each step whether it is the same, missing or new in B, longer or shorter, elsewhere, or open,
+where the motion does not tell. The exit code is {DIFFERENT} if a step differs."""
+EXAMPLE: Final = "contact-tracker compare recordings/mug_first_take.mcap recordings/mug_second_take.mcap"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("log", metavar="A", help="the take to compare with: " + arguments.LOG_HELP)
+    parser.add_argument("second", metavar="B", help="the other take")
+    arguments.add_source(parser)
+    arguments.add_interval(parser)
+    arguments.add_model(parser)
+    arguments.add_known(parser)
+    parser.add_argument(
+        "--tolerance",
+        type=arguments.positive,
+        metavar="SHARE",
+        help="share of its duration by which a step may differ (default: 0.25)",
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
+    text = "write FILE.csv, a row per step, or the figure FILE.png, .pdf or .svg as well"
+    arguments.add_output(parser, (".csv", *FIGURES), text)
+
+
+def run(args: argparse.Namespace) -> int:
+    if "-" in (args.log, args.second):
+        raise UsageError("compare takes two recordings by name, not -")
+    read = arguments.files_read([args.log, args.second], args.model, args.known)
+    check = check_output(args.output, args.overwrite, read)
+
+    from contact_tracker.sequences.comparison import TOLERANCE, compare_outcomes
+
+    model, known_map = arguments.load_model(args), arguments.load_map(args)
+    (first, code), (second, second_code) = (
+        _segmented(args, log, model, known_map) for log in (args.log, args.second)
+    )
+    found = compare_outcomes(first, second, TOLERANCE if args.tolerance is None else args.tolerance)
+    for note in found.notes:
+        warn(note)
+    if args.json:
+        import json
+
+        show(json.dumps(found.to_json(), allow_nan=False))
+    else:
+        for line in found.lines():
+            show(line)
+    if args.output is not None:
+        from contact_tracker.exports.sequence_figures import write_comparison
+
+        write_comparison(found, args.output, check)
+        say(f"wrote {args.output}")
+    return code or second_code or (DIFFERENT if found.differences else DONE)
+
+
+def _segmented(args: argparse.Namespace, log: str, model: "Model", known_map: "Map") -> "tuple[Outcome, int]":
+    from contact_tracker.cli.source import Source
+    from contact_tracker.outputs.outcome import segmented
+
+    source = Source(arguments.open_poses(args, log), log, args)
+    trajectory = source.trajectory()
+    with progress(f"{log}: segment", "poses", len(trajectory)) as set_done:
+        outcome = segmented(trajectory, model, known_map, progress=set_done)
+    source.outliers = outcome.segmentation.outliers
+    return outcome, source.finish(outcome.report)

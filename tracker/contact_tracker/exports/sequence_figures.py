@@ -1,0 +1,144 @@
+"""Figures of sequences, drawn by matplotlib: two takes with their alignment, and a graph of contacts."""
+
+import csv
+from collections.abc import Callable
+from math import cos, pi, sin
+from pathlib import Path
+from typing import Final
+
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, Polygon
+
+from contact_tracker.exports.figure import DOTS_PER_INCH, fraction
+from contact_tracker.files import accept_any, whole_file
+from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import COLOUR
+from contact_tracker.sequences.comparison import ComparedStep, Comparison, Verdict
+from contact_tracker.sequences.graph import ContactGraph
+from contact_tracker.sequences.steps import Step, steps_of
+
+_BAND: Final = {
+    Verdict.SAME: ("0.85", ""),
+    Verdict.OPEN: ("0.95", ""),
+    Verdict.LONGER: ("gold", ""),
+    Verdict.SHORTER: ("gold", ""),
+    Verdict.ELSEWHERE: ("orchid", ""),
+    Verdict.MISSING: ("tomato", "xx"),
+    Verdict.NEW: ("tomato", "xx"),
+}
+_RIBBONS: Final = ((1.0, 1.25), (0.0, 0.25))
+"""Heights of the first and of the second take."""
+_NARROW: Final = 0.025
+"""Share of the axes' width below which a segment has no name."""
+
+
+def draw_comparison(comparison: Comparison) -> Figure:
+    """Two ribbons of contacts, with a band between the segments of each step, coloured by what differs."""
+    figure, axes = pyplot.subplots(figsize=(10.0, 3.2), layout="constrained")
+    takes = [steps_of(one) for one in comparison.takes]
+    width_s = max(steps[-1].end_s for steps in takes)
+    for steps, ribbon in zip(takes, _RIBBONS, strict=True):
+        for one in steps:
+            _draw_segment(axes, one, ribbon, width_s)
+    for step in comparison.steps:
+        _draw_step(axes, step)
+    shown = dict.fromkeys(one.verdict for one in comparison.steps)
+    for verdict in shown:
+        colour, hatch = _BAND[verdict]
+        axes.fill([], [], facecolor=colour, hatch=hatch, edgecolor="grey", linewidth=0.3, label=verdict.value)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    axes.set(xlim=(0.0, width_s), ylim=(-0.02, 1.27), xlabel="time (s)")
+    axes.set_yticks([sum(ribbon) / 2.0 for ribbon in _RIBBONS], ["A", "B"])
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    return figure
+
+
+def _draw_segment(axes: Axes, one: Step, ribbon: tuple[float, float], width_s: float) -> None:
+    low, high = ribbon
+    axes.broken_barh(
+        [(one.start_s, one.end_s - one.start_s)],
+        (low, high - low),
+        facecolor=fraction(COLOUR[one.contact]),
+        edgecolor="white",
+        alpha=0.25 + 0.75 * one.segment.probability,
+        hatch="///" if one.is_open else None,
+        linewidth=0.5,
+    )
+    if one.end_s - one.start_s > _NARROW * width_s:
+        place = 0.5 * (one.start_s + one.end_s), 0.5 * (low + high)
+        axes.text(*place, one.contact.value, ha="center", va="center", fontsize=8)
+
+
+def _draw_step(axes: Axes, one: ComparedStep) -> None:
+    """The band of a step; of one in a single take a triangle."""
+    top, bottom = _RIBBONS[0][0], _RIBBONS[1][1]
+    upper = [(one.first[0].start_s, top), (one.first[-1].end_s, top)] if one.first else []
+    lower = [(one.second[-1].end_s, bottom), (one.second[0].start_s, bottom)] if one.second else []
+    if not (upper and lower):
+        ends = upper or lower
+        middle_s = 0.5 * (ends[0][0] + ends[1][0])
+        (lower if upper else upper).append((middle_s, 0.5 * (top + bottom)))
+    colour, hatch = _BAND[one.verdict]
+    axes.add_patch(
+        Polygon([*upper, *lower], closed=True, facecolor=colour, hatch=hatch, edgecolor="grey", linewidth=0.3)
+    )
+
+
+def draw_graph(graph: ContactGraph) -> Figure:
+    """The contacts on a circle in the order of their first times, and arrows with numbers of transitions."""
+    figure, axes = pyplot.subplots(figsize=(8.0, 8.0), layout="constrained")
+    count = len(graph.nodes)
+    angles = [pi / 2.0 - 2.0 * pi * k / max(count, 1) for k in range(count)]
+    places = [(cos(a), sin(a)) for a in angles]
+    for (before, after), times in graph.edges.items():
+        arrow = FancyArrowPatch(
+            places[before],
+            places[after],
+            connectionstyle="arc3,rad=0.15",
+            arrowstyle="-|>",
+            mutation_scale=14,
+            shrinkA=34,
+            shrinkB=34,
+            linewidth=0.7 + 0.6 * len(times),
+            color="0.45",
+        )
+        axes.add_patch(arrow)
+        if len(times) > 1:
+            (x, y), (u, v) = places[before], places[after]
+            # the arc's middle is to the right of the straight line
+            middle = 0.5 * (x + u) + 0.075 * (v - y), 0.5 * (y + v) - 0.075 * (u - x)
+            axes.text(*middle, str(len(times)), fontsize=8, ha="center", va="center", backgroundcolor="white")
+    for node, (x, y) in zip(graph.nodes, places, strict=True):
+        axes.scatter([x], [y], s=3200, color=fraction(COLOUR[node.contact]), edgecolor="white", zorder=2)
+        text = "\n".join(filter(None, (node.name, *node.elements, f"{node.total_s:.1f} s")))
+        axes.text(x, y, text, ha="center", va="center", fontsize=7, zorder=3)
+    axes.set(xlim=(-1.3, 1.3), ylim=(-1.3, 1.3), aspect="equal")
+    axes.set_axis_off()
+    return figure
+
+
+def write_comparison(found: Comparison, path: Path, check: Callable[[], None] = accept_any) -> None:
+    """Write a CSV with a row per step, or the figure, atomically; raises OSError."""
+    if path.suffix.lower() != ".csv":
+        write_drawn(lambda: draw_comparison(found), path, check)
+        return
+    with whole_file(path, check) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, found.columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(one.to_json() for one in found.steps)
+
+
+def write_contact_graph(outcome: Outcome, path: Path, check: Callable[[], None] = accept_any) -> None:
+    """Write the figure of the contacts of a recording; raises OSError."""
+    write_drawn(lambda: draw_graph(ContactGraph.of(outcome)), path, check)
+
+
+def write_drawn(draw: Callable[[], Figure], path: Path, check: Callable[[], None] = accept_any) -> None:
+    """Write a figure in the format of the suffix, atomically; raises OSError."""
+    with whole_file(path, check) as temporary:
+        figure = draw()
+        figure.savefig(temporary, format=path.suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH)
+        pyplot.close(figure)

@@ -1,0 +1,294 @@
+"""Two takes of one task, step by step: what is missing, new, longer, shorter or elsewhere."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import takewhile
+from math import degrees, hypot, sqrt
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from contact_tracker.errors import UsageError
+from contact_tracker.map.same_element import SAME
+from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import SURE_PROBABILITY
+from contact_tracker.sequences.pair_hmm import align
+from contact_tracker.sequences.places import UNKNOWN, Distance, distances, place_evidence
+from contact_tracker.sequences.steps import Step, steps_of
+from contact_tracker.states import STATES
+
+Array = NDArray[np.float64]
+
+TOLERANCE: Final = 0.25
+"""Share of a step's duration by which takes of one task differ: in 30 of 32 steps of nine takes of three
+everyday tasks (docs/assembly.md)."""
+MOST_STEPS: Final = 300
+"""Most segments of a recording that are aligned: 300 by 300 take half a minute."""
+
+
+Kind = Literal["number", "text"]
+_SPAN: Final[tuple[tuple[str, str, Kind], ...]] = (
+    ("contact", "", "text"),
+    ("start", "_s", "number"),
+    ("end", "_s", "number"),
+)
+_APART: Final = ("shift_mm", "shift_sd_mm", "turn_deg", "turn_sd_deg")
+COLUMNS: Final[dict[str, Kind]] = {
+    "verdict": "text",
+    "probability": "number",
+    **{f"{name}_{take}{unit}": kind for take in "ab" for name, unit, kind in _SPAN},
+    "longer_s": "number",
+    "longer_sd_s": "number",
+    "moved": "text",
+    **{f"{side}_{name}": "number" for side in ("object", "surroundings") for name in _APART},
+}
+"""Of the rows in CSV, JSON and DataFrames, with their kinds."""
+
+
+class Verdict(StrEnum):
+    """What is said of a step."""
+
+    SAME = "same"
+    MISSING = "missing"
+    NEW = "new"
+    LONGER = "longer"
+    SHORTER = "shorter"
+    ELSEWHERE = "elsewhere"
+    OPEN = "open"
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedStep:
+    """A step of two takes.
+
+    Parameters
+    ----------
+    first, second : its segments in each; none where it is missing or new.
+    verdict : what is said of it; ``open`` if it cannot be told.
+    probability : that the segments of both are of one step, or that it is missing or new.
+    moved : ``object``, ``surroundings`` or ``both``, which touch with another element (``either``: one of
+        them); empty if none is known to.
+    object, surroundings : how far their elements are apart.
+    longer_s, longer_sd_s : how much longer it is in the second take; NaN if it is in one only.
+    """
+
+    first: tuple[Step, ...]
+    second: tuple[Step, ...]
+    verdict: Verdict
+    probability: float
+    moved: str = ""
+    object: Distance = UNKNOWN
+    surroundings: Distance = UNKNOWN
+    longer_s: float = np.nan
+    longer_sd_s: float = np.nan
+
+    def to_json(self) -> dict[str, Any]:
+        """Names (those of ``COLUMNS``) and values of the row; None is unknown or not applicable."""
+        values: list[Any] = [self.verdict.value, self.probability]
+        for steps in (self.first, self.second):
+            values += [_label(steps), steps[0].start_s, steps[-1].end_s] if steps else [None] * 3
+        values += [self.longer_s, self.longer_sd_s, self.moved or None]
+        for apart in (self.object, self.surroundings):
+            values += [1e3 * apart.shift_m, 1e3 * apart.shift_sd_m]
+            values += [degrees(apart.turn_rad), degrees(apart.turn_sd_rad)]
+        known = (None if isinstance(one, float) and not np.isfinite(one) else one for one in values)
+        return dict(zip(COLUMNS, known, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Two takes, step by step. ``notes`` say what was not compared, and why."""
+
+    takes: tuple[Outcome, Outcome]
+    steps: tuple[ComparedStep, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def differences(self) -> tuple[ComparedStep, ...]:
+        """The steps that differ, as far as it can be told."""
+        return tuple(one for one in self.steps if one.verdict not in (Verdict.SAME, Verdict.OPEN))
+
+    def to_json(self) -> dict[str, Any]:
+        """``steps`` with the names of ``columns``, and ``notes``."""
+        return {"steps": [one.to_json() for one in self.steps], "notes": [*self.notes]}
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """Values by name, a row per step."""
+        rows = [one.to_json() for one in self.steps]
+        return {name: [row[name] for row in rows] for name in COLUMNS}
+
+    def __str__(self) -> str:
+        return "\n".join((*(f"warning: {note}" for note in self.notes), *self.lines()))
+
+    def lines(self) -> Iterator[str]:
+        """A table of at most 80 columns, without the notes."""
+        yield f"{'A: s':>15}  {'':<5}{'B: s':>15}  {'':<5}  {'what':<9}    p  by"
+        for one in self.steps:
+            sides = "  ".join(f"{_span(steps):>15} {_label(steps):<5}" for steps in (one.first, one.second))
+            yield f"{sides}  {one.verdict:<9} {one.probability:4.2f}  {_by(one)}".rstrip()
+        count = {kind: sum(one.verdict is kind for one in self.steps) for kind in Verdict}
+        yield ", ".join(f"{number} {kind}" for kind, number in count.items() if number)
+
+
+def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERANCE) -> Comparison:
+    """Align two segmented takes by contacts and places (docs/theory.md, T48).
+
+    ``tolerance`` is the share by which the durations of a step may differ. Raises UsageError where there are
+    too many segments.
+    """
+    takes = steps_of(first), steps_of(second)
+    if max(map(len, takes)) > MOST_STEPS:
+        raise UsageError(
+            f"takes of more than {MOST_STEPS} segments are not compared: cut them with --start and --duration"
+        )
+    likelihoods = [np.log(len(STATES) * np.array([one.probability for one in steps])) for steps in takes]
+    ours, theirs = first.touched, second.touched
+    evidence = np.full((len(takes[0]), len(takes[1]), 2, 2), np.nan)
+    if ours is not None and theirs is not None:
+        evidence = place_evidence(*takes, ours, theirs)
+    pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), []
+    for i, j in np.argwhere(np.isfinite(evidence[..., 0, 0])):  # each of the four is as probable before
+        pairs[i, j, takes[0][i].contact.column] = np.logaddexp.reduce(evidence[i, j].ravel()) - np.log(4.0)
+    are_open = [np.array([one.is_open for one in steps]) for steps in takes]
+    found = align(likelihoods[0], likelihoods[1], pairs, are_open[0][:, None] == are_open[1])
+    matched = [_best_pair(step, found.together, evidence) for step in found.steps]
+    same = np.array([_p_same(evidence[pair]) for pair in matched if pair is not None]).reshape(-1, 2)
+    is_compared = np.asarray((same > 0.5).any(axis=0))
+    for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
+        if len(same) and not is_same:
+            notes.append(
+                f"nothing that touched of the {name} is where it was: another {name}, or frames that"
+            )
+            notes[-1] += " have moved; its places are not compared"
+    steps = []
+    for (own, other), pair in zip(found.steps, matched, strict=True):
+        parts = tuple(takes[0][i] for i in own), tuple(takes[1][j] for j in other)
+        if not (own and other):
+            p = float(found.missing[own[0]] if own else found.new[other[0]])
+            steps.append(_alone(*parts, p))
+            continue
+        p = float(found.together[np.ix_(own, other)].max())
+        moved, apart = "", (UNKNOWN, UNKNOWN)
+        if pair is not None and ours is not None and theirs is not None:
+            one, another = takes[0][pair[0]], takes[1][pair[1]]
+            apart = distances(one, another, ours, theirs, _near_m(another, second))
+            moved = _moved(evidence[pair], apart, is_compared)
+        durations = [_duration_s(*one) for one in zip(parts, takes, strict=True)]
+        steps.append(_matched(*parts, p, durations, moved, apart, tolerance))
+    return Comparison((first, second), tuple(steps), tuple(notes))
+
+
+def _best_pair(step: tuple[list[int], list[int]], together: Array, evidence: Array) -> tuple[int, int] | None:
+    """The segments of a step whose places tell most."""
+    known = [(i, j) for i in step[0] for j in step[1] if np.isfinite(evidence[i, j, 0, 0])]
+    return max(known, key=lambda pair: (together[pair], np.ptp(evidence[pair])), default=None)
+
+
+def _p_same(evidence: Array) -> Array:
+    """Probabilities (2,) that the object's element is the same, and that of the surroundings."""
+    p = np.exp(evidence - np.logaddexp.reduce(evidence.ravel()))
+    return np.array([p[0].sum(), p[:, 0].sum()])
+
+
+def _moved(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArray[np.bool_]) -> str:
+    """Which sides touch with another element, surely and by more than the deviations of what is reported, of
+    those that are compared."""
+    p = np.exp(evidence - np.logaddexp.reduce(evidence.ravel()))
+    if not is_compared.all() or p[0, 0] > 1.0 - SURE_PROBABILITY or not any(map(_is_apart, apart)):
+        return ""
+    sides = 1.0 - _p_same(evidence) >= SURE_PROBABILITY
+    return "both" if sides.all() else "object" if sides[0] else "surroundings" if sides[1] else "either"
+
+
+def _is_apart(where: Distance) -> bool:
+    """Whether two elements are farther apart than estimates of one."""
+    return where.shift_m > SAME * where.shift_sd_m or where.turn_rad > SAME * where.turn_sd_rad
+
+
+def _alone(first: tuple[Step, ...], second: tuple[Step, ...], p: float) -> ComparedStep:
+    (step,) = first or second
+    is_sure = p >= SURE_PROBABILITY and _is_sure(step)
+    verdict = Verdict.OPEN if not is_sure else Verdict.MISSING if first else Verdict.NEW
+    return ComparedStep(first, second, verdict, p)
+
+
+def _matched(
+    first: tuple[Step, ...],
+    second: tuple[Step, ...],
+    p: float,
+    durations: Sequence[tuple[float, float]],
+    moved: str,
+    apart: tuple[Distance, Distance],
+    tolerance: float,
+) -> ComparedStep:
+    (before_s, before_sd_s), (after_s, after_sd_s) = durations
+    longer_s, sd_s = after_s - before_s, hypot(before_sd_s, after_sd_s)
+    excess_s = abs(longer_s) - tolerance * max(before_s, after_s)
+    is_other_time = norm.cdf(excess_s / max(sd_s, 1e-9)) >= SURE_PROBABILITY
+    verdict = Verdict.SAME
+    if p < SURE_PROBABILITY or not all(any(map(_is_sure, steps)) for steps in (first, second)):
+        verdict = Verdict.OPEN
+    elif moved:
+        verdict = Verdict.ELSEWHERE
+    elif is_other_time:
+        verdict = Verdict.LONGER if longer_s > 0.0 else Verdict.SHORTER
+    return ComparedStep(first, second, verdict, p, moved, *apart, longer_s, sd_s)
+
+
+def _is_sure(step: Step) -> bool:
+    return not step.is_open and step.segment.probability >= SURE_PROBABILITY
+
+
+def _duration_s(steps: Sequence[Step], take: Sequence[Step]) -> tuple[float, float]:
+    """Duration and its standard deviation: open segments in the step and beside it, and further ones of its
+    contact behind these, belong to it in a part that is not known."""
+    contact = _main(steps).contact
+
+    def may_go_on(one: Step) -> bool:
+        return one.contact is contact or contact in one.segment.inseparable
+
+    first, last = take.index(steps[0]), take.index(steps[-1])
+    beside = [*takewhile(may_go_on, take[last + 1 :]), *takewhile(may_go_on, take[:first][::-1])]
+    is_known = any(not one.is_open for one in steps)
+    doubtful = [*beside, *(one for one in steps if one.is_open and is_known)]
+    variance = steps[0].boundary_sd_s[0] ** 2 + steps[-1].boundary_sd_s[1] ** 2
+    variance += sum(one.end_s - one.start_s for one in doubtful) ** 2 / 12.0
+    return steps[-1].end_s - steps[0].start_s, sqrt(variance)
+
+
+def _near_m(step: Step, outcome: Outcome) -> tuple[Array, Array]:
+    """Where the object is in the middle of a step: its origin, in the body frame and in the world frame."""
+    middle_ns = (step.segment.start_ns + step.segment.end_ns) // 2
+    row = int(np.abs(outcome.trajectory.stamp_ns - middle_ns).argmin())
+    return np.zeros(3), outcome.trajectory.position_m[row]
+
+
+def _main(steps: Sequence[Step]) -> Step:
+    """The segment that names a step: the longest sure one, or the longest."""
+    return max(steps, key=lambda one: (not one.is_open, one.end_s - one.start_s))
+
+
+def _label(steps: Sequence[Step]) -> str:
+    """The contact, ``?`` if it is open."""
+    if not steps:
+        return ""
+    main = _main(steps)
+    return f"{main.contact.value}{'?' if main.is_open else ''}"
+
+
+def _span(steps: Sequence[Step]) -> str:
+    return f"{steps[0].start_s:.2f}-{steps[-1].end_s:.2f}" if steps else "-"
+
+
+def _by(one: ComparedStep) -> str:
+    """By how much a step differs."""
+    if one.verdict is Verdict.ELSEWHERE:
+        where = one.object if one.moved == "object" else one.surroundings
+        words = [f"{1e3 * where.shift_m:.3g}+/-{1e3 * where.shift_sd_m:.2g} mm"]
+        words += [f"{degrees(where.turn_rad):.3g}+/-{degrees(where.turn_sd_rad):.2g} deg"]
+        return " ".join(word for word in words if "nan" not in word)
+    return "" if np.isnan(one.longer_s) else f"{one.longer_s:+.2f}+/-{one.longer_sd_s:.2g} s"

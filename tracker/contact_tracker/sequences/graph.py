@@ -1,0 +1,119 @@
+"""The graph of contacts of a recording: which followed which, how often and when (GraphML)."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Final
+from xml.etree import ElementTree
+
+from contact_tracker.map.map import KINDS
+from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.sequences.steps import sighting_of
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Segment
+
+_NAMESPACE: Final = "http://graphml.graphdrawing.org/xmlns"
+
+
+@dataclass
+class Node:
+    """A contact with the elements that touch, ``?`` where they are not known, or one that the motion leaves
+    open; ``spans_s`` are the times of its segments since the first pose."""
+
+    contact: Contact
+    is_open: bool
+    elements: tuple[str, str]
+    spans_s: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def total_s(self) -> float:
+        """For how long it held in all."""
+        return sum(end_s - start_s for start_s, end_s in self.spans_s)
+
+    @property
+    def name(self) -> str:
+        """The contact, ``?`` if it is open."""
+        return f"{self.contact.value}{'?' * self.is_open}"
+
+    @property
+    def label(self) -> str:
+        """``e-f: edge 3 on face 1``."""
+        return ": ".join(filter(None, (self.name, " on ".join(filter(None, self.elements)))))
+
+
+@dataclass
+class ContactGraph:
+    """``nodes`` in the order in which they occur first, and the times (s) of the transitions between two of
+    them, by number."""
+
+    nodes: list[Node]
+    edges: dict[tuple[int, int], list[float]]
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> "ContactGraph":
+        """The graph of a recording."""
+        numbers, nodes, edges = (
+            dict[tuple[object, ...], int](),
+            list[Node](),
+            dict[tuple[int, int], list[float]](),
+        )
+        sequence = list[tuple[int, float]]()
+        for one in outcome.segments:
+            elements = _elements(one, outcome)
+            is_open = bool(one.inseparable)
+            number = numbers.setdefault((one.contact, is_open, *elements), len(nodes))
+            if number == len(nodes):
+                nodes.append(Node(one.contact, is_open, elements))
+            start_s, end_s = ((ns - outcome.origin_ns) * 1e-9 for ns in (one.start_ns, one.end_ns))
+            nodes[number].spans_s.append((start_s, end_s))
+            sequence.append((number, start_s))
+        for (before, _), (after, start_s) in pairwise(sequence):
+            if before != after:
+                edges.setdefault((before, after), []).append(start_s)
+        return cls(nodes, edges)
+
+    @property
+    def graphml(self) -> str:
+        """The graph as GraphML."""
+        root = ElementTree.Element("graphml", xmlns=_NAMESPACE)
+        kinds = {
+            "label": "string",
+            "contact": "string",
+            "count": "int",
+            "seconds": "double",
+            "times_s": "string",
+        }
+        owners = {"count": "all", "times_s": "all"}
+        for name, kind in kinds.items():
+            keys = {"id": name, "for": owners.get(name, "node"), "attr.name": name, "attr.type": kind}
+            ElementTree.SubElement(root, "key", keys)
+        graph = ElementTree.SubElement(root, "graph", edgedefault="directed")
+        for number, node in enumerate(self.nodes):
+            times = [start_s for start_s, _ in node.spans_s]
+            values = {"label": node.label, "contact": node.name, "seconds": f"{node.total_s:.3f}"}
+            _add(graph, "node", {"id": f"n{number}"}, values | _times(times))
+        for (before, after), times in self.edges.items():
+            _add(graph, "edge", {"source": f"n{before}", "target": f"n{after}"}, _times(times))
+        ElementTree.indent(root)
+        return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _elements(segment: Segment, outcome: Outcome) -> tuple[str, str]:
+    """What touches, as the map numbers it, or by the user's names."""
+    if segment.contact is Contact.FREE or segment.inseparable:
+        return "", ""
+    names = [name or "?" for name in segment.touching]
+    sighting = sighting_of(segment, outcome.touched)
+    if sighting is not None and outcome.touched is not None:
+        pair = outcome.touched.pairs[sighting.first]
+        names = [f"{KINDS[kind]} {key[1]}" for kind, key in zip(sighting.kinds, pair, strict=True)]
+    return names[0], names[1]
+
+
+def _times(times: list[float]) -> dict[str, str]:
+    return {"count": str(len(times)), "times_s": " ".join(f"{time_s:.3f}" for time_s in times)}
+
+
+def _add(graph: ElementTree.Element, tag: str, keys: dict[str, str], values: dict[str, str]) -> None:
+    one = ElementTree.SubElement(graph, tag, keys)
+    for name, value in values.items():
+        ElementTree.SubElement(one, "data", key=name).text = value

@@ -1,0 +1,156 @@
+"""The alignment of two sequences as a hidden Markov model of pairs (Durbin et al. 1998, chapter 4).
+
+A hidden sequence of steps makes both: a step with contact c is in both sequences (match), in the first only
+(missing) or in the second only (new). In each it may have been cut into several segments. All is computed for
+the cells (i, j) after i segments of the first and j of the second sequence, along diagonals.
+"""
+
+from collections.abc import Callable
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MATCH, FIRST_GOES_ON, SECOND_GOES_ON, MISSING, NEW = range(5)
+"""What a move adds: a segment of each, another one of the first or of the second to the same step, a segment
+of the first or the second alone."""
+_MOVES: Final = np.array([(1, 1), (1, 0), (0, 1), (1, 0), (0, 1)])
+RATES: Final = (0.02, 0.1, 0.3)
+"""With which steps are missing (or new), are cut in two, and are open in one sequence only."""
+_SAMPLES: Final = 1000
+"""Alignments from which probabilities are counted: to one in a hundred."""
+
+
+class Alignment(NamedTuple):
+    """The most probable steps, and how probable they are.
+
+    Parameters
+    ----------
+    steps : (first, second) the segments of each step, by number; one of both is empty if it is missing or
+        new.
+    together : (n, m) probability that two segments are of the same step.
+    missing, new : (n,) and (m,) probability that the other sequence does not have a segment's step.
+    """
+
+    steps: list[tuple[list[int], list[int]]]
+    together: Array
+    missing: Array
+    new: Array
+
+
+def align(first: Array, second: Array, pairs: Array, are_alike: NDArray[np.bool_]) -> Alignment:
+    """Align two sequences.
+
+    Parameters
+    ----------
+    first, second : (n, C) and (m, C) log likelihoods of the contacts of each segment, relative to their mean
+        over all contacts.
+    pairs : (n, m, C) further log likelihood ratios of two segments that begin the same step.
+    are_alike : (n, m) whether two segments are both open, or both not.
+
+    The rates are those of a grid that make the two sequences most probable.
+    """
+    agreement = [np.log(2.0 * np.where(are_alike, 1.0 - rate, rate))[..., None] for rate in RATES]
+    models = [
+        _Model.of(first, second, pairs + one, missing, cut)
+        for one in agreement
+        for missing, cut in product(RATES, RATES)
+    ]
+    evidence = [np.logaddexp.reduce(one.forward(np.logaddexp.reduce)[:, -1, -1]) for one in models]
+    model = models[int(np.argmax(evidence))]
+    (move,) = model.trace(model.forward(np.max))
+    samples = model.trace(model.forward(np.logaddexp.reduce), np.random.default_rng(0))
+    shape = len(first), len(second)
+    together, alone = np.zeros(shape), (np.zeros(shape[0]), np.zeros(shape[1]))
+    for sample in samples:
+        for ours, theirs in _steps(sample):
+            together[np.ix_(ours, theirs)] += 1.0 / len(samples)
+            if not (ours and theirs):
+                alone[0][ours] += 1.0 / len(samples)
+                alone[1][theirs] += 1.0 / len(samples)
+    return Alignment(_steps(move), together, *alone)
+
+
+def _steps(moves: Index) -> list[tuple[list[int], list[int]]]:
+    """The segments of each step, from the moves (L,); negative ones are none."""
+    found, at = list[tuple[list[int], list[int]]](), [0, 0]
+    for move in moves[moves >= 0]:
+        if move not in (FIRST_GOES_ON, SECOND_GOES_ON):
+            found.append(([], []))
+        for side in (0, 1):
+            if _MOVES[move, side]:
+                found[-1][side].append(at[side])
+                at[side] += 1
+    return found
+
+
+class _Model(NamedTuple):
+    """The hidden states (K) are those of the moves within a match, for each contact, then missing and new.
+
+    ``move`` (K,) leads to each state, ``emission`` (K, n + 1, m + 1) has its log likelihoods by cell,
+    ``transition`` (K, K) its log probabilities after each other state, ``start`` (K,) those of the first.
+    """
+
+    move: Index
+    emission: Array
+    transition: Array
+    start: Array
+
+    @classmethod
+    def of(cls, first: Array, second: Array, pairs: Array, missing: float, cut: float) -> "_Model":
+        (n, contacts), m = first.shape, len(second)
+        move = np.append(np.repeat([MATCH, FIRST_GOES_ON, SECOND_GOES_ON], contacts), [MISSING, NEW])
+        match, on, over = (slice(k * contacts, (k + 1) * contacts) for k in range(3))
+        emission = np.full((len(move), n + 1, m + 1), -np.inf)
+        emission[on, 1:], emission[over, :, 1:] = first.T[:, :, None], second.T[:, None, :]
+        emission[match, 1:, 1:] = emission[on, 1:, 1:] + emission[over, 1:, 1:] + pairs.transpose(2, 0, 1)
+        emission[match] -= np.log(contacts)
+        emission[-2, 1:] = emission[-1, :, 1:] = 0.0  # any contact
+        with np.errstate(divide="ignore"):
+            begin = np.log([1.0 - 2.0 * missing, 0.0, 0.0, missing, missing])[move]
+        ends, goes_on = np.log1p(-cut), np.log(cut)
+        transition = np.tile(begin, (len(move), 1))
+        transition[: over.start] += 2.0 * ends  # both have to end; the first goes on before the second
+        transition[over] += ends
+        same = np.where(np.eye(contacts, dtype=bool), goes_on, -np.inf)
+        transition[match, on] = transition[on, on] = transition[over, over] = same
+        transition[match, over] = transition[on, over] = same + ends
+        transition[-1, -2] = -np.inf  # missing steps come before new ones
+        return cls(move, emission, transition, begin)
+
+    def forward(self, combined: Callable[..., Array]) -> Array:
+        """Log weights (K, n + 1, m + 1) of all ways to a state in a cell, ``combined`` along an axis."""
+        _, rows, columns = self.emission.shape
+        ways = np.full(self.emission.shape, -np.inf)
+        for diagonal in range(1, rows + columns - 1):
+            i = np.arange(max(0, diagonal - columns + 1), min(rows, diagonal + 1))
+            for move, (down, right) in enumerate(_MOVES):
+                states = np.flatnonzero(self.move == move)[:, None]
+                to_i = i[(i >= down) & (diagonal - i >= right)]
+                to_j = diagonal - to_i
+                before = ways[:, None, to_i - down, to_j - right] + self.transition[:, states.ravel(), None]
+                reached = combined(before, axis=0)
+                is_first = (to_i == down) & (to_j == right)
+                reached[:, is_first] = self.start[states]
+                ways[states, to_i, to_j] = reached + self.emission[states, to_i, to_j]
+        return ways
+
+    def trace(self, ways: Array, rng: np.random.Generator | None = None) -> Index:
+        """Moves (N, L) from the first to the last cell, -1 before the first: the most probable ones, or
+        samples by ``rng`` (Gumbel's maximum)."""
+        _, rows, columns = self.emission.shape
+        count = 1 if rng is None else _SAMPLES
+        i, j = np.full(count, rows - 1), np.full(count, columns - 1)
+        log_weight, moves = ways[:, i, j], list[Index]()
+        while (is_on := (i > 0) | (j > 0)).any():
+            noise = 0.0 if rng is None else rng.gumbel(size=log_weight.shape)
+            state = (log_weight + noise).argmax(axis=0)
+            move = self.move[state]
+            moves.append(np.where(is_on, move, -1))
+            i, j = i - np.where(is_on, _MOVES[move, 0], 0), j - np.where(is_on, _MOVES[move, 1], 0)
+            log_weight = ways[:, i, j] + self.transition[:, state]
+        return np.stack(moves[::-1], axis=1)

@@ -1,0 +1,234 @@
+"""A plan: the contacts that are to come, one after another, and a filter that says where in it a stream is.
+
+The filter (docs/theory.md, T49) is a hidden Markov model of the steps. A tick changes the odds of two
+contacts as much as the tracker's belief changes, beyond what the passing of time changes: so evidence counts
+once. Beside the steps there is the state of having left the plan, in which all is as the tracker alone
+believes.
+"""
+
+from dataclasses import dataclass
+from itertools import compress
+from math import ceil
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import __version__
+from contact_tracker.errors import KnowledgeError, UsageError
+from contact_tracker.map.file import read_table
+from contact_tracker.map.keys import Keys
+from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import SURE_PROBABILITY
+from contact_tracker.sequences.comparison import TOLERANCE
+from contact_tracker.sequences.steps import steps_of
+from contact_tracker.states import STATES, Contact, states_from
+from contact_tracker.tracking.belief import Belief
+
+Array = NDArray[np.float64]
+
+ANY: Final = "any"
+MOST_STEPS: Final = 1000
+_LONGEST_S: Final = 1e6
+_LEAST_TOLERANCE: Final = 0.05
+_MOST_STAGES: Final = 400
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """One of ``contacts`` holds, for about ``duration_s`` if it is given; the step is left out at times if
+    it ``is_optional``."""
+
+    contacts: tuple[Contact, ...]
+    duration_s: float | None = None
+    is_optional: bool = False
+
+    @property
+    def name(self) -> str:
+        """``f-f``, ``e-f|v-f`` or ``any``."""
+        return ANY if len(self.contacts) == len(STATES) else "|".join(self.contacts)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Steps in order; ``tolerance`` is the standard deviation of a duration, as a share of it."""
+
+    steps: tuple[PlannedStep, ...]
+    tolerance: float = TOLERANCE
+
+    @classmethod
+    def read(cls, path: str) -> "Plan":
+        """The plan in a TOML file (docs/assembly.md); raises UsageError."""
+        try:
+            keys = Keys(read_table(path), "")
+            tolerance = keys.number("tolerance", TOLERANCE, _LEAST_TOLERANCE, 1.0)
+            rows = keys.tables("step")
+            keys.finish()
+            if not 0 < len(rows) <= MOST_STEPS:
+                raise keys.wrong("step", f"a plan has 1 to {MOST_STEPS} steps, not {len(rows)}")
+            return cls(tuple(map(_planned, rows)), tolerance)
+        except KnowledgeError as error:
+            text = f"{error.key}: {error.reason}" if error.key else error.reason
+            raise UsageError(f"plan {path}: {text}") from error
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> "Plan":
+        """The plan of a recording: of a step that is not sure, all contacts that may have been, without a
+        duration. Steps that are open or as short as the tracker may miss are optional."""
+        steps = list[PlannedStep]()
+        for one in steps_of(outcome):
+            fits = [one.probability[state.column] > 1.0 - SURE_PROBABILITY for state in STATES]
+            may_be = {one.contact, *one.segment.inseparable, *compress(STATES, fits)}
+            contacts = tuple(state for state in STATES if state in may_be)
+            duration_s = one.end_s - one.start_s
+            planned_s = round(duration_s, 2) if len(contacts) == 1 else None
+            if steps and steps[-1].contacts == contacts:
+                before_s = steps.pop().duration_s
+                planned_s = None if planned_s is None or before_s is None else planned_s + before_s
+            steps.append(PlannedStep(contacts, planned_s, one.is_open or duration_s < SHORTEST_S))
+        return cls(tuple(steps))
+
+    @property
+    def toml(self) -> str:
+        """The text of its file."""
+        lines = [f"# Written by contact-tracker {__version__}: the contacts to come, for live --expect."]
+        lines.append(f"tolerance = {self.tolerance:g}  # of durations, standard deviation as a share")
+        for number, one in enumerate(self.steps, start=1):
+            lines += ["", f"[[step]]  # {number}", f'contact = "{one.name}"']
+            lines += [] if one.duration_s is None else [f"duration_s = {one.duration_s:.2f}"]
+            lines += ["optional = true"] if one.is_optional else []
+        return "\n".join(lines) + "\n"
+
+
+SHORTEST_S: Final = 1.0
+"""Shorter contacts are often missed (README.md, Accuracy)."""
+
+
+def _planned(keys: Keys) -> PlannedStep:
+    name = keys.text("contact", None)
+    try:
+        contacts = STATES if name == ANY else states_from(name.replace("|", ","))
+    except ValueError as error:
+        raise keys.wrong("contact", str(error)) from error
+    duration_s = keys.number("duration_s", 0.0, 0.0, _LONGEST_S) or None
+    step = PlannedStep(contacts, duration_s, keys.flag("optional", False))
+    keys.finish()
+    return step
+
+
+class Progress(NamedTuple):
+    """Where in a plan a stream is.
+
+    Parameters
+    ----------
+    step : number of the most probable step, the first is 1.
+    probability : of being in that step.
+    p_left : probability that the plan has been left, whether it has been taken up again or not.
+    following : number of the next step that is not optional; None at the end.
+    leaves : whether it is news that the plan has been left; said once.
+    """
+
+    step: int
+    probability: float
+    p_left: float
+    following: int | None
+    leaves: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry ``plan`` of a line of ``live --json``."""
+        return self._asdict()
+
+
+class PlanFollower:
+    """Follows a plan: ``update`` with each belief of a tracker says where in it the stream is.
+
+    A step with a duration d and tolerance s is a chain of 1 / s^2 stages, after which its duration has this
+    standard deviation (Erlang's distribution); one without has any duration.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        count = min(ceil(plan.tolerance**-2), _MOST_STAGES)
+        lengths = [1 if one.duration_s is None else count for one in plan.steps]
+        self._last = np.cumsum(lengths) - 1
+        self._first = self._last + 1 - lengths
+        self._number = np.repeat(np.arange(len(lengths)), lengths)
+        planned = [one.duration_s for one in plan.steps if one.duration_s is not None]
+        self._mean_s = float(np.mean(planned)) if planned else _USUAL_S
+        stage_s = np.array([one.duration_s or self._mean_s for one in plan.steps]) / lengths
+        self._stage_s = stage_s[self._number]
+        self._columns = np.array([[state in one.contacts for state in STATES] for one in plan.steps], float)
+        self._weight = np.zeros((2, len(self._number)))
+        """Of the stages, on the plan and after having left it."""
+        self._left = 1.0 / (len(lengths) + 1)
+        self._weight[0] = self._entered(0) * (1.0 - self._left)
+        self._belief: tuple[int, Array] | None = None
+        self.has_left, self._told, self._news = False, -1, ""
+
+    def update(self, belief: Belief) -> Progress:
+        """Take the next belief in."""
+        p = np.maximum(belief.probability, _LEAST_PROBABILITY)
+        p = p / p.sum()
+        predicted = np.full(len(STATES), 1.0 / len(STATES))
+        if self._belief is not None:
+            tick_s = max((belief.stamp_ns - self._belief[0]) * 1e-9, 0.0)
+            changed = -np.expm1(-tick_s / self._mean_s)
+            before = self._belief[1]
+            predicted = (1.0 - changed) * before + changed * (1.0 - before) / (len(STATES) - 1)
+            self._advance(tick_s, changed / (len(self._last) + 1))  # Laplace: no step was left so far
+        self._belief = belief.stamp_ns, p
+        self._weight *= (self._columns @ p / (self._columns @ predicted))[self._number]
+        total = self._weight.sum() + self._left
+        self._weight, self._left = self._weight / total, self._left / total
+        return self._progress()
+
+    def _advance(self, tick_s: float, leaves: float) -> None:
+        """Let time pass; of the weight of the plan a share ``leaves``."""
+        goes_on = -np.expm1(-tick_s / self._stage_s) * self._weight
+        after = self._weight - goes_on
+        after[:, 1:] += np.where(np.diff(self._number) == 0, goes_on[:, :-1], 0.0)
+        for number, last in enumerate(self._last):
+            after += np.outer(goes_on[:, last], self._entered(number + 1, last))
+        self._weight = after * (1.0 - leaves)
+        self._weight[1, self._first] += self._left * leaves / len(self._first)
+        self._left = 1.0 - float(self._weight.sum())
+
+    def _entered(self, number: int, instead: int = -1) -> Array:
+        """Shares of the stages in which a step begins: it is left out half the time if it is optional. The
+        rest stays ``instead`` in the last stage of the plan."""
+        shares, rest = np.zeros(len(self._number)), 1.0
+        for first, one in zip(self._first[number:], self.plan.steps[number:], strict=True):
+            shares[first] = rest * (0.5 if one.is_optional else 1.0)
+            rest -= shares[first]
+        shares[instead] += rest
+        return shares
+
+    @property
+    def news(self) -> str:
+        """What is new since the belief before, in words: a step that is sure, or that the plan was left."""
+        return self._news
+
+    def _progress(self) -> Progress:
+        shares = np.bincount(self._number, self._weight.sum(axis=0))
+        step, p_left = int(np.argmax(shares)), 1.0 - float(self._weight[0].sum())
+        leaves = not self.has_left and p_left >= SURE_PROBABILITY
+        self.has_left = self.has_left or leaves
+        rest = range(step + 1, len(shares))
+        following = next((k + 1 for k in rest if not self.plan.steps[k].is_optional), None)
+        is_sure = shares[step] >= SURE_PROBABILITY and step != self._told
+        self._news = ""
+        if leaves or is_sure:
+            self._told = step
+            comes = "the last one" if following is None else f"next {self._named(following)}"
+            left = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
+            self._news = f"{left}step {self._named(step + 1)} of {len(shares)}; {comes}"
+        return Progress(step + 1, float(shares[step]), p_left, following, leaves)
+
+    def _named(self, number: int) -> str:
+        return f"{number} ({self.plan.steps[number - 1].name})"
+
+
+_LEAST_PROBABILITY: Final = 1e-4
+"""Of a contact in a belief: more than a hundred to one of a tick is not taken from it."""
+_USUAL_S: Final = 5.0
+"""Duration of steps where none is planned."""
