@@ -52,6 +52,7 @@ FORMATS: Final = {
     **dict.fromkeys(FIGURES, Format((), "figure", "write_figure")),
     ".srt": Format(("segments",)),
     ".tex": Format(("segments",)),
+    ".contacts": Format((), "saved_result", "write_result"),
 }
 SUFFIXES: Final = tuple(FORMATS)
 TICKS: Final = tuple(suffix for suffix, one in FORMATS.items() if "ticks" in one.rows)
