@@ -131,6 +131,7 @@ def test_a_result_and_the_command_compare_with_labels(
     result = contact_tracker.segment(contact_tracker.read(log))
     report = contact_tracker.evaluate(result, labels, {"touch": "any", "air": "free"}, by_arrival=True)
     assert report.total.offline.accuracy() == pytest.approx(total["offline"]["accuracy"]["all"])
+    assert report.total.online.accuracy() == pytest.approx(total["online"]["accuracy"]["all"])
     assert report.total.offline.seconds() == pytest.approx(0.9, abs=0.01)
     assert total["arrival"]["scored_s"] == pytest.approx(0.9, abs=0.01)
     assert report.total.arrival is not None

@@ -8,6 +8,7 @@ from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -16,19 +17,22 @@ from pyarrow import parquet
 from pyarrow.json import read_json
 
 import contact_tracker
-from contact_tracker import Trajectory
-from contact_tracker.errors import UsageError
+from contact_tracker import Trajectory, saved_state
+from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
 from contact_tracker.exports.formats import ROWS, rows_of, write_outcome
+from contact_tracker.exports.saved_result import RESULT
 from contact_tracker.exports.summary_html import ribbon_html
 from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
+from contact_tracker.saved_state import save
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
+from forged_states import forge
 from mcap_logs import Topic, poses_topic, write_log
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, recorded
 
@@ -411,6 +415,48 @@ def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Po
     )
     with pytest.raises(contact_tracker.ContactTrackerError, match="between 0 and"):
         contact_tracker.segment(early).to_mcap(tmp_path / "early.mcap")
+
+
+def test_a_saved_result_is_loaded_whole(
+    folder: Path, result: contact_tracker.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result.save(tmp_path / "a.contacts")
+    monkeypatch.setattr(saved_state, "__version__", "9.9")  # of another version with the same classes
+    loaded = contact_tracker.Result.load(tmp_path / "a.contacts")
+    assert str(loaded) == str(result)
+    assert len(loaded.segmentation.filtered) == len(result.beliefs)
+    for suffix in ("csv", "jsonl", "parquet", "srt", "tex"):
+        loaded.save(tmp_path / f"out.{suffix}")
+        assert (tmp_path / f"out.{suffix}").read_bytes() == (folder / f"out.{suffix}").read_bytes()
+    assert loaded.plot().axes
+    save(tmp_path / "b.contacts", result.trajectory, RESULT)
+    (tmp_path / "c.contacts").write_bytes((tmp_path / "a.contacts").read_bytes()[:-9])
+    for name, message in (
+        ("b", "it is no saved result: name another"),
+        ("c", "it is damaged"),
+        ("d", "No such file"),
+    ):
+        with pytest.raises(StateError, match=message):
+            contact_tracker.Result.load(tmp_path / f"{name}.contacts")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_forged_result_is_refused_or_can_be_used(result: contact_tracker.Result, tmp_path: Path) -> None:
+    """Whatever one of its values is."""
+    trajectory = result.trajectory[0:3.0]
+    contact_tracker.segment(trajectory).save(tmp_path / "a.contacts")
+    refused = 0
+    for seed in range(40):
+        what = forge(tmp_path / "a.contacts", tmp_path / "b.contacts", Random(seed), RESULT)
+        try:
+            loaded = contact_tracker.Result.load(tmp_path / "b.contacts")
+        except StateError:
+            refused += 1
+            continue
+        assert str(loaded), what
+        for suffix in ("csv", "jsonl", "srt", "tex"):
+            loaded.save(tmp_path / f"out.{suffix}")
+    assert 3 < refused < 40
 
 
 def test_an_output_can_be_read_and_segmented_again(folder: Path, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log
-from contact_tracker.saved_state import is_same, load, packed, save, schema, unpacked
+from contact_tracker.saved_state import STREAM, Kind, is_same, load, packed, save, unpacked
 from contact_tracker.tracker import Tracker
 from forged_states import forge
 from mcap_logs import smooth_poses
@@ -214,10 +214,10 @@ def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, 
 def test_a_state_of_another_version_is_named(
     tmp_path: Path, saved: tuple[Path, Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    changed = {**schema(), "Tick": ["other"]}
-    for name, value in (("schema", lambda: changed), ("__version__", "9.9")):
+    changed = {**STREAM.schema, "Tick": ["other"]}
+    for holder, name, value in ((Kind, "schema", changed), (saved_state, "__version__", "9.9")):
         with monkeypatch.context() as patch:
-            patch.setattr(saved_state, name, value)
+            patch.setattr(holder, name, value)
             with pytest.raises(StateError, match="another version"):
                 load(saved[0])
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from contact_tracker.saved_state import packed, unpacked
+from contact_tracker.saved_state import STREAM, Kind, packed, unpacked
 
 VALUES = [None, -1, 0, 10**30, float("nan"), 1e308, "x", True, ["tuple"], ["list"], ["dict"], ["tuple", 0.0]]
 ARRAYS = [
@@ -35,9 +35,9 @@ def leaves(tree: Any, path: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, .
             yield from leaves(part, (*path, i))
 
 
-def forge(path: Path, target: Path, random: Random) -> str:
+def forge(path: Path, target: Path, random: Random, kind: Kind = STREAM) -> str:
     """Write a forged copy of a state; returns what is changed, in words."""
-    tree, arrays = unpacked(path.read_bytes())
+    tree, arrays = unpacked(path.read_bytes(), kind)
     place, old = random.choice(list(leaves(tree)))
     value = random.choice(VALUES)
     words = f"{value!r} for {old!r} at {place}"
@@ -50,5 +50,5 @@ def forge(path: Path, target: Path, random: Random) -> str:
     for i in place[:-1]:
         inner = inner[i]
     inner[place[-1]] = value
-    target.write_bytes(packed(tree, arrays))
+    target.write_bytes(packed(tree, arrays, kind))
     return words

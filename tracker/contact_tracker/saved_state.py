@@ -1,4 +1,4 @@
-"""Saving the state of a stream to a file, to resume it after a restart.
+"""Saving the state of a stream to a file, to resume it after a restart, and other values in the same form.
 
 A value of known classes becomes a tree of JSON that refers to arrays by number. No other class is built, no
 code is run. Shared objects stay shared, as some are compared by identity.
@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final, get_args, get_type_hints
+from typing import Any, Final, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +30,11 @@ from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Step
 from contact_tracker.motion.stamp_order import Ordered, StampOrder
 from contact_tracker.tracker import Tracker
+from contact_tracker.tracking.segmentation import BELIEF
 
 FORMAT: Final = 2
 LARGEST_BYTES: Final = 512 * 2**20
 DEEPEST: Final = 60
-_KIND: Final = "contact-tracker state"
 _ARRAYS: Final = "biuf"
 """Kinds of arrays: flags and numbers."""
 _PARSE_ERRORS: Final = (
@@ -69,13 +69,34 @@ def _classes_in(*roots: type) -> dict[str, type]:
     return found
 
 
-_CLASSES: Final[Mapping[str, type[Any]]] = _classes_in(
-    Tracker, Ordered, Step, *(type(empty()) for empty in _EMPTY.values())
+class Kind(NamedTuple):
+    """A kind of file: its name in the first line, the classes of its values, and whether another version of
+    the package with the same classes may load it."""
+
+    name: str
+    classes: Mapping[str, type[Any]]
+    outlives_version: bool = False
+
+    @classmethod
+    def of(cls, name: str, *roots: type, outlives_version: bool = False) -> "Kind":
+        """A kind with the classes of ``roots`` and of their fields."""
+        return cls(name, _classes_in(*roots), outlives_version)
+
+    @property
+    def schema(self) -> dict[str, list[str]]:
+        """The field names of all classes and tables, which identify the version of a file."""
+        classes = {name: list(_field_names(one)) for name, one in sorted(self.classes.items())}
+        layouts = {} if self.outlives_version else _LAYOUTS
+        return classes | {key: list(one.names or ()) for key, one in layouts.items()}
+
+
+STREAM: Final = Kind.of(
+    "contact-tracker state", Tracker, Ordered, Step, *(type(empty()) for empty in _EMPTY.values())
 )
 
 
-def save(path: Path, value: Any) -> None:
-    """Write a value of the classes of a stream, atomically.
+def save(path: Path, value: Any, kind: Kind = STREAM) -> None:
+    """Write a value of the classes of a kind, atomically.
 
     Raises
     ------
@@ -84,24 +105,29 @@ def save(path: Path, value: Any) -> None:
     OSError
         The file cannot be written.
     """
-    content = packed(*_encoded(value))
+    content = content_of(value, kind)
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
 
 
-def load(path: Path) -> Any:
+def content_of(value: Any, kind: Kind = STREAM) -> bytes:
+    """The content of the file of a value; raises TypeError as ``save`` does."""
+    return packed(*_encoded(value, kind), kind)
+
+
+def load(path: Path, kind: Kind = STREAM) -> Any:
     """The saved value; no code in the file is run.
 
     Raises
     ------
     StateError
-        The file is not a state, is damaged, or was saved by another version.
+        The file is not of this kind, is damaged, or was saved by another version.
     OSError
         The file cannot be read.
     """
     try:
-        tree, arrays = unpacked(read_regular(path, LARGEST_BYTES))
-        return _Decoder(arrays).decode(tree)
+        tree, arrays = unpacked(read_regular(path, LARGEST_BYTES), kind)
+        return _Decoder(arrays, kind).decode(tree)
     except StateError as error:
         raise StateError(f"{path}: {error}") from error
     except FileNotFoundError:
@@ -109,7 +135,7 @@ def load(path: Path) -> Any:
     except OSError as error:
         raise StateError(f"{path}: {error.strerror or error}") from error
     except _PARSE_ERRORS as error:
-        raise StateError(f"{path}: it is no saved state: name another file") from error
+        raise StateError(f"{path}: it is no saved {kind.name.split()[-1]}: name another file") from error
 
 
 @contextmanager
@@ -140,25 +166,20 @@ def fingerprint(value: Any) -> str:
     return hashlib.blake2b(_body(*_encoded(value)), digest_size=16).hexdigest()
 
 
-def schema() -> dict[str, list[str]]:
-    """The field names of all classes and tables, which identify the version of a state."""
-    classes = {name: list(_field_names(one)) for name, one in sorted(_CLASSES.items())}
-    return classes | {key: list(one.names or ()) for key, one in _LAYOUTS.items()}
-
-
-def packed(tree: Any, arrays: Sequence[NDArray[Any]]) -> bytes:
+def packed(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind = STREAM) -> bytes:
     """The content of a file: a line with the version and a checksum, the line of the tree, and the arrays."""
     body = _body(tree, arrays)
-    return json.dumps(_head(body)).encode() + b"\n" + body
+    return json.dumps(_head(body, kind)).encode() + b"\n" + body
 
 
-def unpacked(content: bytes) -> tuple[Any, list[NDArray[Any]]]:
-    """Tree and arrays; raises StateError, or one of ``_PARSE_ERRORS`` for what is no state."""
+def unpacked(content: bytes, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
+    """Tree and arrays; raises StateError, or one of ``_PARSE_ERRORS`` for what is of no such kind."""
     line, _, body = content.partition(b"\n")
-    head, expected = json.loads(line), _head(body)
-    if head["kind"] != _KIND:
+    head, expected = json.loads(line), _head(body, kind)
+    if head["kind"] != kind.name:
         raise ValueError("it is of another kind")
-    if any(head[key] != expected[key] for key in ("schema", "format", "version")):
+    compared = ("schema", "format") if kind.outlives_version else ("schema", "format", "version")
+    if any(head[key] != expected[key] for key in compared):
         raise StateError(f"it was saved by another version ({head['version']}, this is {__version__})")
     if head["sha256"] != expected["sha256"]:
         raise StateError("it is damaged: its checksum is wrong")
@@ -170,11 +191,11 @@ def unpacked(content: bytes) -> tuple[Any, list[NDArray[Any]]]:
     return json.loads(tree), arrays
 
 
-def _head(body: bytes) -> dict[str, Any]:
-    fields_hash = hashlib.sha256(json.dumps(schema()).encode()).hexdigest()
+def _head(body: bytes, kind: Kind) -> dict[str, Any]:
+    fields_hash = hashlib.sha256(json.dumps(kind.schema).encode()).hexdigest()
     checksum = hashlib.sha256(body).hexdigest()
     return {
-        "kind": _KIND,
+        "kind": kind.name,
         "format": FORMAT,
         "version": __version__,
         "schema": fields_hash,
@@ -191,7 +212,7 @@ def _body(tree: Any, arrays: Sequence[NDArray[Any]]) -> bytes:
 
 
 def _require_numbers(array: NDArray[Any]) -> None:
-    if array.dtype.kind not in _ARRAYS:
+    if array.dtype.kind not in _ARRAYS and array.dtype != BELIEF:
         raise TypeError(f"arrays of {array.dtype} are no part of a state")
 
 
@@ -201,19 +222,20 @@ def _field_names(one: type) -> tuple[str, ...]:
     if one.__name__ in _EMPTY:
         return tuple(vars(_EMPTY[one.__name__]()))
     if is_dataclass(one):
-        return tuple(field.name for field in fields(one))
+        return tuple(field.name for field in fields(one) if field.init)
     return tuple(getattr(one, "_fields", ()))
 
 
-def _encoded(value: Any) -> tuple[Any, list[NDArray[Any]]]:
-    encoder = _Encoder()
+def _encoded(value: Any, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
+    encoder = _Encoder(kind)
     return encoder.encode(value), encoder.arrays
 
 
 class _Encoder:
     """Encodes values as a tree, with references by number to ``arrays``."""
 
-    def __init__(self) -> None:
+    def __init__(self, kind: Kind) -> None:
+        self._classes = kind.classes
         self.arrays: list[NDArray[Any]] = []
         self._seen: dict[int, tuple[int, Any]] = {}  # by id: the number of an object, which is kept alive
 
@@ -243,7 +265,7 @@ class _Encoder:
             return ["deque", value.maxlen, *map(self.encode, value)]
         if type(value) in (dict, Counter):
             return [name, *map(self.encode, value.items())]
-        if _CLASSES.get(name) is not type(value):
+        if self._classes.get(name) is not type(value):
             raise TypeError(f"{name} is no part of a state")
         return ["object", name, *(self.encode(getattr(value, field)) for field in _field_names(type(value)))]
 
@@ -257,7 +279,8 @@ class _Decoder:
     """Decodes a tree to its value; raises one of ``_PARSE_ERRORS`` for a tree that ``_Encoder`` does not
     write."""
 
-    def __init__(self, arrays: Sequence[NDArray[Any]]) -> None:
+    def __init__(self, arrays: Sequence[NDArray[Any]], kind: Kind) -> None:
+        self._classes = kind.classes
         self._arrays = dict(enumerate(arrays))
         self._objects: dict[int, Any] = {}
 
@@ -275,7 +298,7 @@ class _Decoder:
             case ["scalar", number] if self._arrays[number].ndim == 0:
                 return self._arrays[number][()]
             case ["member", name, member]:
-                return _member(_CLASSES[name], member)
+                return _member(self._classes[name], member)
             case ["same", number]:
                 return self._objects[number]
         value = self._decode_object(tree, depth)
@@ -295,7 +318,7 @@ class _Decoder:
             case ["Counter", *pairs]:
                 return Counter(dict(self.decode(pair, depth + 1) for pair in pairs))
             case ["object", name, *items]:
-                one = _CLASSES[name]
+                one = self._classes[name]
                 own = dict(
                     zip(_field_names(one), (self.decode(item, depth + 1) for item in items), strict=True)
                 )

@@ -4,14 +4,14 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.config.parameters import Model
-from contact_tracker.errors import OutputError, UnreadableRecording, UsageError, extra, printable
+from contact_tracker.errors import OutputError, StateError, UnreadableRecording, UsageError, extra, printable
 from contact_tracker.exports.columns import TABLES, Columns, Rows, to_pandas
 from contact_tracker.exports.formats import (
     ROWS,
@@ -162,9 +162,25 @@ class Result(Outcome):
         """Write the output selected by the suffix of ``path``, like ``segment -o``, or ``.rrd``.
 
         CSV, JSON lines and Parquet have an entry per tick or per segment, as ``rows`` says; by default CSV
-        per segment, the others per tick.
+        per segment, the others per tick. A file ``.contacts`` has all of the result, for ``load``.
         """
         self._write(path, overwrite, *SUFFIXES, ".rrd", rows=rows)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """The result that ``save`` has written to a file ``.contacts``. No code in the file is run.
+
+        Raises
+        ------
+        StateError
+            The file cannot be read, is no result, is damaged, or was saved by a version whose results have
+            other parts.
+        """
+        from contact_tracker.exports.saved_result import read_result
+
+        name = path_from(path)
+        with errors_as(StateError, name):
+            return cls(**vars(read_result(Path(name))))
 
     def plot(
         self,

@@ -85,13 +85,12 @@ def _view(
     from contact_tracker.cli.source import Source
     from contact_tracker.outputs.outcome import segmented
     from contact_tracker.recording import read_truth
-    from contact_tracker.tracking.belief import Detail
 
     source = Source(arguments.open_poses(args, log), log, args)
     truth, trajectory = read_truth(log), source.trajectory()
     draw = open_view(trajectory.name)
     with progress("segment", "poses", len(trajectory)) as set_done:
-        found = segmented(trajectory, model, known_map, progress=set_done, detail=Detail.SHARED)
+        found = segmented(trajectory, model, known_map, progress=set_done)
         draw(replace(found, labels=truth))
     source.outliers = found.segmentation.outliers
     code = source.finish(found.report)

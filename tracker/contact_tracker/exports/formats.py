@@ -55,6 +55,7 @@ FORMATS: Final = {
     ".tex": Format(("segments",)),
     ".toml": Format((), "sequence_files", "write_plan"),
     ".graphml": Format((), "sequence_files", "write_graph"),
+    ".contacts": Format((), "saved_result", "write_result"),
 }
 SUFFIXES: Final = tuple(FORMATS)
 TICKS: Final = tuple(suffix for suffix, one in FORMATS.items() if "ticks" in one.rows)

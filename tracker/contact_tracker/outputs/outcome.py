@@ -107,7 +107,7 @@ def segmented(
     executor: Executor | None = None,
     progress: Callable[[int], None] | None = None,
     notes: Iterable[str] = (),
-    detail: Detail = Detail.WEIGHTS,
+    detail: Detail = Detail.SHARED,
 ) -> Outcome:
     """Segment a trajectory; the parameters are those of ``OfflineTracker`` and ``Outcome``."""
     tracker = OfflineTracker(model, known_map, executor, wrenches, trajectory.read_as)

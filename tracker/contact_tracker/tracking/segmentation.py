@@ -33,6 +33,7 @@ BELIEF: Final = np.dtype(
 its ``further`` contacts and its ``joint`` or -1."""
 
 
+@dataclass(eq=False, repr=False)
 class Beliefs(Sequence[Belief]):
     """T beliefs in columns, so that hours of them fit into memory; items are made as ``Belief`` on access.
 
@@ -44,18 +45,11 @@ class Beliefs(Sequence[Belief]):
     joints : referred to by number.
     """
 
-    def __init__(
-        self,
-        rows: NDArray[np.void] | None = None,
-        geometries: Sequence[Array] = (),
-        formations: Sequence[tuple[FurtherContact, ...]] = (),
-        joints: Sequence[Joint] = (),
-    ) -> None:
-        self.rows = np.zeros(0, BELIEF) if rows is None else rows
-        self.geometries = geometries
-        self.formations = formations
-        self.joints = joints
-        self._read: tuple[int, ContactGeometry | None] = (-1, None)
+    rows: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, BELIEF))
+    geometries: Sequence[Array] = ()
+    formations: Sequence[tuple[FurtherContact, ...]] = ()
+    joints: Sequence[Joint] = ()
+    _read: tuple[int, ContactGeometry | None] = field(default=(-1, None), init=False)
 
     @classmethod
     def of(cls, beliefs: Iterable[Belief]) -> Self:

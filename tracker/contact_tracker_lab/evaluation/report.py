@@ -4,7 +4,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
@@ -138,7 +138,8 @@ def evaluate(
     truth, _ = read_labels(path, int(poses.stamp_ns[0]), int(poses.stamp_ns[-1]), meanings)
     answers = answers_to(poses, model_from(model)) if by_arrival else None
     name = Path(result.trajectory.name).name
-    return Report({name: evaluate_segmentation(poses, truth, result.segmentation, answers)})
+    found = evaluate_segmentation(poses, truth, result.segmentation, answers)
+    return Report({name: replace(found, further_online=FurtherScore())})  # which a result does not have
 
 
 _ACCURACY: Final = ("recording", "scored s", *(s.name.lower() for s in Subset), "F1")

@@ -1,0 +1,51 @@
+"""Results as files from which they are loaded again, to plot, evaluate and export them later."""
+
+from pathlib import Path
+from typing import Any, Final
+
+from contact_tracker.errors import ContactTrackerError, StateError
+from contact_tracker.exports.columns import TABLES
+from contact_tracker.motion.pose_validation import require_valid
+from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import table
+from contact_tracker.saved_state import Kind, content_of, load
+from contact_tracker.viewer.parts import known_parts
+
+RESULT: Final = Kind.of("contact-tracker result", Outcome, outlives_version=True)
+
+
+def write_result(outcome: Outcome, path: Path, _: str) -> None:
+    """Write all that a result has."""
+    path.write_bytes(content_of(Outcome(**vars(outcome)), RESULT))
+
+
+def read_result(path: Path) -> Outcome:
+    """The result in a file; no code in it is run.
+
+    Raises
+    ------
+    StateError
+        The file is no result, is damaged, or was saved by a version whose results have other parts.
+    """
+    found = load(path, RESULT)
+    try:
+        _use(found)
+    except ContactTrackerError as error:
+        raise StateError(f"{path}: its poses are no poses: {error}") from error
+    except Exception as error:  # its parts may be any values
+        raise StateError(f"{path}: it is no saved result: name another file") from error
+    assert isinstance(found, Outcome)
+    return found
+
+
+def _use(outcome: Any) -> None:
+    """Use all parts of a result; those that do not fit each other raise any error."""
+    if not isinstance(outcome, Outcome):
+        raise TypeError("it is another value")
+    require_valid(outcome.trajectory.poses, None)
+    for entries, (_, columns_of) in zip((outcome.beliefs, outcome.segments), TABLES.values(), strict=True):
+        columns_of(entries)
+    texts = (*outcome.warnings, outcome.noise, outcome.trajectory.name, outcome.log or "")
+    _ = " ".join((*texts, *table(outcome.segments, outcome.origin_ns, outcome.with_wrenches)))
+    _ = known_parts(outcome), outcome.counts, [*outcome.segmentation.filtered]
+    _ = outcome.labels and outcome.labels.to_json(), outcome.touched and outcome.touched.learned
