@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr  # scipy.stats takes half a second to import
 
 from contact_tracker.errors import UsageError
 from contact_tracker.map.same_element import SAME
@@ -228,7 +228,7 @@ def _matched(
     (before_s, before_sd_s), (after_s, after_sd_s) = durations
     longer_s, sd_s = after_s - before_s, hypot(before_sd_s, after_sd_s)
     excess_s = abs(longer_s) - tolerance * max(before_s, after_s)
-    is_other_time = norm.cdf(excess_s / max(sd_s, 1e-9)) >= SURE_PROBABILITY
+    is_other_time = ndtr(excess_s / max(sd_s, 1e-9)) >= SURE_PROBABILITY
     verdict = Verdict.SAME
     if p < SURE_PROBABILITY or not all(any(map(_is_sure, steps)) for steps in (first, second)):
         verdict = Verdict.OPEN
