@@ -36,16 +36,19 @@ def test_a_constant_is_multiplied_in_a_process_of_its_own() -> None:
 
 
 def test_the_table_tells_no_effect_from_a_failure() -> None:
-    idle, failing, felt = (CONSTANTS[name] for name in ("RESTRICTED", "VARIED_S", "FIRST_CHOICE"))
+    names = "RESTRICTED", "VARIED_S", "FIRST_CHOICE", "SAME_SPAN"
+    idle, failing, felt, slight = constants = [CONSTANTS[name] for name in names]
     base = Outcome({"set": (0.9, 0.8)}, "base")
     found = {("", "", 1.0): base}
     for factor in (0.5, 2.0):
         found[idle.module, idle.name, factor] = base
         found[failing.module, failing.name, factor] = Outcome({}, "", "it fails")
         found[felt.module, felt.name, factor] = Outcome({"set": (0.9, 0.7)}, "other")
-    lines = table([idle, failing, felt], found)
-    assert lines[2].endswith("| 0 / -0.100 | 0 / -0.100 |")
-    assert lines[3].endswith("| fails | fails |")
+        found[slight.module, slight.name, factor] = Outcome({"set": (0.9, 0.8)}, "another")
+    lines = table(constants, found)
+    assert lines[2].endswith("| fails | fails |")
+    assert lines[3].endswith("| 0 / -0.100 | 0 / -0.100 |")
+    assert "- `tracking/ambiguity.py`: `SAME_SPAN`" in lines[4:-2]
     assert lines[-1] == "- `tracking/ambiguity.py`: `RESTRICTED`"
 
 

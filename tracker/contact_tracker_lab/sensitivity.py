@@ -24,6 +24,10 @@ from typing import Any, Final, NamedTuple
 CORE: Final = ("adaptation", "hmm", "hypotheses", "map", "motion", "tracking")
 """Packages that decide labels. Joints and further contacts come after these; checks warn."""
 FACTORS: Final = (0.5, 2.0)
+SHOWN: Final = 0.0005
+"""Least change of accuracy that is shown."""
+FAILS: Final = 9.0
+"""Stands for the change where the tracker does not run."""
 GUARD: Final = 1e-5
 """Smaller constants keep divisions and comparisons safe from rounding: they are not tuned."""
 
@@ -195,33 +199,50 @@ def basis_of(logs: Sequence[Path], seconds: float) -> str:
 
 
 def table(constants: Sequence[Constant], found: dict[tuple[str, str, float], Outcome]) -> list[str]:
-    """Lines of Markdown: constants by the greatest change of accuracy, then those without any effect."""
+    """Lines of Markdown: constants by the greatest change of accuracy, then those that change only
+    probabilities, and those without any effect."""
     base = found["", "", 1.0]
-    sets = list(base.accuracy)
-    lines = ["| constant | value | " + " | ".join(f"{name} x 1/2 | x 2" for name in sets) + " |"]
-    lines.append("|---|---|" + "---|" * (2 * len(sets)))
-    rows: list[tuple[float, str]] = []
-    idle: dict[str, list[str]] = {}
+    lines = ["| constant | value | " + " | ".join(f"{name} x 1/2 | x 2" for name in base.accuracy) + " |"]
+    lines.append("|---|---|" + "---|" * (2 * len(base.accuracy)))
+    rows, slight, idle = list[tuple[float, str]](), list[Constant](), list[Constant]()
     for one in constants:
         outcomes = [found[one.module, one.name, factor] for factor in FACTORS]
-        if all(outcome.digest == base.digest and not outcome.error for outcome in outcomes):
-            idle.setdefault(one.label.partition(":")[0], []).append(one.name)
-            continue
-        cells, greatest = [], 0.0
-        for name in sets:
-            for outcome in outcomes:
-                if outcome.error:
-                    cells.append("fails")
-                    continue
-                pairs = zip(outcome.accuracy[name], base.accuracy[name], strict=True)
-                changes = [now - then for now, then in pairs]
-                greatest = max(greatest, *map(abs, changes))
-                cells.append(" / ".join("0" if round(c, 3) == 0.0 else f"{c:+.3f}" for c in changes))
-        rows.append((greatest, f"| `{one.label}` | {one.source} | " + " | ".join(cells) + " |"))
+        changes = [[_change(outcome, base, name) for outcome in outcomes] for name in base.accuracy]
+        greatest = max(max(map(abs, pair)) for pairs in changes for pair in pairs)
+        if greatest >= SHOWN:
+            cells = [_shown(*pair) for pairs in changes for pair in pairs]
+            rows.append((greatest, f"| `{one.label}` | {one.source} | " + " | ".join(cells) + " |"))
+        else:
+            (idle if all(outcome.digest == base.digest for outcome in outcomes) else slight).append(one)
     lines += [row for _, row in sorted(rows, key=lambda row: -row[0])]
-    lines += ["", "Labels and probabilities are the same to the last bit with half and with double:", ""]
-    lines += [f"- `{file}`: {', '.join(f'`{name}`' for name in names)}" for file, names in idle.items()]
-    return lines
+    return [
+        *lines,
+        *("", f"Probabilities change, accuracy by less than {SHOWN}:", "", *_listed(slight)),
+        *("", "Labels and probabilities are the same to the last bit with half and with double:", ""),
+        *_listed(idle),
+    ]
+
+
+def _change(outcome: Outcome, base: Outcome, name: str) -> tuple[float, float]:
+    """Changes of accuracy, offline and online; ``FAILS`` where the tracker does not run."""
+    if outcome.error:
+        return FAILS, FAILS
+    now, before = outcome.accuracy[name], base.accuracy[name]
+    return now[0] - before[0], now[1] - before[1]
+
+
+def _shown(offline: float, online: float) -> str:
+    if offline == FAILS:
+        return "fails"
+    return " / ".join("0" if abs(one) < SHOWN else f"{one:+.3f}" for one in (offline, online))
+
+
+def _listed(constants: Sequence[Constant]) -> list[str]:
+    """Lines of constants by file."""
+    by_file: dict[str, list[str]] = {}
+    for one in constants:
+        by_file.setdefault(one.label.partition(":")[0], []).append(f"`{one.name}`")
+    return [f"- `{file}`: {', '.join(names)}" for file, names in by_file.items()]
 
 
 def main() -> int:

@@ -22,7 +22,9 @@ EXAMPLE: Final = "contact-tracker compare recordings/mug_first_take.mcap recordi
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", metavar="A", help="the take to compare with: a file of poses, or a folder of parts")
+    parser.add_argument(
+        "log", metavar="A", help="the take to compare with: a file of poses, or a folder of parts"
+    )
     parser.add_argument("second", metavar="B", help="the other take")
     arguments.add_source(parser)
     arguments.add_interval(parser)
