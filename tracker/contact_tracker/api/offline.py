@@ -279,7 +279,7 @@ def segment(
         used = _evidence_of(wrench, poses, given, known_map, mass_kg)
         evidence = used.evidence
         notes += used.warnings
-        if not used.is_warning:
+        if used.text not in used.warnings:
             log_text(used.text)
     outcome = segmented(poses, given, known_map, evidence, progress=progress, notes=notes)
     result = Result(**vars(outcome))

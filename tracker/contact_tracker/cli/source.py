@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.cli.terminal import detail, say, warn
-from contact_tracker.errors import DAMAGED, DONE, ChoiceError, NoPoses, StateError, UsageError
+from contact_tracker.errors import DAMAGED, DONE, ChoiceError, StateError, UsageError
 from contact_tracker.files import why_not_replaceable
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.motion.pose_validation import Arrival
@@ -139,8 +139,7 @@ class Source:
         if self.used:
             return
         if self._read_ns is None:
-            reason = "" if self.log.loss is None else f": {self.log.loss}"
-            raise NoPoses(f"{self.name}: no pose that can be used{reason}{self._noted()}")
+            raise self.log.no_poses(self.name)
         raise ChoiceError(
             f"{self.name}: no pose in the interval that --start and --duration leave; poses were read until "
             f"{self._read_ns * 1e-9:.2f} s{self._noted()}"

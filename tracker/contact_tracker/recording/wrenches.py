@@ -156,7 +156,7 @@ def _about_body(
         return about_body(found, poses), f"in the frame {frame_id}, that of the poses", 0
     reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
     items, known = iter(reading), dict[PoseSource, list[Logged]]()
-    steps, in_object, is_in_tree = Chain(), False, False
+    steps, in_object, is_in_tree = tuple[Step, ...](), False, False
     while not steps and (more := take_prefix(items)):
         known = {**poses_by_source(more, reading.decoder), **known}
         steps, in_object, is_in_tree = _chain(known, frame_id, source)
@@ -165,7 +165,7 @@ def _about_body(
             raise ChoiceError(_unconnected(path, topic, frame_id, source))
         return found, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
     frame_poses, counts = _frame_poses(path, steps, known, found.stamp_ns, logged_ns)
-    start, topics = body if in_object else parent, ", ".join(sorted(steps.topics))
+    start, topics = body if in_object else parent, ", ".join(sorted({step.source.topic for step in steps}))
     if not len(frame_poses):
         raise InputError(
             f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
@@ -191,9 +191,9 @@ def _chain(
     chains = list[tuple[int, bool, Chain]]()
     for begin, in_object in ((start, False), (source.child_frame_id, True)):
         if begin and (found := tree.chain(begin, frame_id)):
-            along = Chain(Step(steps[step.source].source, step.inverted) for step in found)
+            along = tuple(Step(steps[step.source].source, step.inverted) for step in found)
             chains.append((sum(not is_static(step.source) for step in along), in_object, along))
-    _, in_object, along = min(chains, key=lambda one: one[:2], default=(0, False, Chain()))
+    _, in_object, along = min(chains, key=lambda one: one[:2], default=(0, False, ()))
     return along, in_object, frame_id in tree
 
 
@@ -207,7 +207,8 @@ def _frame_poses(
     """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches at which they are known; and
     what was counted."""
     wrench = PoseSource("", _WRENCH, "", _WRENCH)
-    reading = Reading(path, lambda channel: channel.topic in steps.topics and is_readable(channel))
+    topics = {step.source.topic for step in steps}
+    reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
     composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, reading.decoder.assumed, BATCH)
     composer.learn(known)
     origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
@@ -261,24 +262,13 @@ def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError
 class RecordedEvidence(NamedTuple):
     """``evidence`` is None if the wrenches are not usable; ``text`` is one line with the load or the reason.
 
-    ``some_left_out``: some of the wrenches are not used. ``mass_doubt`` is a line of its own where they
-    overrule the mass that was given.
+    ``warnings`` are the lines where wrenches, some of them or the mass that was given are not used; ``text``
+    may be one.
     """
 
     evidence: WrenchEvidence | None
     text: str
-    some_left_out: bool
-    mass_doubt: str | None = None
-
-    @property
-    def is_warning(self) -> bool:
-        """Whether the text is a warning: wrenches, or some of them, are not used."""
-        return self.evidence is None or self.some_left_out
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The lines where wrenches, some of them or the mass that was given are not used."""
-        return tuple(filter(None, (self.text if self.is_warning else None, self.mass_doubt)))
+    warnings: tuple[str, ...]
 
 
 def recorded_evidence(
@@ -325,11 +315,11 @@ def evidence_of(
     try:
         evidence, load = wrench_evidence(poses, found.wrenches, model, known_map, mass_kg, progress)
     except NoLoad as reason:
-        return RecordedEvidence(None, f"{name} is not used: {reason}{noted}", bool(noted))
-    return RecordedEvidence(
-        evidence,
+        text = f"{name} is not used: {reason}{noted}"
+        return RecordedEvidence(None, text, (text,))
+    text = (
         f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
-        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion",
-        bool(noted),
-        mass_doubt(load, mass_kg) or None,
+        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
     )
+    warnings = filter(None, (noted and text, mass_doubt(load, mass_kg)))
+    return RecordedEvidence(evidence, text, tuple(warnings))
