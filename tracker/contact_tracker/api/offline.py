@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
     from contact_tracker.exports import parquet
     from contact_tracker.exports.figure import Axes, Figure
-    from contact_tracker.viewer.offline import Viewer
+    from contact_tracker.viewer.views import Viewer
 
 
 class Result(Outcome):
@@ -185,7 +185,7 @@ class Result(Outcome):
             int(number_from(pixels, name, "of pixels", lambda count: count >= 1.0)) for name, pixels in sizes
         )
         with extra("notebook", "the viewer in a notebook"):
-            from contact_tracker.viewer.offline import show_in_notebook
+            from contact_tracker.viewer.views import show_in_notebook
 
             return show_in_notebook(self, width, height)
 
@@ -218,7 +218,7 @@ class Result(Outcome):
             read = () if self.log is None else parts_of(self.log)
             check = check_output(path, overwrite, read, "overwrite=True")
             if path.suffix.lower() == ".rrd":
-                from contact_tracker.viewer.offline import write_rrd
+                from contact_tracker.viewer.views import write_rrd
 
                 write_rrd(path, self, check)
                 return
