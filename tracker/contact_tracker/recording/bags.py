@@ -16,7 +16,7 @@ from itertools import count
 from typing import Final
 from urllib.parse import quote
 
-from contact_tracker.errors import UnreadableRecording
+from contact_tracker.errors import UnreadableRecording, first_line
 from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
     RECORD_LIMIT,
@@ -139,7 +139,9 @@ class _Bag:
                     self._report(f"{error} at byte {place}")
                 return chunks, begins_ns
             except PARSE_ERRORS as error:
-                self._report(f"it is damaged at byte {place} ({_line(error)}): rosbag reindex may find more")
+                self._report(
+                    f"it is damaged at byte {place} ({first_line(error)}): rosbag reindex may find more"
+                )
                 return chunks, begins_ns
 
     def messages_in(self, chunk: _Chunk) -> list[RawMessage]:
@@ -159,7 +161,7 @@ class _Bag:
                     if channel is not None:
                         found.append(RawMessage(channel, header.time_ns(b"time"), data[begin:at]))
         except PARSE_ERRORS as error:
-            self._report(f"unreadable chunk at byte {chunk[1]} ({_line(error)})")
+            self._report(f"unreadable chunk at byte {chunk[1]} ({first_line(error)})")
         return sorted(found, key=lambda message: message.log_time_ns)
 
     def _note_connection(self, header: _Header, data: bytes) -> None:
@@ -213,10 +215,6 @@ def _part(data: bytes, at: int) -> tuple[int, int]:
     if size > len(data) - at - _LENGTH.size:
         raise ValueError("a record is longer than its chunk")
     return at + _LENGTH.size, at + _LENGTH.size + size
-
-
-def _line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
 
 
 _TABLES: Final = frozenset({"messages", "topics", "message_definitions", "sqlite_master"})

@@ -23,7 +23,7 @@ from contact_tracker.recording.bytestream import (
 )
 from contact_tracker.recording.decoding import MessageDecoder
 from contact_tracker.recording.items import Channel, Item, RawMessage, in_log_order
-from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, place_of, summary_of
+from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, summary_of
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
 
 STDIN: Final = "-"
@@ -293,7 +293,7 @@ class Reading:
         pieces: Iterator[tuple[int, Iterable[Item]]]
         if not _is_in_log_order(summary) and _is_sortable(summary, loop):
             chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
-            pieces = ((chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks)
+            pieces = ((chunk.message_start_time, loop.items_of(chunk)) for chunk in chunks)
         elif self._is_unsorted_without_chunks(part, summary):
             pieces = ((0, [item]) for item in loop)
         else:
@@ -302,7 +302,7 @@ class Reading:
             return
         others: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
         for entry in others:
-            yield from loop.items_at(place_of(entry))
+            yield from loop.items_of(entry)
         stream.seek(0)
         yield from in_log_order(pieces)
         assert summary.statistics is not None
@@ -356,9 +356,7 @@ def _is_sortable(summary: Summary, loop: RecordLoop) -> bool:
         (known.chunk_count, known.attachment_count, known.metadata_count)
         == (len(summary.chunk_indexes), len(summary.attachment_indexes), len(summary.metadata_indexes))
     )
-    return is_whole and all(
-        loop.opcode_at(place_of(chunk)) == Opcode.CHUNK for chunk in summary.chunk_indexes
-    )
+    return is_whole and all(loop.opcode_of(chunk) == Opcode.CHUNK for chunk in summary.chunk_indexes)
 
 
 def _plain(name: str) -> str:

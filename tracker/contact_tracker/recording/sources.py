@@ -43,7 +43,7 @@ from contact_tracker.recording.items import (
     RawMessage,
     Rows,
 )
-from contact_tracker.recording.mcap_file import RecordLoop, channel_of, place_of, summary_of
+from contact_tracker.recording.mcap_file import RecordLoop, channel_of, summary_of
 from contact_tracker.recording.reading import parts_of, size_budget
 from contact_tracker.suggestions import suggestion
 
@@ -275,7 +275,7 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
                 _is_full(prefixes[missing[channel_id]], sizes[missing[channel_id]]) for channel_id in there
             ):
                 continue
-            for item in loop.items_at(place_of(chunk)):
+            for item in loop.items_of(chunk):
                 if isinstance(item, RawMessage) and not _is_full(
                     prefix := prefixes[item.channel], sizes[item.channel]
                 ):

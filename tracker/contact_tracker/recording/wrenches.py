@@ -104,32 +104,25 @@ def read_wrenches(
         return channel.topic == topic and canonical(channel.type) == WRENCH_TYPE and is_readable(channel)
 
     reading = Reading(path, wanted)
-    rows, frames, dropped = list[tuple[float, ...]](), dict[str, int](), 0
-    stamps, log_times = list[int](), list[int]()
+    rows, dropped = list[tuple[str, int, int, tuple[float, ...]]](), 0
     for message, row in _decoded(reading):
-        if row is None or len(stamps) == _MOST:
+        stamp_ns = 0 if row is None else message.log_time_ns if by_log_time else row[1]
+        if row is None or not stamp_ns or len(rows) == _MOST:
             dropped += 1
-            continue
-        frame_id, stamp_ns, numbers = row
-        stamp_ns = message.log_time_ns if by_log_time else stamp_ns
-        if not stamp_ns:
-            dropped += 1
-            continue
-        frames[frame_id] = frames.get(frame_id, 0) + 1
-        stamps.append(stamp_ns)
-        log_times.append(message.log_time_ns)
-        rows.append(numbers)
-    if not stamps:
+        else:
+            rows.append((row[0], stamp_ns, message.log_time_ns, row[2]))
+    if not rows:
         raise _nothing(path, topic, channels)
-    if len(frames) > 1:
-        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join(sorted(frames)[:4])}")
-    (frame_id,) = frames
-    columns = np.array(rows, float)
-    found = Wrenches(np.array(stamps, np.int64), columns[:, :3], columns[:, 3:]).valid
+    frames, stamps, log_times, numbers = zip(*rows, strict=True)
+    frame_id, *others = sorted({*frames})
+    if others:
+        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join([frame_id, *others][:4])}")
+    stamp_column, columns = np.array(stamps, np.int64), np.array(numbers, float)
+    found = Wrenches(stamp_column, columns[:, :3], columns[:, 3:]).valid
     dropped += len(stamps) - len(found)
     if not len(found):
         raise InputError(f"{path}: no wrench on {topic} is finite")
-    every_ns, first = np.unique(np.array(stamps, np.int64), return_index=True)
+    every_ns, first = np.unique(stamp_column, return_index=True)
     logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
     placed, taken, bad = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
     unplaced = len(found) - len(placed)
