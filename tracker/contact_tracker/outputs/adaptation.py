@@ -20,7 +20,7 @@ def not_given(texts: Iterable[str], given: set[str]) -> list[str]:
     it goes on."""
     words = {_NUMBERS.sub("", text): text for text in texts}
     new = [text for key, text in words.items() if key not in given]
-    given |= words.keys()
+    given.update(words)
     return new
 
 
