@@ -267,7 +267,7 @@ def test_a_long_line_of_frames_takes_little_memory() -> None:
     assert steps is not None
     assert [step.source for step in steps] == sources
     assert tree.chain(names[0], "nowhere") is None
-    assert tree.chain(names[3], names[3]) == []
+    assert tree.chain(names[3], names[3]) == ()
 
 
 def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import struct
 import tracemalloc
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import zstandard
@@ -12,7 +13,7 @@ from mcap.opcode import Opcode
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_metadata, summarise
 from contact_tracker.recording.bytestream import ByteStream
-from contact_tracker.recording.mcap_file import MAGIC, Place, inflate, summary_of
+from contact_tracker.recording.mcap_file import MAGIC, inflate, summary_of
 from mcap_logs import SCHEMAS, poses_topic, smooth_poses, write_log
 
 TYPE = "geometry_msgs/msg/PoseStamped"
@@ -50,6 +51,13 @@ def channels(*others: int) -> bytes:
         )
         for number, kind, topic in topics
     )
+
+
+class Place(NamedTuple):
+    """Offset and size (bytes) of a record."""
+
+    offset: int
+    size: int
 
 
 def chunk_index(place: Place, holds: Sequence[int]) -> bytes:

@@ -95,7 +95,7 @@ def _run(arguments: tuple[object, ...], cwd: Path | None) -> int:
         try:
             return main.run(list(map(str, arguments)))
         finally:
-            terminal.set_verbosity(terminal.Verbosity.USUAL)
+            terminal.set_verbosity(terminal.USUAL)
             sys.unraisablehook, logging.lastResort = hook, last_resort
             for number, handler in handlers.items():
                 signal.signal(number, handler)

@@ -18,10 +18,9 @@ from contact_tracker.tracking.belief import Belief, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.viewer import canvas
-from contact_tracker.viewer.live import LiveViewer
-from contact_tracker.viewer.offline import write_rrd
 from contact_tracker.viewer.parts import MOST_KEPT, KnownParts, known_parts
 from contact_tracker.viewer.sinks import to_file
+from contact_tracker.viewer.views import LiveViewer, write_rrd
 
 Z = np.array([0.0, 0.0, 1.0])
 KNOWLEDGE = map_from(

@@ -30,10 +30,9 @@ from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory, vertices_from_metadata
 from contact_tracker.viewer import canvas, scene, sinks
-from contact_tracker.viewer.live import LiveViewer
-from contact_tracker.viewer.offline import begin, write_rrd
 from contact_tracker.viewer.scene import OBJECT, UNKNOWN_EXTENT, draw, hull
 from contact_tracker.viewer.sinks import to_file
+from contact_tracker.viewer.views import LiveViewer, begin, write_rrd
 from mcap_logs import smooth_poses
 
 ORIGIN_NS = 1_700_000_000_000_000_000

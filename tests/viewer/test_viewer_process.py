@@ -14,8 +14,8 @@ import rerun_cli
 
 from contact_tracker.errors import ViewerError
 from contact_tracker.viewer import SILENT, sinks
-from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.sinks import to_viewer
+from contact_tracker.viewer.views import LiveViewer
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere files and addresses are others")
 

@@ -51,6 +51,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def first_line(error: BaseException) -> str:
+    """The first line of an error of a library, or its kind if it has no text."""
+    return (str(error) or type(error).__name__).splitlines()[0]
+
+
 class ContactTrackerError(Exception):
     """Base of all errors raised on purpose; its text is one line with the remedy."""
 

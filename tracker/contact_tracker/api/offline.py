@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
     from contact_tracker.exports import parquet
     from contact_tracker.exports.figure import Axes, Figure
-    from contact_tracker.viewer.offline import Viewer
+    from contact_tracker.viewer.views import Viewer
 
 
 class Result(Outcome):
@@ -219,7 +219,7 @@ class Result(Outcome):
             int(number_from(pixels, name, "of pixels", lambda count: count >= 1.0)) for name, pixels in sizes
         )
         with extra("notebook", "the viewer in a notebook"):
-            from contact_tracker.viewer.offline import show_in_notebook
+            from contact_tracker.viewer.views import show_in_notebook
 
             return show_in_notebook(self, width, height)
 
@@ -252,7 +252,7 @@ class Result(Outcome):
             read = () if self.log is None else parts_of(self.log)
             check = check_output(path, overwrite, read, "overwrite=True")
             if path.suffix.lower() == ".rrd":
-                from contact_tracker.viewer.offline import write_rrd
+                from contact_tracker.viewer.views import write_rrd
 
                 write_rrd(path, self, check)
                 return
@@ -313,7 +313,7 @@ def segment(
         used = _evidence_of(wrench, poses, given, known_map, mass_kg)
         evidence = used.evidence
         notes += used.warnings
-        if not used.is_warning:
+        if used.text not in used.warnings:
             log_text(used.text)
     outcome = segmented(poses, given, known_map, evidence, progress=progress, notes=notes)
     result = Result(**vars(outcome))

@@ -13,7 +13,7 @@ from contact_tracker.errors import InvalidPose, OutputError, StateError
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.real_numbers import real_number
-from contact_tracker.outputs.adaptation import News, warnings
+from contact_tracker.outputs.adaptation import not_given, warnings
 from contact_tracker.saved_state import continued, load, save
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.informative_motion import InformativeMotion, informative_motions
@@ -68,7 +68,7 @@ class Tracker:
         self._gate = PoseGate()
         self._given = 0
         self._restored: Path | None = None
-        self._news = News()
+        self._warned = set[str]()
         self._warn_of_news(notes)
 
     def update(
@@ -163,8 +163,8 @@ class Tracker:
             case (tracker.Tracker() as state, PoseGate() as gate, tuple() as notes, int() as given):
                 restored = cls.__new__(cls)
                 restored._tracker, restored._gate, restored._notes = state, gate, [*map(str, notes)]
-                restored._given, restored._restored = given, Path(name)
-                restored._news = News(restored.warnings)
+                restored._given, restored._restored, restored._warned = given, Path(name), set()
+                not_given(restored.warnings, restored._warned)
                 return restored
         raise StateError(f"{name}: it is no state of a tracker")
 
@@ -176,7 +176,7 @@ class Tracker:
         return remarks_on(self._gate.counts, self._given) if loss is None else (loss,)
 
     def _warn_of_news(self, texts: Sequence[str]) -> None:
-        warn_of(self._news.of(texts))
+        warn_of(not_given(texts, self._warned))
 
 
 def _warnings(report: Report | None) -> Sequence[str]:

@@ -125,7 +125,7 @@ def local_copy(url: str, within: str | None = None) -> Iterator[str]:
             if is_folder:
                 copy_folder(filesystem, path, target)
             else:
-                _Copier(filesystem, folder).copy(path, target, filesystem.info(path))
+                _copy(filesystem, [(path, target, filesystem.info(path))], folder)
         yield target
 
 
@@ -133,39 +133,40 @@ def copy_folder(filesystem: Any, path: str, target: str) -> None:
     """Copy all files below ``path``; names that lead outside are rejected."""
     begin = path.rstrip("/") + "/"
     os.makedirs(target, exist_ok=True)
-    copier = _Copier(filesystem, target)
-    for name, info in sorted(filesystem.find(path, detail=True).items()):
-        if not _is_below(str(name), begin) or os.sep in str(name).removeprefix(begin).replace("/", ""):
-            raise _LeadsOut(f"the name {name} leads out of the folder")
-        own = os.path.join(target, *str(name).removeprefix(begin).split("/"))
-        os.makedirs(os.path.dirname(own), exist_ok=True)
-        copier.copy(name, own, info)
+
+    def files() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+        for name, info in sorted(filesystem.find(path, detail=True).items()):
+            inside = str(name).removeprefix(begin)
+            if not _is_below(str(name), begin) or os.sep in inside.replace("/", ""):
+                raise _LeadsOut(f"the name {name} leads out of the folder")
+            own = os.path.join(target, *inside.split("/"))
+            os.makedirs(os.path.dirname(own), exist_ok=True)
+            yield name, own, info
+
+    _copy(filesystem, files(), target)
 
 
-class _Copier:
-    """Copies files into ``folder``, up to the allowed total size."""
+def _copy(filesystem: Any, files: Iterable[tuple[str, str, Mapping[str, Any]]], folder: str) -> None:
+    """Copy files, each by its name, target and what the store says of it, into ``folder``; raises OSError if
+    they are too large together, whatever size the store declares."""
+    from fsspec.callbacks import Callback
 
-    def __init__(self, filesystem: Any, folder: str) -> None:
-        self._filesystem, self._folder = filesystem, folder
-        self._copied = 0
+    copied = 0
 
-    def copy(self, name: str, target: str, info: Mapping[str, Any]) -> None:
-        """Copy a file; raises OSError if it is too large, whatever size ``info`` declares."""
-        from fsspec.callbacks import Callback
-
-        self._check(info.get("size") or 0, 0)
-        coming = Callback(hooks={"length": lambda size, done, **_: self._check(max(size or 0, done), done)})
-        self._filesystem.get_file(name, target, callback=coming)
-        size = os.path.getsize(target)
-        self._check(size, size)
-        self._copied += max(size, _FILE_BYTES)
-
-    def _check(self, size: int, done: int) -> None:
+    def check(size: int, done: int) -> None:
         """Check the space for a file of at least ``size`` bytes, of which ``done`` are copied."""
-        if self._copied + size > MOST_BYTES:
+        if copied + size > MOST_BYTES:
             raise OSError(f"it is longer than {MOST_BYTES >> 30} GiB: copy it to a disk, and read it there")
-        if shutil.disk_usage(self._folder).free < size - done + _LEFT_BYTES:
+        if shutil.disk_usage(folder).free < size - done + _LEFT_BYTES:
             raise OSError(f"no room for a copy in {tempfile.gettempdir()}: TMPDIR says where copies go")
+
+    for name, target, info in files:
+        check(info.get("size") or 0, 0)
+        coming = Callback(hooks={"length": lambda size, done, **_: check(max(size or 0, done), done)})
+        filesystem.get_file(name, target, callback=coming)
+        size = os.path.getsize(target)
+        check(size, size)
+        copied += max(size, _FILE_BYTES)
 
 
 def _is_below(name: str, begin: str) -> bool:

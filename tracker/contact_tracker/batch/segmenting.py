@@ -5,7 +5,7 @@ import errno
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,7 +21,6 @@ from contact_tracker.errors import (
     ContactTrackerError,
     InputError,
     MissingExtra,
-    NoPoses,
     UnreadableRecording,
     printable,
 )
@@ -175,11 +174,6 @@ def failure(name: str, settings: Settings, exit_code: int, error: str, content_h
     return base(name, settings) | found
 
 
-def counts_text(counts: Mapping[str, int]) -> str:
-    """JSON of the counts of dropped and repaired poses, by kind."""
-    return json.dumps({kind: int(count) for kind, count in sorted(counts.items()) if count})
-
-
 _RECORDING: Final[dict[str, Kind]] = {"recording": "text"}
 SEGMENTS: Final = _RECORDING | SEGMENT_COLUMNS
 TICKS: Final = _RECORDING | BELIEF_COLUMNS
@@ -300,16 +294,13 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
             if settings.with_ticks:
                 append["ticks"](_of(recording, belief_columns(piece.beliefs)))
         if not log.valid:
-            noted = counts_text(log.counts)
-            reason = "" if log.loss is None else f": {log.loss}"
-            raise NoPoses(
-                f"{name}: no pose that can be used{reason}{f'; noted: {noted}' if log.counts else ''}"
-            )
+            raise log.no_poses(name)
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
     unused = () if wrenches is None else wrenches.warnings
     notes = [*filter(None, [log.note]), *log.remarks, *unused]
+    noted = {**log.counts, "outlier": outliers}
     report = {} if adapted is None else report_json(adapted)
     notes += report.get("warnings", [])
     return {
@@ -320,7 +311,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         "exit_code": errors.DONE if log.damage is None else errors.DAMAGED,
         "damage": log.damage,
         "warnings": "\n".join(notes) or None,
-        "counts": counts_text({**log.counts, "outlier": outliers}),
+        "counts": json.dumps({kind: count for kind, count in sorted(noted.items()) if count}),
         "poses": log.valid,
         "first_ns": log.first_ns,
         "last_ns": log.last_ns,

@@ -335,7 +335,7 @@ def load_wrenches(
         found = recorded_evidence(name, args.wrench, log, model, known_map, args.mass, set_done)
     if found is None:
         return None  # the command itself says so
-    if not found.is_warning:
+    if found.text not in found.warnings:
         say(f"{name}: {found.text}")
     for line in found.warnings:
         note(f"{name}: {line}")

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from contact_tracker.sequences.plan import Plan
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.tracking.informative_motion import InformativeMotion
-    from contact_tracker.viewer.live import LiveViewer
     from contact_tracker.viewer.sinks import Sink
+    from contact_tracker.viewer.views import LiveViewer
 
 HELP: Final = "what holds now: a line per change while poses stream in"
 DESCRIPTION: Final = """\
@@ -206,7 +206,7 @@ def _viewer(
         return nullcontext()
     from contact_tracker.recording import read_metadata
     from contact_tracker.trajectory import vertices_from_metadata
-    from contact_tracker.viewer.live import LiveViewer
+    from contact_tracker.viewer.views import LiveViewer
 
     vertices_m = vertices_from_metadata(read_metadata(args.log))
     return LiveViewer(vertices_m, sink, lambda: source.origin_ns, known_map)

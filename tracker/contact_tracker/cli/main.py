@@ -15,7 +15,7 @@ from typing import Any, Final, NoReturn
 
 from contact_tracker import __version__, viewer
 from contact_tracker.cli import batch, compare, info, live, segment, view
-from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
+from contact_tracker.cli.terminal import QUIET, USUAL, VERBOSE, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import (
     DAMAGED,
     DIFFERENT,
@@ -156,8 +156,8 @@ def _add_verbosity(parser: argparse.ArgumentParser) -> None:
         "--quiet",
         action="store_const",
         dest="verbosity",
-        const=Verbosity.QUIET,
-        default=Verbosity.USUAL,
+        const=QUIET,
+        default=USUAL,
         help="warnings and errors only on stderr, and no progress",
     )
     group.add_argument(
@@ -165,7 +165,7 @@ def _add_verbosity(parser: argparse.ArgumentParser) -> None:
         "--verbose",
         action="store_const",
         dest="verbosity",
-        const=Verbosity.VERBOSE,
+        const=VERBOSE,
         help="say which poses, model and code are used",
     )
 

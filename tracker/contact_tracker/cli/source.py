@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.cli.terminal import detail, say, warn
-from contact_tracker.errors import DAMAGED, DONE, ChoiceError, NoPoses, StateError, UsageError
+from contact_tracker.errors import DAMAGED, DONE, ChoiceError, StateError, UsageError
 from contact_tracker.files import why_not_replaceable
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.adaptation import News, noise_text, warnings
+from contact_tracker.outputs.adaptation import noise_text, not_given, warnings
 from contact_tracker.outputs.text import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.sources import Stamping
@@ -62,7 +62,7 @@ class Source:
         self.outliers = 0
         self.late = 0
         self._read_ns: int | None = None  # until when, after the first pose
-        self._news = News()
+        self._warned = set[str]()
 
     def __iter__(self) -> Iterator[Pose]:
         return (pose for poses in self.batches() for pose in poses)
@@ -139,8 +139,7 @@ class Source:
         if self.used:
             return
         if self._read_ns is None:
-            reason = "" if self.log.loss is None else f": {self.log.loss}"
-            raise NoPoses(f"{self.name}: no pose that can be used{reason}{self._noted()}")
+            raise self.log.no_poses(self.name)
         raise ChoiceError(
             f"{self.name}: no pose in the interval that --start and --duration leave; poses were read until "
             f"{self._read_ns * 1e-9:.2f} s{self._noted()}"
@@ -191,12 +190,12 @@ class Source:
         self._warn_of(self.log.damage)
 
     def _warn_of(self, damage: str | None) -> None:
-        for line in self._news.of(filter(None, [damage])):
+        for line in not_given(filter(None, [damage]), self._warned):
             warn(f"{self.name}: {line}")
 
     def warn_of_news(self, adapted: "Report | None") -> None:
         """Warn of the problems of the stream of which it was not warned before."""
-        for line in self._news.of(() if adapted is None else warnings(adapted)):
+        for line in not_given(() if adapted is None else warnings(adapted), self._warned):
             warn(line)
 
     def _noted(self) -> str:

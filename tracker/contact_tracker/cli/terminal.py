@@ -10,7 +10,6 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from enum import IntEnum
 from typing import Any, Final, TextIO
 
 from contact_tracker.errors import ContactTrackerWarning, printable
@@ -57,20 +56,13 @@ def _with_coloured_label(line: str) -> str:
     return f"{line[:first]}\x1b[{ansi_of(Contact(found[3]))}m{found[3]}\x1b[0m{line[end:]}"
 
 
-class Verbosity(IntEnum):
-    """Amount of messages on stderr."""
-
-    QUIET = 0
-    """Warnings and errors."""
-    USUAL = 1
-    VERBOSE = 2
-
-
-_verbosity = Verbosity.USUAL
+QUIET, USUAL, VERBOSE = range(3)
+"""Amount of messages on stderr; quiet are warnings and errors."""
+_verbosity = USUAL
 _is_wide = False
 
 
-def set_verbosity(verbosity: Verbosity, is_wide: bool = False) -> None:
+def set_verbosity(verbosity: int, is_wide: bool = False) -> None:
     """Set the verbosity of all messages, and whether rows may be wider than the terminal."""
     global _verbosity, _is_wide
     _verbosity, _is_wide = verbosity, is_wide
@@ -78,13 +70,13 @@ def set_verbosity(verbosity: Verbosity, is_wide: bool = False) -> None:
 
 def say(message: str) -> None:
     """Print a message on stderr, in one line."""
-    if _verbosity >= Verbosity.USUAL:
+    if _verbosity >= USUAL:
         _write(message)
 
 
 def detail(message: str) -> None:
     """Print a message that is shown only with higher verbosity."""
-    if _verbosity >= Verbosity.VERBOSE:
+    if _verbosity >= VERBOSE:
         _write(message)
 
 
@@ -113,12 +105,12 @@ def take_over_warnings() -> None:
     """Print warnings and log messages of Python and libraries like our own warnings."""
     import logging
 
-    class LogLine(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            warn(f"{record.name}: {' '.join(record.getMessage().split())}")
+    def emit(record: logging.LogRecord) -> None:
+        warn(f"{record.name}: {' '.join(record.getMessage().split())}")
 
     warnings.showwarning = _show_warning  # type: ignore[assignment]
-    logging.lastResort = LogLine(logging.WARNING)
+    logging.lastResort = logging.Handler(logging.WARNING)
+    logging.lastResort.emit = emit  # type: ignore[method-assign]
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any) -> None:
@@ -165,5 +157,5 @@ class StatusLine:
 def _bar(**options: Any) -> Any:
     from tqdm import tqdm
 
-    disable = True if _verbosity < Verbosity.USUAL else None  # None: if there is no terminal
+    disable = True if _verbosity < USUAL else None  # None: if there is no terminal
     return tqdm(file=sys.stderr, disable=disable, leave=False, mininterval=0.1, miniters=1, **options)

@@ -15,7 +15,7 @@ from contact_tracker.exports.formats import check_output
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
-    from contact_tracker.viewer.offline import Draw
+    from contact_tracker.viewer.views import Draw
 
 HELP: Final = "see recordings in the rerun viewer"
 DESCRIPTION: Final = """\
@@ -64,8 +64,8 @@ def _opener(
     args: argparse.Namespace, check: Callable[[], None], are_several: bool
 ) -> "Iterator[Callable[[str], Draw]]":
     """The function that opens a view of a recording by its name, in a file, a window or a browser."""
-    from contact_tracker.viewer.offline import begin, write_rrd
     from contact_tracker.viewer.sinks import to_viewer, web_viewer
+    from contact_tracker.viewer.views import begin, write_rrd
 
     if args.save is not None:
         yield lambda _: partial(write_rrd, args.save, check=check)

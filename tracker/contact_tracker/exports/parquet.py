@@ -10,7 +10,7 @@ from pyarrow import Table as Table
 from pyarrow import compute
 from pyarrow.parquet import ParquetFile, ParquetWriter, read_table, write_table
 
-from contact_tracker.errors import StateError
+from contact_tracker.errors import StateError, first_line
 from contact_tracker.exports.columns import Columns, Kind
 
 _TYPES: Final = {"integer": pyarrow.int64(), "number": pyarrow.float64(), "text": pyarrow.string()}
@@ -100,5 +100,4 @@ def _damage_of(path: Path) -> Iterator[None]:
     try:
         yield
     except (pyarrow.ArrowException, OSError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise StateError(f"{path}: it is damaged ({reason})") from error
+        raise StateError(f"{path}: it is damaged ({first_line(error)})") from error

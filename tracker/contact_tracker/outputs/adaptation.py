@@ -15,26 +15,13 @@ from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary,
 _NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
 
 
-class News:
-    """Those warnings of a stream that it has not given yet; their numbers change while it goes on.
-
-    Parameters
-    ----------
-    given : warnings that were given before.
-    """
-
-    def __init__(self, given: Iterable[str] = ()) -> None:
-        self._words = {_words(text) for text in given}
-
-    def of(self, texts: Iterable[str]) -> list[str]:
-        """The new ones of these, which count as given from now on."""
-        new = {words: text for text in texts if (words := _words(text)) not in self._words}
-        self._words.update(new)
-        return [*new.values()]
-
-
-def _words(text: str) -> str:
-    return _NUMBERS.sub("", text)
+def not_given(texts: Iterable[str], given: set[str]) -> list[str]:
+    """The new ones of a stream's warnings, which count as ``given`` from now on; their numbers change while
+    it goes on."""
+    words = {_NUMBERS.sub("", text): text for text in texts}
+    new = [text for key, text in words.items() if key not in given]
+    given.update(words)
+    return new
 
 
 def noise_text(report: Report) -> str:

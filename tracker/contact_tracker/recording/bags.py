@@ -13,10 +13,10 @@ import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from itertools import count
-from typing import Final, NamedTuple
+from typing import Final
 from urllib.parse import quote
 
-from contact_tracker.errors import UnreadableRecording
+from contact_tracker.errors import UnreadableRecording, first_line
 from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
     RECORD_LIMIT,
@@ -60,12 +60,8 @@ class _Header(dict[bytes, bytes]):
         return int(seconds * 1_000_000_000 + nanoseconds)
 
 
-class _Chunk(NamedTuple):
-    """Where the data of a chunk is: offset and size (bytes)."""
-
-    header: _Header
-    at: int
-    size: int
+_Chunk = tuple[_Header, int, int]
+"""Header, and offset and size (bytes) of the data of a chunk."""
 
 
 def read_bag(
@@ -132,7 +128,7 @@ class _Bag:
                 if size >= RECORD_LIMIT or not stream.may_have(size):
                     raise EOFError("it is cut off")
                 if header.number(b"op") == _CHUNK:
-                    chunks[place] = _Chunk(header, stream.position, size)
+                    chunks[place] = header, stream.position, size
                 elif header.number(b"op") == _CHUNK_INFO:
                     begins_ns[header.number(b"chunk_pos")] = header.time_ns(b"start_time")
                 elif header.number(b"op") == _CONNECTION:
@@ -143,7 +139,9 @@ class _Bag:
                     self._report(f"{error} at byte {place}")
                 return chunks, begins_ns
             except PARSE_ERRORS as error:
-                self._report(f"it is damaged at byte {place} ({_line(error)}): rosbag reindex may find more")
+                self._report(
+                    f"it is damaged at byte {place} ({first_line(error)}): rosbag reindex may find more"
+                )
                 return chunks, begins_ns
 
     def messages_in(self, chunk: _Chunk) -> list[RawMessage]:
@@ -163,7 +161,7 @@ class _Bag:
                     if channel is not None:
                         found.append(RawMessage(channel, header.time_ns(b"time"), data[begin:at]))
         except PARSE_ERRORS as error:
-            self._report(f"unreadable chunk at byte {chunk.at} ({_line(error)})")
+            self._report(f"unreadable chunk at byte {chunk[1]} ({first_line(error)})")
         return sorted(found, key=lambda message: message.log_time_ns)
 
     def _note_connection(self, header: _Header, data: bytes) -> None:
@@ -174,9 +172,10 @@ class _Bag:
             self._channels[number] = channel if self._wanted(channel) else None
 
     def _inflated(self, chunk: _Chunk) -> bytes:
-        stream, size = self._stream, chunk.header.number(b"size")
-        data = stream.read(chunk.size) if stream.seek(chunk.at) else b""
-        match chunk.header[b"compression"]:
+        header, at, stored = chunk
+        stream, size = self._stream, header.number(b"size")
+        data = stream.read(stored) if stream.seek(at) else b""
+        match header[b"compression"]:
             case b"none":
                 return data
             case b"lz4":
@@ -216,10 +215,6 @@ def _part(data: bytes, at: int) -> tuple[int, int]:
     if size > len(data) - at - _LENGTH.size:
         raise ValueError("a record is longer than its chunk")
     return at + _LENGTH.size, at + _LENGTH.size + size
-
-
-def _line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
 
 
 _TABLES: Final = frozenset({"messages", "topics", "message_definitions", "sqlite_master"})

@@ -23,7 +23,7 @@ from pyarrow import compute, types
 from pyarrow.parquet import ColumnChunkMetaData, FileMetaData, ParquetFile
 
 from contact_tracker.config.table_reading import TableReading
-from contact_tracker.errors import UnreadableRecording, printable
+from contact_tracker.errors import UnreadableRecording, first_line, printable
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import layout_of_names, layout_without_names, numbers
@@ -61,7 +61,9 @@ class ParquetTable:
             self._file = ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
             leaves = [leaf for field in self._file.schema_arrow for leaf in self._leaves(field, path, budget)]
         except _PARQUET_ERRORS as error:
-            raise UnreadableRecording(f"it cannot be read as a table: {_line(error)}") from error
+            raise UnreadableRecording(
+                f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
+            ) from error
         self.layout = layout_of_names([leaf.name for leaf in leaves], reading, path, "Parquet")
         self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
         for place, leaf in self._chosen.items():
@@ -81,7 +83,7 @@ class ParquetTable:
                 yield self._values(batch, done)
                 done += len(batch)
         except _PARQUET_ERRORS as error:
-            self.damage = (f"it is damaged: {_line(error)}",)
+            self.damage = (f"it is damaged: {first_line(error)[:_LONGEST_LINE]}",)
         finally:
             self._file.close()
 
@@ -165,10 +167,6 @@ def _numbers(column: Any) -> NDArray[np.float64]:
     if types.is_string(column.type) or types.is_large_string(column.type):
         return numbers([text or "" for text in column.to_pylist()])
     return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
-
-
-def _line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0][:_LONGEST_LINE]
 
 
 _PAGE_HEADER: Final = 2**16

@@ -20,7 +20,6 @@ ROWS_AT_ONCE: Final = 10_000
 BUFFER_BYTES: Final = 2**23
 """Size from which messages are no longer collected, but handled."""
 _PENDING_BYTES: Final = 8 * BUFFER_BYTES
-_SHOWN: Final = 3
 
 
 @dataclass(frozen=True)
@@ -90,25 +89,6 @@ class Metadata(NamedTuple):
 
 
 Item = RawMessage | Rows | Attachment | Metadata
-
-
-class DamageReport:
-    """The first damages as text, further ones counted."""
-
-    def __init__(self) -> None:
-        self._shown: list[str] = []
-        self._more = 0
-
-    def add(self, text: str) -> None:
-        if len(self._shown) < _SHOWN:
-            self._shown.append(text)
-        else:
-            self._more += 1
-
-    @property
-    def text(self) -> str | None:
-        """The line, or None without damage."""
-        return "; ".join(self._shown) + (f"; and {self._more} more" if self._more else "") or None
 
 
 def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMessage]:

@@ -43,6 +43,7 @@ from contact_tracker.recording.transforms import (
     composed_source,
     composition_hint,
     is_beside,
+    last_moving,
     moving_parent_note,
     relative_hint,
 )
@@ -118,6 +119,12 @@ class PoseLog:
     def loss(self) -> str | None:
         """One line with the likely cause if most poses were dropped; unknown of a log that was carried on."""
         return None if self._is_resumed else remark_on_loss(self.counts, self.taken, self.gate.refused_xyzw)
+
+    def no_poses(self, name: str) -> NoPoses:
+        """The error if no pose of the recording ``name`` is valid."""
+        reason = "" if self.loss is None else f": {self.loss}"
+        noted = ", ".join(f"{kind} {count}" for kind, count in self.counts.items() if count)
+        return NoPoses(f"{name}: no pose that can be used{reason}{noted and f'; noted: {noted}'}")
 
     @property
     def damage(self) -> str | None:
@@ -293,10 +300,11 @@ def open_log(
         if found is not None:
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
-            composer = Composer(steps, steps.body, source, decoder.assumed, at_once)
+            body = last_moving(steps)
+            composer = Composer(steps, body, source, decoder.assumed, at_once)
             if not reading.is_table:
                 composer.learn(all_known)
-            prefix, logged = all_known[steps[steps.body].source], composer.compose(logged)
+            prefix, logged = all_known[steps[body].source], composer.compose(logged)
             return PoseLog(source, reading, logged, prefix, None, count_late, composer)
         more = take_prefix(items)
         head = [*head, *more] if is_chain else more

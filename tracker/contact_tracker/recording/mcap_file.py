@@ -13,7 +13,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from io import BytesIO
 from itertools import chain, pairwise
-from typing import IO, Final, NamedTuple, cast
+from typing import IO, Final, cast
 
 import zstandard
 from mcap import records
@@ -23,7 +23,7 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
-from contact_tracker.errors import UnreadableRecording
+from contact_tracker.errors import UnreadableRecording, first_line
 from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
     RECORD_LIMIT,
@@ -134,17 +134,6 @@ _FOOTER: Final = struct.Struct("<BQQQI")
 """Footer record: opcode, length, start of the index, start of the offsets in it, checksum."""
 
 
-class Place(NamedTuple):
-    """Offset and size (bytes) of a record, its head included."""
-
-    offset: int
-    size: int
-
-    @property
-    def end(self) -> int:
-        return self.offset + self.size
-
-
 def summary_of(part: str) -> Summary | None:
     """The index of a file; None unless it describes all channels, and its records are disjoint."""
     if not is_regular(part):
@@ -166,19 +155,19 @@ Entry = records.ChunkIndex | records.AttachmentIndex | records.MetadataIndex
 """An entry of an index."""
 
 
-def place_of(index: Entry) -> Place:
-    """The place of the record that an entry of the index describes."""
+def _place(index: Entry) -> tuple[int, int]:
+    """Offset and size (bytes) of the record that an entry of the index describes, its head included."""
     if isinstance(index, records.ChunkIndex):
-        return Place(index.chunk_start_offset, index.chunk_length)
-    return Place(index.offset, index.length)
+        return index.chunk_start_offset, index.chunk_length
+    return index.offset, index.length
 
 
 def _are_disjoint(summary: Summary, size: int) -> bool:
     """Whether the records of an index are disjoint and inside the file: else a small one could have the same
     bytes read over and over."""
     entries: list[Entry] = [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
-    places = sorted(map(place_of, entries))
-    return all(a.end <= b.offset for a, b in pairwise(places)) and (not places or places[-1].end <= size)
+    places = [*sorted(map(_place, entries)), (size, 0)]
+    return all(offset + length <= following for (offset, length), (following, _) in pairwise(places))
 
 
 def _read(file: IO[bytes]) -> Summary | None:
@@ -285,22 +274,24 @@ class RecordLoop:
                 yield group
         self.report_orphans()
 
-    def opcode_at(self, place: Place) -> int | None:
-        """Opcode of the record at a place; None if there is none of this size."""
-        head = self._stream.read(RECORD_HEAD.size) if self._stream.seek(place.offset) else b""
+    def opcode_of(self, index: Entry) -> int | None:
+        """Opcode of the record that an entry of the index describes; None if there is none of this size."""
+        offset, size = _place(index)
+        head = self._stream.read(RECORD_HEAD.size) if self._stream.seek(offset) else b""
         opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
-        return opcode if opcode in _READ and len(head) + length == place.size else None
+        return opcode if opcode in _READ and len(head) + length == size else None
 
-    def items_at(self, place: Place) -> list[Item]:
+    def items_of(self, index: Entry) -> list[Item]:
         """The items of one record, as in ``groups``; channels are those of ``summary``."""
-        opcode, length = self.opcode_at(place), place.size - RECORD_HEAD.size
+        offset, size = _place(index)
+        opcode, length = self.opcode_of(index), size - RECORD_HEAD.size
         if opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:
             return []
         payload = self._stream.read(length) if opcode is not None and length <= RECORD_LIMIT else b""
         if opcode is None or len(payload) != length:
-            self._damage(f"no MCAP record at byte {place.offset}")
+            self._damage(f"no MCAP record at byte {offset}")
             return []
-        return self._group(opcode, payload, place.offset)
+        return self._group(opcode, payload, offset)
 
     def report_orphans(self) -> None:
         """Add messages without channel to the damage, once nothing more is read."""
@@ -327,7 +318,7 @@ class RecordLoop:
                 elif (channel := channels[channel_id]) is not None:
                     group.append(RawMessage(channel, log_time_ns, payload[begin + head_size : end]))
         except PARSE_ERRORS as error:
-            self._damage(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
+            self._damage(f"unreadable {_name(opcode)} at byte {start} ({first_line(error)})")
         return _in_log_order(group)
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
@@ -413,7 +404,3 @@ def _in_log_order(items: list[Item]) -> list[Item]:
 
 def _name(opcode: int) -> str:
     return Opcode(opcode).name.lower()
-
-
-def _line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]

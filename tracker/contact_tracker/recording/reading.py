@@ -22,8 +22,8 @@ from contact_tracker.recording.bytestream import (
     open_stream,
 )
 from contact_tracker.recording.decoding import MessageDecoder
-from contact_tracker.recording.items import Channel, DamageReport, Item, RawMessage, in_log_order
-from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, place_of, summary_of
+from contact_tracker.recording.items import Channel, Item, RawMessage, in_log_order
+from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, summary_of
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
 
 STDIN: Final = "-"
@@ -35,6 +35,7 @@ _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
 """Largest overlap of, and largest gap between, parts of one recording."""
 _NAMED: Final = 4
+_DAMAGES_SHOWN: Final = 3
 _BAGS: Final = (b"SQLite format 3\0", b"#ROSBAG V")
 """First bytes of ``.db3`` and ``.bag`` files."""
 _BEGIN: Final = 64
@@ -208,7 +209,7 @@ class Reading:
         self._follow = follow
         self._table_reading = table
         self.assumption: str | None = None
-        self._damage = DamageReport()
+        self._damages, self._more_damages = list[str](), 0
         self.budget = WorkBudget()
         self.decoder = MessageDecoder(self.budget, table.field)
 
@@ -220,7 +221,8 @@ class Reading:
     @property
     def damage(self) -> str | None:
         """One line, or None without damage."""
-        return "; ".join(filter(None, (self._damage.text, self.budget.damage))) or None
+        more = f"and {self._more_damages} more" if self._more_damages else ""
+        return "; ".join(filter(None, (*self._damages, more, self.budget.damage))) or None
 
     def __iter__(self) -> Iterator[Item]:
         readable = False
@@ -233,7 +235,7 @@ class Reading:
                 kind = type(error) if isinstance(error, UnreadableRecording) else UnreadableRecording
                 errors.append(kind(f"{_shown(part)}: {getattr(error, 'strerror', None) or error}"))
                 errors[-1].__cause__ = error
-                self._damage.add(str(errors[-1]))
+                self._report(str(errors[-1]))
         if errors and not readable:
             raise errors[0]
 
@@ -242,7 +244,7 @@ class Reading:
         begin = _begin(part)
 
         def report(text: str) -> None:
-            self._damage.add(prefix + text)
+            self._report(prefix + text)
 
         if (is_bag := begin.startswith(_BAGS)) or is_table(part, begin):
             if self._wanted is None:
@@ -269,6 +271,12 @@ class Reading:
             finally:
                 loop.report_orphans()
 
+    def _report(self, damage: str) -> None:
+        if len(self._damages) < _DAMAGES_SHOWN:
+            self._damages.append(damage)
+        else:
+            self._more_damages += 1
+
     def _assume(self, text: str) -> None:
         self.assumption = text
 
@@ -285,7 +293,7 @@ class Reading:
         pieces: Iterator[tuple[int, Iterable[Item]]]
         if not _is_in_log_order(summary) and _is_sortable(summary, loop):
             chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
-            pieces = ((chunk.message_start_time, loop.items_at(place_of(chunk))) for chunk in chunks)
+            pieces = ((chunk.message_start_time, loop.items_of(chunk)) for chunk in chunks)
         elif self._is_unsorted_without_chunks(part, summary):
             pieces = ((0, [item]) for item in loop)
         else:
@@ -294,7 +302,7 @@ class Reading:
             return
         others: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
         for entry in others:
-            yield from loop.items_at(place_of(entry))
+            yield from loop.items_of(entry)
         stream.seek(0)
         yield from in_log_order(pieces)
         assert summary.statistics is not None
@@ -348,9 +356,7 @@ def _is_sortable(summary: Summary, loop: RecordLoop) -> bool:
         (known.chunk_count, known.attachment_count, known.metadata_count)
         == (len(summary.chunk_indexes), len(summary.attachment_indexes), len(summary.metadata_indexes))
     )
-    return is_whole and all(
-        loop.opcode_at(place_of(chunk)) == Opcode.CHUNK for chunk in summary.chunk_indexes
-    )
+    return is_whole and all(loop.opcode_of(chunk) == Opcode.CHUNK for chunk in summary.chunk_indexes)
 
 
 def _plain(name: str) -> str:

@@ -43,7 +43,7 @@ from contact_tracker.recording.items import (
     RawMessage,
     Rows,
 )
-from contact_tracker.recording.mcap_file import RecordLoop, channel_of, place_of, summary_of
+from contact_tracker.recording.mcap_file import RecordLoop, channel_of, summary_of
 from contact_tracker.recording.reading import parts_of, size_budget
 from contact_tracker.suggestions import suggestion
 
@@ -262,7 +262,8 @@ def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[Pos
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
     """The prefixes of some channels, from the chunks that have their messages; each chunk is read once."""
-    prefixes = {channel: _Prefix() for channel in missing.values()}
+    prefixes = {channel: list[RawMessage]() for channel in missing.values()}
+    sizes = Counter[Channel]()
     budget = WorkBudget()
     budget.bytes_read += sum(chunk.chunk_length for chunk in summary.chunk_indexes)
     kept = 0
@@ -270,13 +271,18 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
         loop = RecordLoop(stream, lambda text: None, prefixes.__contains__, summary)
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
             there = missing.keys() & chunk.message_index_offsets.keys()
-            if kept >= 4 * BUFFER_BYTES or all(prefixes[missing[channel_id]].is_full for channel_id in there):
+            if kept >= 4 * BUFFER_BYTES or all(
+                _is_full(prefixes[missing[channel_id]], sizes[missing[channel_id]]) for channel_id in there
+            ):
                 continue
-            for item in loop.items_at(place_of(chunk)):
-                if isinstance(item, RawMessage) and not (prefix := prefixes[item.channel]).is_full:
-                    prefix.add(item)
+            for item in loop.items_of(chunk):
+                if isinstance(item, RawMessage) and not _is_full(
+                    prefix := prefixes[item.channel], sizes[item.channel]
+                ):
+                    prefix.append(item)
+                    sizes[item.channel] += len(item.data)
                     kept += len(item.data)
-    return [message for prefix in prefixes.values() for message in prefix.messages]
+    return [message for prefix in prefixes.values() for message in prefix]
 
 
 def messages_by_topic(path: str) -> Counter[str]:
@@ -295,38 +301,25 @@ def _message_counts(summary: Summary) -> list[tuple[int, int]]:
     return [(channel_id, counts.get(channel_id, 0)) for channel_id in sorted(summary.channels)]
 
 
-class _Prefix:
-    """The first messages, up to one second of log time."""
-
-    def __init__(self) -> None:
-        self.messages: list[RawMessage] = []
-        self._bytes = 0
-
-    def add(self, message: RawMessage) -> None:
-        self.messages.append(message)
-        self._bytes += len(message.data)
-
-    @property
-    def is_full(self) -> bool:
-        """Whether these are enough."""
-        return bool(self.messages) and (
-            len(self.messages) >= PREFIX_MESSAGES
-            or self._bytes >= BUFFER_BYTES
-            or self.messages[-1].log_time_ns - self.messages[0].log_time_ns >= PREFIX_NS
-        )
+def _is_full(prefix: Sequence[RawMessage], size: int) -> bool:
+    """Whether the first messages, of so many bytes, are enough: one second of log time, or many."""
+    if not prefix or len(prefix) >= PREFIX_MESSAGES or size >= BUFFER_BYTES:
+        return bool(prefix)
+    return prefix[-1].log_time_ns - prefix[0].log_time_ns >= PREFIX_NS
 
 
 def take_prefix(items: Iterator[Item]) -> list[RawMessage | Rows]:
     """The next messages, up to one second of log time, or the next rows; empty at the end of the input."""
-    prefix = _Prefix()
+    prefix, size = list[RawMessage](), 0
     for item in items:
         if isinstance(item, Rows):
             return [item]
         if isinstance(item, RawMessage):
-            prefix.add(item)
-            if prefix.is_full:
+            prefix.append(item)
+            size += len(item.data)
+            if _is_full(prefix, size):
                 break
-    return [*prefix.messages]
+    return [*prefix]
 
 
 def poses_by_source(items: Iterable[Item], decoder: MessageDecoder) -> dict[PoseSource, list[Logged]]:

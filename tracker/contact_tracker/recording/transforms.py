@@ -60,7 +60,7 @@ class TransformTree:
     def __contains__(self, frame: str) -> bool:
         return frame_name(frame) in self._steps
 
-    def chain(self, start: str, end: str) -> list[Step] | None:
+    def chain(self, start: str, end: str) -> "Chain | None":
         """The shortest chain of transforms from one frame to another; None if there is none."""
         start, end = frame_name(start), frame_name(end)
         reached: dict[str, tuple[str, Step] | None] = {start: None}
@@ -78,7 +78,7 @@ class TransformTree:
             before, step = at
             steps.append(step)
             at = reached[before]
-        return steps[::-1]
+        return tuple(steps[::-1])
 
     def moving_root(self, frame: str) -> str | None:
         """The root of the tree, if a transform from there to ``frame`` may move; else None."""
@@ -99,28 +99,20 @@ REFERENCE: Final = "the reference "
 """Frame names that do not occur in logs."""
 
 
-class Chain(tuple[Step, ...]):
-    """Transforms from a frame to a body."""
+Chain = tuple[Step, ...]
+"""Transforms from a frame to a body."""
 
-    __slots__ = ()
 
-    @property
-    def body(self) -> int:
-        """Index of the last moving transform, which gives the stamps."""
-        return max((i for i, step in enumerate(self) if not is_static(step.source)), default=-1)
-
-    @property
-    def topics(self) -> frozenset[str]:
-        """The topics of the transforms."""
-        return frozenset(step.source.topic for step in self)
+def last_moving(chain: Chain) -> int:
+    """Index of the last moving transform, which gives the stamps; -1 if none moves."""
+    return max((i for i, step in enumerate(chain) if not is_static(step.source)), default=-1)
 
 
 def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain | None:
     """The transforms from parent to child of ``PARENT->CHILD``; None unless one of them moves."""
     parent, _, child = frame.partition(ARROW)
     found = TransformTree(filter(is_transform, known)).chain(parent, child)
-    chain = Chain(found or ())
-    return chain if chain and chain.body >= 0 else None
+    return None if found is None or last_moving(found) < 0 else found
 
 
 def chain_relative(
@@ -144,7 +136,7 @@ def chain_relative(
     found = TransformTree(steps).chain(start, _BODY)
     if found is None:
         return None
-    return Chain(Step(steps[step.source].source, step.inverted) for step in found)
+    return tuple(Step(steps[step.source].source, step.inverted) for step in found)
 
 
 def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
@@ -179,7 +171,7 @@ def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
 
 def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
     """The source name of the poses of a chain."""
-    body = chain[chain.body].source
+    body = chain[last_moving(chain)].source
     frame_moves = any(step.inverted and not is_static(step.source) for step in chain)
     return PoseSource(body.topic, body.type, parent, child, read_as=ReadAs(frame_moves))
 

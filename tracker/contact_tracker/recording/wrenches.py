@@ -104,32 +104,25 @@ def read_wrenches(
         return channel.topic == topic and canonical(channel.type) == WRENCH_TYPE and is_readable(channel)
 
     reading = Reading(path, wanted)
-    rows, frames, dropped = list[tuple[float, ...]](), dict[str, int](), 0
-    stamps, log_times = list[int](), list[int]()
+    rows, dropped = list[tuple[str, int, int, tuple[float, ...]]](), 0
     for message, row in _decoded(reading):
-        if row is None or len(stamps) == _MOST:
+        stamp_ns = 0 if row is None else message.log_time_ns if by_log_time else row[1]
+        if row is None or not stamp_ns or len(rows) == _MOST:
             dropped += 1
-            continue
-        frame_id, stamp_ns, numbers = row
-        stamp_ns = message.log_time_ns if by_log_time else stamp_ns
-        if not stamp_ns:
-            dropped += 1
-            continue
-        frames[frame_id] = frames.get(frame_id, 0) + 1
-        stamps.append(stamp_ns)
-        log_times.append(message.log_time_ns)
-        rows.append(numbers)
-    if not stamps:
+        else:
+            rows.append((row[0], stamp_ns, message.log_time_ns, row[2]))
+    if not rows:
         raise _nothing(path, topic, channels)
-    if len(frames) > 1:
-        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join(sorted(frames)[:4])}")
-    (frame_id,) = frames
-    columns = np.array(rows, float)
-    found = Wrenches(np.array(stamps, np.int64), columns[:, :3], columns[:, 3:]).valid
+    frames, stamps, log_times, numbers = zip(*rows, strict=True)
+    frame_id, *others = sorted({*frames})
+    if others:
+        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join([frame_id, *others][:4])}")
+    stamp_column, columns = np.array(stamps, np.int64), np.array(numbers, float)
+    found = Wrenches(stamp_column, columns[:, :3], columns[:, 3:]).valid
     dropped += len(stamps) - len(found)
     if not len(found):
         raise InputError(f"{path}: no wrench on {topic} is finite")
-    every_ns, first = np.unique(np.array(stamps, np.int64), return_index=True)
+    every_ns, first = np.unique(stamp_column, return_index=True)
     logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
     placed, taken, bad = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
     unplaced = len(found) - len(placed)
@@ -156,7 +149,7 @@ def _about_body(
         return about_body(found, poses), f"in the frame {frame_id}, that of the poses", 0
     reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
     items, known = iter(reading), dict[PoseSource, list[Logged]]()
-    steps, in_object, is_in_tree = Chain(), False, False
+    steps, in_object, is_in_tree = tuple[Step, ...](), False, False
     while not steps and (more := take_prefix(items)):
         known = {**poses_by_source(more, reading.decoder), **known}
         steps, in_object, is_in_tree = _chain(known, frame_id, source)
@@ -165,7 +158,7 @@ def _about_body(
             raise ChoiceError(_unconnected(path, topic, frame_id, source))
         return found, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
     frame_poses, counts = _frame_poses(path, steps, known, found.stamp_ns, logged_ns)
-    start, topics = body if in_object else parent, ", ".join(sorted(steps.topics))
+    start, topics = body if in_object else parent, ", ".join(sorted({step.source.topic for step in steps}))
     if not len(frame_poses):
         raise InputError(
             f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
@@ -191,9 +184,9 @@ def _chain(
     chains = list[tuple[int, bool, Chain]]()
     for begin, in_object in ((start, False), (source.child_frame_id, True)):
         if begin and (found := tree.chain(begin, frame_id)):
-            along = Chain(Step(steps[step.source].source, step.inverted) for step in found)
+            along = tuple(Step(steps[step.source].source, step.inverted) for step in found)
             chains.append((sum(not is_static(step.source) for step in along), in_object, along))
-    _, in_object, along = min(chains, key=lambda one: one[:2], default=(0, False, Chain()))
+    _, in_object, along = min(chains, key=lambda one: one[:2], default=(0, False, ()))
     return along, in_object, frame_id in tree
 
 
@@ -207,7 +200,8 @@ def _frame_poses(
     """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches at which they are known; and
     what was counted."""
     wrench = PoseSource("", _WRENCH, "", _WRENCH)
-    reading = Reading(path, lambda channel: channel.topic in steps.topics and is_readable(channel))
+    topics = {step.source.topic for step in steps}
+    reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
     composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, reading.decoder.assumed, BATCH)
     composer.learn(known)
     origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
@@ -261,24 +255,13 @@ def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError
 class RecordedEvidence(NamedTuple):
     """``evidence`` is None if the wrenches are not usable; ``text`` is one line with the load or the reason.
 
-    ``some_left_out``: some of the wrenches are not used. ``mass_doubt`` is a line of its own where they
-    overrule the mass that was given.
+    ``warnings`` are the lines where wrenches, some of them or the mass that was given are not used; ``text``
+    may be one.
     """
 
     evidence: WrenchEvidence | None
     text: str
-    some_left_out: bool
-    mass_doubt: str | None = None
-
-    @property
-    def is_warning(self) -> bool:
-        """Whether the text is a warning: wrenches, or some of them, are not used."""
-        return self.evidence is None or self.some_left_out
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The lines where wrenches, some of them or the mass that was given are not used."""
-        return tuple(filter(None, (self.text if self.is_warning else None, self.mass_doubt)))
+    warnings: tuple[str, ...]
 
 
 def recorded_evidence(
@@ -325,11 +308,11 @@ def evidence_of(
     try:
         evidence, load = wrench_evidence(poses, found.wrenches, model, known_map, mass_kg, progress)
     except NoLoad as reason:
-        return RecordedEvidence(None, f"{name} is not used: {reason}{noted}", bool(noted))
-    return RecordedEvidence(
-        evidence,
+        text = f"{name} is not used: {reason}{noted}"
+        return RecordedEvidence(None, text, (text,))
+    text = (
         f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
-        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion",
-        bool(noted),
-        mass_doubt(load, mass_kg) or None,
+        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
     )
+    warnings = filter(None, (noted and text, mass_doubt(load, mass_kg)))
+    return RecordedEvidence(evidence, text, tuple(warnings))

@@ -331,9 +331,7 @@ def read(
         poses = Poses.join(list(log.batches()))
     counts = dict(log.counts)
     if not len(poses):
-        noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
-        reason = "" if log.loss is None else f": {log.loss}"
-        raise NoPoses(f"{text}: no pose that can be used{reason}{f'; noted: {noted}' if noted else ''}")
+        raise log.no_poses(text)
     warn_of(log.warnings)
     log_counts(text, counts)
     with errors_as(UnreadableRecording, text):

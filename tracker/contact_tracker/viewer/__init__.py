@@ -1,6 +1,6 @@
 """The viewer: beliefs and segments drawn with rerun, in a window or into a file.
 
-Importing this package is cheap; ``offline`` and ``live`` import rerun.
+Importing this package is cheap; ``views`` imports rerun.
 """
 
 from typing import Final

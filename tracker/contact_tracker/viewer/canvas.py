@@ -190,11 +190,22 @@ class Canvas:
         names = ["" if (contact := contacts[i]) is None else contact.value for i in changes]
         self._send(entity, stamp_ns[changes], lambda rows: rr.StateChange.columns(state=names[rows]))
 
-    def have_further(self, most: int) -> None:
-        """Add lanes for up to ``most`` further contacts."""
-        while self.most_further < most:
+    def further(self, stamp_ns: Stamps, held: Sequence[Sequence[FurtherContact | None]]) -> None:
+        """State, label and opacity of the further contacts that hold from each stamp on, in their order; None
+        is one that does not hold."""
+        while self.most_further < max(map(len, held), default=0):
             self.most_further += 1
             self._lane(further_lane(self.most_further))
+        for number in range(1, self.most_further + 1):
+            row = [one[number - 1] if number <= len(one) else None for one in held]
+            contacts = [None if one is None else one.contact for one in row]
+            self.states(further_lane(number), stamp_ns, contacts)
+            there = [i for i, one in enumerate(row) if one is not None]
+            named = [one for one in row if one is not None]
+            if named:
+                probability = np.array([one.probability for one in named])
+                texts = [further_caption(one) for one in named]
+                self.fade(stamp_ns[there], [one.contact for one in named], probability, texts, number)
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
         """Values (N, K) of the K series of an entity; nan is a gap."""

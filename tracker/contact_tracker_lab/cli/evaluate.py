@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, warn
-from contact_tracker.errors import DAMAGED, DONE, NoPoses, UsageError
+from contact_tracker.errors import DAMAGED, DONE, UsageError
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
@@ -91,7 +91,7 @@ def _evaluate(
     answering = Answering(model, known_map, log.source.read_as)
     poses = Poses.collect(answering.through(log.arrivals()))
     if not len(poses):
-        raise NoPoses(f"{name}: no pose that can be used{'' if log.loss is None else f': {log.loss}'}")
+        raise log.no_poses(name)
     trajectory = Trajectory.from_log(log, name, poses, True)
     with progress(name, "poses", len(poses)) as set_done:
         found = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=Detail.FORMATION)
