@@ -62,7 +62,7 @@ def verdicts(found):
         ((0, 1, 2, 3), ["same"] * 4),
         ((0, 1, 3), ["same", "same", "missing", "same"]),
         ((0, 1, 2, 3, 1), ["same", "same", "same", "same", "new"]),
-        ((0, 3), ["same", "missing", "missing", "same"]),
+        ((1, 2, 3), ["missing", "same", "same", "same"]),
     ],
 )
 def test_steps_that_are_missing_and_new(first, kept, expected) -> None:
