@@ -11,7 +11,6 @@ from pyarrow.parquet import read_table, write_table
 
 from command_line import run
 from contact_tracker.batch.lerobot import NAMES, LeRobot
-from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.outputs.outcome import segmented
 from contact_tracker.states import STATES
@@ -56,9 +55,9 @@ def content(folder):
 )
 def test_poses_of_an_episode(simulated, tmp_path, version, names, euler, reading) -> None:
     folder = write_data_set(tmp_path / "data", [simulated] * 2, version, names, euler)
-    data = LeRobot.open(folder)
+    data = LeRobot.open(folder, **reading)
     assert [number for number, _ in data.episodes()] == [0, 1]
-    found = data.trajectory(1, reading_of(**reading))
+    found = data.trajectory(1)
     poses = simulated.poses[:: 200 // FPS]
     np.testing.assert_allclose(found.position_m, poses.position_m, atol=1e-6)
     turned = np.abs((found.quat_xyzw * poses.quat_xyzw).sum(axis=1))
@@ -125,6 +124,8 @@ def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
     folder = write_data_set(tmp_path / "data", [simulated], "v2.1", [f"joint_{k}" for k in range(8)])
     with pytest.raises(UsageError, match=r"--columns position=observation\.state\[0:3\]"):
         LeRobot.open(folder).trajectory(0)
+    with pytest.raises(UsageError, match="a column is"):
+        LeRobot.open(folder, columns={"place": "x"})
     with pytest.raises(UsageError, match="no episode 5"):
         LeRobot.open(folder).trajectory(5)
     (tmp_path / "copy").mkdir()
