@@ -65,7 +65,7 @@ SINGLE_IMPORTER = {
     "filterpy": "motion/free_motion.py",
     "foxglove": "exports/foxglove_scene.py",
     "matplotlib": ("exports/figure.py", "exports/sequence_figures.py"),
-    "pandas": ("exports/columns.py", "api/offline.py"),
+    "pandas": ("exports/columns.py", "api/offline.py", "api/comparing.py"),
     "plotly": "exports/report_html.py",
     "pyarrow": (
         "exports/parquet.py",

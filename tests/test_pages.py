@@ -16,6 +16,7 @@ from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
 DOCS = ROOT / "docs"
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 RUN_HERE = {
+    "assembly.md",
     "beliefs.md",
     "benchmarks.md",
     "contact_motion.md",

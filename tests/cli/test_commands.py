@@ -151,7 +151,10 @@ def test_versions_and_scenarios_are_listed() -> None:
         (["segment", "x.mcap", "-o", "out.txt"], ["out.txt", ".csv or .jsonl or .parquet or .mcap"]),
         (["segment", "x.mcap", "--box", "0.2,0.2"], ["not a list of 3 numbers, such as 0.2,0.1,0.1"]),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
-        (["segment", "x.mcap", "--json"], ["an option of live, info and evaluate", "segment --help"]),
+        (
+            ["segment", "x.mcap", "--json"],
+            ["an option of live, compare, info and evaluate", "segment --help"],
+        ),
         (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
         (["simulate", "--seed", "-3"], ["--seed"]),
         (["simulate", "paper_experiment"], ["-o FILE.mcap"]),

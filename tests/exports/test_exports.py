@@ -225,7 +225,7 @@ def test_mcap_has_the_recording_and_what_foxglove_draws(
     before = [(c.topic, m.log_time, m.data) for _, c, m in reader.make_reader(log.open("rb")).iter_messages()]
     out = reader.make_reader((folder / "out.mcap").open("rb"), decoder_factories=[protobuf.DecoderFactory()])
     found = list(out.iter_messages())
-    ours = ("/contact/belief", "/contact/frames", "/contact/map", "/contact/scene")
+    ours = ("/contact/belief", "/contact/frames", "/contact/map", "/contact/scene", "/contact/task_frame")
     assert [(c.topic, m.log_time, m.data) for _, c, m in found if c.topic not in ours] == before
     times = [m.log_time for _, _, m in found]
     assert times == sorted(times)
@@ -237,6 +237,7 @@ def test_mcap_has_the_recording_and_what_foxglove_draws(
     assert all(log_time == b["stamp_ns"] + LOG_OFFSET_NS for log_time, b in beliefs)
     frames = [d for *_, d in out.iter_decoded_messages(topics=["/contact/frames"])]
     assert_frames(frames, result)
+    assert_task_frames([d for *_, d in out.iter_decoded_messages(topics=["/contact/task_frame"])], result)
     scenes = [(m.log_time, d) for _, _, m, d in out.iter_decoded_messages(topics=["/contact/scene"])]
     assert [t - LOG_OFFSET_NS for t, _ in scenes] == [s.start_ns for s in result.segments]
     for (_, scene), segment in zip(scenes, result.segments, strict=True):
@@ -259,6 +260,18 @@ def assert_frames(frames: list[Any], result: contact_tracker.Result) -> None:
         place, turn = frame.translation, frame.rotation
         np.testing.assert_array_equal([place.x, place.y, place.z], result.trajectory.position_m[row])
         np.testing.assert_array_equal([turn.x, turn.y, turn.z, turn.w], result.trajectory.quat_xyzw[row])
+
+
+def assert_task_frames(frames: list[Any], result: contact_tracker.Result) -> None:
+    """They are those of ``task_frames`` at their times."""
+    assert len(frames) > 100
+    for message in frames[::200]:
+        (frame,) = message.transforms
+        assert (frame.parent_frame_id, frame.child_frame_id) == ("world", "object/task")
+        since_ns = frame.timestamp.seconds * 10**9 + frame.timestamp.nanos - result.origin_ns
+        place = frame.translation
+        expected = result.task_frames(since_ns * 1e-9)[0].T_world_task[:3, 3]
+        np.testing.assert_allclose([place.x, place.y, place.z], expected, atol=1e-4)
 
 
 def assert_scene(scene: Any, segment: contact_tracker.Segment) -> None:

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from contact_tracker.api import Comparison, Map, Plan, PlanFollower, Result, Tracker, compare, segment
+    from contact_tracker.batch.lerobot import LeRobot
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
@@ -24,6 +25,7 @@ __all__ = [
     "Contact",
     "ContactTrackerError",
     "ContactTrackerWarning",
+    "LeRobot",
     "Map",
     "Plan",
     "PlanFollower",
@@ -45,6 +47,7 @@ _HOMES = {
     "Contact": "contact_tracker.states",
     "ContactTrackerError": "contact_tracker.errors",
     "ContactTrackerWarning": "contact_tracker.errors",
+    "LeRobot": "contact_tracker.batch.lerobot",
     "Map": "contact_tracker.api",
     "Plan": "contact_tracker.api",
     "PlanFollower": "contact_tracker.api",

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.config.parameters import Model
@@ -22,7 +21,7 @@ from contact_tracker.exports.formats import (
     write_outcome,
 )
 from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
-from contact_tracker.geometry.task_frame import TaskFrame, task_frame
+from contact_tracker.geometry.task_frame import T_world_body, TaskFrame, task_frame
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.outputs.text import table
@@ -94,10 +93,8 @@ class Result(Outcome):
             *((one.contact, one.geometry) for one in part.further),
         ]
         row = int(np.abs(stamps_ns - stamp_ns).argmin())
-        T_world_body = np.eye(4)
-        T_world_body[:3, :3] = Rotation.from_quat(self.trajectory.quat_xyzw[row]).as_matrix()
-        T_world_body[:3, 3] = self.trajectory.position_m[row]
-        found = (task_frame(contact, where, T_world_body) for contact, where in contacts if where is not None)
+        pose = T_world_body(self.trajectory.position_m[row], self.trajectory.quat_xyzw[row])
+        found = (task_frame(contact, where, pose) for contact, where in contacts if where is not None)
         return [frame for frame in found if frame is not None]
 
     @property

@@ -22,12 +22,13 @@ from pyarrow import compute
 from pyarrow.parquet import ParquetFile, write_table
 
 from contact_tracker.config.parameters import Model
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.config.table_reading import AS_NAMED, TableReading, reading_of
 from contact_tracker.errors import ContactTrackerError, UnreadableRecording, UsageError
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.states import STATES
 from contact_tracker.trajectory import Trajectory
+from contact_tracker.trajectory.arguments import ModelLike, model_from
 
 INFO: Final = os.path.join("meta", "info.json")
 VERSIONS: Final = ("v2.0", "v2.1", "v3.0")
@@ -52,17 +53,36 @@ class _Labels(NamedTuple):
 class LeRobot:
     """A LeRobot data set on this machine.
 
-    ``folder`` is its name, ``info`` the content of ``meta/info.json``, ``files`` the Parquet files of frames,
-    relative to the folder.
+    Parameters
+    ----------
+    folder, info : its name, and the content of ``meta/info.json``.
+    files : the Parquet files of frames, relative to the folder.
+    reading : which entries of the features are the pose, and how angles are meant; by default they are found
+        by the names that ``info`` has for the entries of observations.
     """
 
     folder: Path
     info: Mapping[str, Any]
     files: tuple[str, ...]
+    reading: TableReading = AS_NAMED
 
     @classmethod
-    def open(cls, folder: str | os.PathLike[str]) -> "LeRobot":
-        """Open a data set; raises UnreadableRecording."""
+    def open(cls, folder: str | os.PathLike[str], **reading: Any) -> "LeRobot":
+        """Open a data set.
+
+        Parameters
+        ----------
+        folder : on this machine.
+        reading : ``columns``, ``unit``, ``euler``, ``rotation_vector`` and ``matrix``, as of
+            ``contact_tracker.read``: ``columns={"position": "observation.state[0:3]", ...}``.
+
+        Raises
+        ------
+        UnreadableRecording
+            It is no data set of a known version.
+        UsageError
+            An argument of the reading is invalid.
+        """
         path = Path(folder)
         try:
             info = json.loads((path / INFO).read_text(encoding="utf-8"))
@@ -77,7 +97,10 @@ class LeRobot:
         files = sorted(one.relative_to(path).as_posix() for one in (path / "data").glob("*/*.parquet"))
         if not files:
             raise UnreadableRecording(f"{path}: there are no frames, data/*/*.parquet")
-        return cls(path, info, tuple(files))
+        try:
+            return cls(path, info, tuple(files), reading_of(**reading))
+        except (TypeError, ValueError) as error:
+            raise UsageError(f"{path}: {error}") from error
 
     def episodes(self) -> Iterator[tuple[int, str]]:
         """The number of each episode, and the file with its frames."""
@@ -85,13 +108,8 @@ class LeRobot:
             for number in _read(self.folder / file, ["episode_index"])["episode_index"].unique().to_pylist():
                 yield int(number), file
 
-    def trajectory(self, episode: int, reading: TableReading = AS_NAMED) -> Trajectory:
+    def trajectory(self, episode: int) -> Trajectory:
         """The poses of an episode.
-
-        Parameters
-        ----------
-        reading : which entries of the features are the pose, and how angles are meant. By default they are
-            found by the names that ``info.json`` has for the entries of observations.
 
         Raises
         ------
@@ -102,30 +120,30 @@ class LeRobot:
         """
         for number, file in self.episodes():
             if number == episode:
-                return self._trajectory(number, file, reading)
+                return self._trajectory(number, file)
         raise UsageError(f"{self.folder}: there is no episode {episode}")
 
-    def _trajectory(self, episode: int, file: str, reading: TableReading) -> Trajectory:
+    def _trajectory(self, episode: int, file: str) -> Trajectory:
         """The poses of an episode in a file."""
         columns = list(dict.fromkeys(["episode_index", "timestamp", *self._observations()]))
         frames = _read(self.folder / file, columns)
         frames = frames.filter(compute.equal(frames["episode_index"], episode))
-        is_by_number = any("[" in name for _, name in reading.columns)
+        is_by_number = any("[" in name for _, name in self.reading.columns)
         table: dict[str, Any] = {"timestamp": frames["timestamp"].to_numpy().astype(float)}
         for feature in self._observations():
             values = np.array(frames[feature].to_pylist(), float)
             names = _entries(feature, self.info["features"][feature], values.shape[-1], is_by_number)
             table |= dict(zip(names, values.reshape(len(frames), -1).T, strict=True))
-        unit = replace(reading, time_unit=reading.time_unit or "s")
+        how = self.reading
         try:
             found = Trajectory.from_dataframe(
                 table,
-                unit=unit.unit,
-                time_unit=unit.time_unit,
-                euler=unit.euler,
-                rotation_vector=unit.rotation_vector,
-                matrix=unit.matrix,
-                columns=dict(unit.columns) or None,
+                unit=how.unit,
+                time_unit=how.time_unit or "s",
+                euler=how.euler,
+                rotation_vector=how.rotation_vector,
+                matrix=how.matrix,
+                columns=dict(how.columns) or None,
             )
         except UsageError as error:
             entries = ", ".join(table)
@@ -148,9 +166,8 @@ class LeRobot:
     def annotate(
         self,
         out: str | os.PathLike[str],
-        model: Model,
+        model: ModelLike = "default",
         known_map: Map = EMPTY_MAP,
-        reading: TableReading = AS_NAMED,
         report: Callable[[str], None] = lambda _: None,
         executor: Executor | None = None,
     ) -> int:
@@ -175,8 +192,8 @@ class LeRobot:
         target = Path(os.path.abspath(out))
         if target.exists() or Path(os.path.abspath(self.folder)) in target.parents:
             raise UsageError(f"cannot write {out}: a copy of a data set is a new folder beside it")
-        bad = 0
-        jobs = [(self, number, file, reading, model, known_map) for number, file in self.episodes()]
+        bad, used = 0, model_from(model, None, None)
+        jobs = [(self, number, file, used, known_map) for number, file in self.episodes()]
         found = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
         with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
             copy = Path(folder) / target.name
@@ -244,16 +261,16 @@ def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_num
     return [f"{feature}.{name}{i if name in doubled else ''}" for i, name in enumerate(names)]
 
 
-def _labels_of(job: tuple[LeRobot, int, str, TableReading, Model, Map]) -> _Labels:
+def _labels_of(job: tuple[LeRobot, int, str, Model, Map]) -> _Labels:
     """The contacts of the frames of an episode."""
-    data, episode, file, reading, model, known_map = job
+    data, episode, file, model, known_map = job
     frames = _read(data.folder / file, ["episode_index", "timestamp"])
     frames = frames.filter(compute.equal(frames["episode_index"], episode))
     stamp_ns = np.rint(frames["timestamp"].to_numpy().astype(float) * 1e9).astype(np.int64)
     unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
     uniform = np.full((len(stamp_ns), len(STATES)), 1.0 / len(STATES), np.float32)
     try:
-        outcome = segmented(data._trajectory(episode, file, reading), model, known_map)
+        outcome = segmented(data._trajectory(episode, file), model, known_map)
     except ContactTrackerError as error:
         return _Labels(episode, unknown, uniform, str(error))
     return _Labels(episode, *_labels_at(outcome, stamp_ns), None)

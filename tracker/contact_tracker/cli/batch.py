@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -122,10 +123,10 @@ def _annotate(args: argparse.Namespace) -> int:
     given = next((name for name, value in unused.items() if value), None)
     if len(args.logs) > 1 or given is not None:
         raise UsageError(f"a LeRobot data set is taken alone, without {given or 'others beside it'}")
-    data = LeRobot.open(args.logs[0])
+    data = replace(LeRobot.open(args.logs[0]), reading=args.table)
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
-        bad = data.annotate(args.output, model, known_map, args.table, warn, executor)
+        bad = data.annotate(args.output, model, known_map, warn, executor)
     say(f"wrote {args.output}: {len(list(data.episodes()))} episodes, of which {bad} cannot be used")
     return DAMAGED if bad else DONE
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 from contact_tracker.errors import extra
 from contact_tracker.geometry.contact_motion import MEANS, ContactMotion
 from contact_tracker.geometry.elements import NONE, VERTEX, ContactGeometry, flat
+from contact_tracker.geometry.task_frame import TaskFrame
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
@@ -52,7 +53,15 @@ _POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
 _DECIDED: Final[dict[str, Kind]] = {"decided": "text"}
 BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
 _MOTION: Final[dict[str, Kind]] = {"motion": "text", **dict.fromkeys(MEANS, _NUMBER)}
-SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED | _MOTION
+_TASK: Final[dict[str, Kind]] = {
+    **{f"task_origin_{axis}_m": "number" for axis in _AXES},
+    **{f"task_q{part}": "number" for part in "xyzw"},
+    "task_constrained": "text",
+    "task_normal_sd_rad": "number",
+    "task_origin_sd_m": "number",
+}
+"""Columns of the task frame in the world frame."""
+SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED | _MOTION | _TASK
 OPEN: Final = "open"
 
 
@@ -73,7 +82,8 @@ def segment_columns(segments: Iterable[Segment]) -> Columns:
 
     def cells(one: Segment) -> dict[str, Any]:
         times = {"start_ns": one.start_ns, "end_ns": one.end_ns}
-        return times | _contact_cells(one, one.probability) | _motion_cells(one.motion)
+        own = _motion_cells(one.motion) | _task_cells(one.task_frame)
+        return times | _contact_cells(one, one.probability) | own
 
     return _columns(SEGMENT_COLUMNS, ((cells(one), one.geometry) for one in segments))
 
@@ -132,6 +142,15 @@ def _motion_cells(motion: ContactMotion | None) -> dict[str, Any]:
     if motion is None:
         return dict.fromkeys(_MOTION)
     return {"motion": ", ".join(motion.kinds), **motion.means}
+
+
+def _task_cells(frame: TaskFrame | None) -> dict[str, Any]:
+    if frame is None:
+        return dict.fromkeys(_TASK)
+    values = frame.to_json()
+    constrained, *deviations = (values[name] for name in ("constrained", "normal_sd_rad", "origin_sd_m"))
+    cells = [*values["origin_m"], *values["quat_xyzw"], " ".join(constrained), *deviations]
+    return dict(zip(_TASK, cells, strict=True))
 
 
 def decided(one: Belief | Segment) -> str:

@@ -13,6 +13,7 @@ from foxglove import messages as fox
 
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.task_frame import T_world_body, task_frame
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR, Colour
@@ -21,6 +22,7 @@ from contact_tracker.recording import (
     FRAMES_TOPIC,
     MAP_TOPIC,
     SCENE_TOPIC,
+    TASK_TOPIC,
     Channel,
     RawMessage,
     write_beside,
@@ -111,20 +113,36 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
 
 
 def _frames(outcome: Outcome, frames: tuple[str, ...]) -> Iterator[RawMessage]:
-    channel = _channel(FRAMES_TOPIC, fox.FrameTransforms)
-    (world, body), next_ns = frames, None
+    """The body in the world, and on a topic of its own the task frame where there is one."""
+    channels = _channel(FRAMES_TOPIC, fox.FrameTransforms), _channel(TASK_TOPIC, fox.FrameTransforms)
+    next_ns, segments = None, iter(outcome.segments)
+    segment = next(segments, None)
     for stamp_ns, position_m, quat_xyzw in outcome.trajectory:
         if next_ns is not None and stamp_ns < next_ns:
             continue
         next_ns = stamp_ns + _FRAME_NS
-        transform = fox.FrameTransform(
-            timestamp=_timestamp(stamp_ns),
-            parent_frame_id=world,
-            child_frame_id=body,
-            translation=_vector(position_m),
-            rotation=fox.Quaternion(**dict(zip("xyzw", quat_xyzw, strict=True))),
-        )
-        yield RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
+        yield _transform(channels[0], stamp_ns, frames, position_m, quat_xyzw)
+        while segment is not None and segment.end_ns < stamp_ns:
+            segment = next(segments, None)
+        if segment is None or segment.geometry is None or stamp_ns < segment.start_ns:
+            continue
+        task = task_frame(segment.contact, segment.geometry, T_world_body(position_m, quat_xyzw))
+        if task is not None:
+            names = frames[0], f"{frames[1]}/task"
+            yield _transform(channels[1], stamp_ns, names, task.T_world_task[:3, 3], task.quat_xyzw)
+
+
+def _transform(
+    channel: Channel, stamp_ns: int, frames: tuple[str, ...], position_m: Any, quat_xyzw: Any
+) -> RawMessage:
+    transform = fox.FrameTransform(
+        timestamp=_timestamp(stamp_ns),
+        parent_frame_id=frames[0],
+        child_frame_id=frames[1],
+        translation=_vector(position_m),
+        rotation=fox.Quaternion(**dict(zip("xyzw", map(float, quat_xyzw), strict=True))),
+    )
+    return RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
 
 
 def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:

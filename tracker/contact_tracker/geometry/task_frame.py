@@ -1,16 +1,19 @@
 """What a contact constrains at a pose, as hybrid control of force and motion needs it."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.states import Contact
 
 PARALLEL: Final = 1e-6
 """Sine of the angle below which two directions are parallel, and their common normal is not defined."""
+TWIST: Final = ("vx", "vy", "vz", "wx", "wy", "wz")
+"""Coordinates of a twist: velocities and angular velocities."""
 _CONSTRAINED: Final = {3: (2, 3, 4), 2: (2, 4), 1: (2,)}
 """Coordinates in the task frame that a contact with so many constraints takes: 0 to 2 shift, 3 to 5 turn."""
 
@@ -37,6 +40,21 @@ class TaskFrame:
     is_constrained: NDArray[np.bool_]
     normal_sd_rad: float | None
     origin_sd_m: float | None
+
+    @property
+    def quat_xyzw(self) -> Array:
+        """Rotation (4,) from the task frame to the world."""
+        return np.asarray(Rotation.from_matrix(self.T_world_task[:3, :3]).as_quat(), float)
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry ``task_frame`` of a segment."""
+        return {
+            "origin_m": self.T_world_task[:3, 3].tolist(),
+            "quat_xyzw": self.quat_xyzw.tolist(),
+            "constrained": [name for name, one in zip(TWIST, self.is_constrained, strict=True) if one],
+            "normal_sd_rad": self.normal_sd_rad,
+            "origin_sd_m": self.origin_sd_m,
+        }
 
     @property
     def selection(self) -> Array:
@@ -69,10 +87,17 @@ class TaskFrame:
         return np.hstack([np.zeros((3, 3)), self.T_world_task[:3, :3].T])
 
 
-def task_frame(contact: Contact, geometry: ContactGeometry, T_world_body: Array) -> TaskFrame | None:
+def T_world_body(position_m: ArrayLike, quat_xyzw: ArrayLike) -> Array:
+    """The pose (4, 4) of a body (m)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_quat(quat_xyzw).as_matrix(), position_m
+    return pose
+
+
+def task_frame(contact: Contact, geometry: ContactGeometry, pose: Array) -> TaskFrame | None:
     """The task frame of a contact of this ``geometry`` at a pose (4, 4); None for edges that are parallel."""
-    ours, theirs = _in_world(geometry.object, T_world_body), geometry.environment
-    body_m = T_world_body[:3, 3]
+    ours, theirs = _in_world(geometry.object, pose), geometry.environment
+    body_m = pose[:3, 3]
     frame: Array | None
     match ours, theirs:
         case Plane(), Plane():
@@ -95,9 +120,9 @@ def task_frame(contact: Contact, geometry: ContactGeometry, T_world_body: Array)
     return TaskFrame(contact, frame, is_constrained, *deviations)
 
 
-def _in_world(element: Element, T_world_body: Array) -> Element:
+def _in_world(element: Element, pose: Array) -> Element:
     """An element of the body at a pose; the covariance of a face stays in the body's axes."""
-    turn, shift_m = T_world_body[:3, :3], T_world_body[:3, 3]
+    turn, shift_m = pose[:3, :3], pose[:3, 3]
     match element:
         case Plane(normal, offset_m, covariance):
             world = turn @ normal

@@ -11,8 +11,9 @@ from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
 BELIEF_TOPIC: Final = "/contact/belief"
 FRAMES_TOPIC: Final = "/contact/frames"
 SCENE_TOPIC: Final = "/contact/scene"
+TASK_TOPIC: Final = "/contact/task_frame"
 MAP_TOPIC: Final = "/contact/map"
-RESULT_TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC, MAP_TOPIC})
+RESULT_TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC, MAP_TOPIC, TASK_TOPIC})
 ROWS: Final = "contact_tracker/pose_row"
 """The encoding of channels whose poses come in columns: of tables, or composed of transforms."""
 ROWS_AT_ONCE: Final = 10_000

@@ -156,10 +156,10 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     are_open = [np.array([one.is_open for one in steps]) for steps in takes]
     found = align(likelihoods[0], likelihoods[1], pairs, are_open[0][:, None] == are_open[1])
     matched = [_best_pair(step, found.together, evidence) for step in found.steps]
-    same = np.array([_p_same(evidence[pair]) for pair in matched if pair is not None]).reshape(-1, 2)
-    is_compared = np.asarray((same > 0.5).any(axis=0))
+    shown = np.array([evidence[pair] for pair in matched if pair is not None]).reshape(-1, 2, 2)
+    is_compared = np.array([_log_odds_of_same(shown), _log_odds_of_same(shown.swapaxes(1, 2))]) >= 0.0
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
-        if len(same) and not is_same:
+        if not is_same:
             notes.append(
                 f"nothing that touched of the {name} is where it was: another {name}, or frames that"
             )
@@ -186,6 +186,14 @@ def _best_pair(step: tuple[list[int], list[int]], together: Array, evidence: Arr
     """The segments of a step whose places tell most."""
     known = [(i, j) for i in step[0] for j in step[1] if np.isfinite(evidence[i, j, 0, 0])]
     return max(known, key=lambda pair: (together[pair], np.ptp(evidence[pair])), default=None)
+
+
+def _log_odds_of_same(shown: Array) -> float:
+    """Log odds that one side (the first axis of each of the N, 2, 2 entries) is the same in both takes, so
+    that each step touches with the same element or another one; against that all are others."""
+    anything = np.logaddexp.reduce(shown.reshape(-1, 4), axis=1) - np.log(4.0)
+    others = np.logaddexp.reduce(shown[:, 1], axis=1) - np.log(2.0)
+    return float((anything - others).sum())
 
 
 def _p_same(evidence: Array) -> Array:

@@ -60,8 +60,7 @@ def align(first: Array, second: Array, pairs: Array, are_alike: NDArray[np.bool_
         for one in agreement
         for missing, cut in product(RATES, RATES)
     ]
-    evidence = [np.logaddexp.reduce(one.forward(np.logaddexp.reduce)[:, -1, -1]) for one in models]
-    model = models[int(np.argmax(evidence))]
+    model = max(models, key=_Model.log_evidence)
     (move,) = model.trace(model.forward(np.max))
     samples = model.trace(model.forward(np.logaddexp.reduce), np.random.default_rng(0))
     shape = len(first), len(second)
@@ -92,13 +91,15 @@ class _Model(NamedTuple):
     """The hidden states (K) are those of the moves within a match, for each contact, then missing and new.
 
     ``move`` (K,) leads to each state, ``emission`` (K, n + 1, m + 1) has its log likelihoods by cell,
-    ``transition`` (K, K) its log probabilities after each other state, ``start`` (K,) those of the first.
+    ``transition`` (K, K) its log probabilities after each other state, ``start`` and ``end`` (K,) those
+    of the first and the last.
     """
 
     move: Index
     emission: Array
     transition: Array
     start: Array
+    end: Array
 
     @classmethod
     def of(cls, first: Array, second: Array, pairs: Array, missing: float, cut: float) -> "_Model":
@@ -113,14 +114,17 @@ class _Model(NamedTuple):
         with np.errstate(divide="ignore"):
             begin = np.log([1.0 - 2.0 * missing, 0.0, 0.0, missing, missing])[move]
         ends, goes_on = np.log1p(-cut), np.log(cut)
-        transition = np.tile(begin, (len(move), 1))
-        transition[: over.start] += 2.0 * ends  # both have to end; the first goes on before the second
-        transition[over] += ends
+        end = ends * np.array([2.0, 2.0, 1.0, 0.0, 0.0])[move]  # the first ends before the second goes on
+        transition = end[:, None] + begin
         same = np.where(np.eye(contacts, dtype=bool), goes_on, -np.inf)
         transition[match, on] = transition[on, on] = transition[over, over] = same
         transition[match, over] = transition[on, over] = same + ends
         transition[-1, -2] = -np.inf  # missing steps come before new ones
-        return cls(move, emission, transition, begin)
+        return cls(move, emission, transition, begin, end)
+
+    def log_evidence(self) -> float:
+        """Log probability of both sequences, relative to that of any contacts."""
+        return float(np.logaddexp.reduce(self.forward(np.logaddexp.reduce)[:, -1, -1] + self.end))
 
     def forward(self, combined: Callable[..., Array]) -> Array:
         """Log weights (K, n + 1, m + 1) of all ways to a state in a cell, ``combined`` along an axis."""
@@ -145,7 +149,7 @@ class _Model(NamedTuple):
         _, rows, columns = self.emission.shape
         count = 1 if rng is None else _SAMPLES
         i, j = np.full(count, rows - 1), np.full(count, columns - 1)
-        log_weight, moves = ways[:, i, j], list[Index]()
+        log_weight, moves = ways[:, i, j] + self.end[:, None], list[Index]()
         while (is_on := (i > 0) | (j > 0)).any():
             noise = 0.0 if rng is None else rng.gumbel(size=log_weight.shape)
             state = (log_weight + noise).argmax(axis=0)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.contact_motion import ContactMotion
 from contact_tracker.geometry.elements import ContactGeometry, flat
+from contact_tracker.geometry.task_frame import TaskFrame
 from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
 
@@ -188,7 +189,8 @@ class Segment:
     A rest has a row of its own (``motion.window``). ``probability`` is the smoothed posterior of ``contact``,
     averaged over the segment; ``inseparable`` are the states that the segment's motion does not distinguish
     from ``contact``; ``further`` contacts hold for all of the segment or a part; ``joint`` is the joint in
-    which the object moves, if any; ``motion`` is the object's at the touching point of ``contact``.
+    which the object moves, if any; ``motion`` is the object's at the touching point of ``contact``, and
+    ``task_frame`` what that constrains in the middle of the segment.
     """
 
     start_ns: int
@@ -200,6 +202,7 @@ class Segment:
     further: tuple[FurtherContact, ...] = ()
     joint: Joint | None = None
     motion: ContactMotion | None = None
+    task_frame: TaskFrame | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "further", beside(self.further, self.probability))
@@ -248,5 +251,6 @@ class Segment:
             "contact": self.contact.value,
             "probability": float(self.probability),
             **_label_json(self),
+            "task_frame": {} if self.task_frame is None else self.task_frame.to_json(),
             "motion": {} if self.motion is None else {"kinds": [*self.motion.kinds], **self.motion.means},
         }

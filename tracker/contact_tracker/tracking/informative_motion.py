@@ -1,11 +1,11 @@
 """What to move next: small motions that would tell states apart which the motion so far does not.
 
-A motion that one contact allows and another forbids separates the two. Its expected evidence (nats) is that
-of the residual it would leave in the fit of the other contact, against the noise of a tick and what is not
-known of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the residuals r (K,) after the motion, their
-slopes G (K, S) by the geometry, its covariance P (S, S) and the noise N. Where the label's evidence is ahead
-and a state is open only since the motion has not used all directions that the label leaves (T24), the motion
-is one that uses the direction that was used least; its evidence is the label's lead.
+A motion that one contact allows and another forbids separates the two. Its expected evidence (docs/theory.md,
+T50; nats) is that of the residual it would leave in the fit of the other contact, against the noise of a tick
+and what is not known of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the residuals r (K,) after the
+motion, their slopes G (K, S) by the geometry, its covariance P (S, S) and the noise N. Where the label's
+evidence is ahead and a state is open only since the motion has not used all directions that the label leaves
+(T24), the motion is one that uses the direction that was used least; its evidence is the label's lead.
 """
 
 from collections.abc import Iterator

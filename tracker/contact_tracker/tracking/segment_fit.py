@@ -22,6 +22,7 @@ from contact_tracker.formations.further import (
 )
 from contact_tracker.geometry.contact_motion import ContactMotion, contact_motion
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
+from contact_tracker.geometry.task_frame import TaskFrame, task_frame
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
 from contact_tracker.hypotheses.births import Frame, named, propose_births, propose_measured
@@ -254,7 +255,7 @@ class FinishedSegment(NamedTuple):
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
         contacts = tuple(one for _, one in further)
         changes = [*np.flatnonzero(np.diff(resting)) + 1, len(resting)]
-        motion = self._motion(fit.geometry)
+        at_contact = self._at_contact(fit.contact, fit.geometry)
         segments = tuple(
             Segment(
                 *self._span(first, end),
@@ -264,7 +265,7 @@ class FinishedSegment(NamedTuple):
                 open_at_rest if resting[first] else fit.inseparable,
                 _within(contacts, *self._span(first, end)),
                 None if resting[first] else fit.joint,
-                motion(first, end),
+                *at_contact(first, end),
             )
             for first, end in pairwise([0, *changes])
         )
@@ -272,9 +273,11 @@ class FinishedSegment(NamedTuple):
         joints = [] if fit.joint is None else [fit.joint]
         return segments, Beliefs(beliefs, geometries, formations, joints)
 
-    def _motion(self, geometry: ContactGeometry | None) -> Callable[[int, int], ContactMotion | None]:
+    def _at_contact(
+        self, contact: Contact, geometry: ContactGeometry | None
+    ) -> Callable[[int, int], tuple[ContactMotion | None, TaskFrame | None]]:
         """How the object moves at the touching point in a span of ticks, from those that have frames: the
-        pose of others is that of the last one."""
+        pose of others is that of the last one; and the task frame in the middle of them."""
         ticks, (world_m, body_m) = self.ticks, self.ticks.origins.reversed
         assert ticks.window.frames is not None
         kept = ticks.window.frames.astype(bool)
@@ -287,9 +290,18 @@ class FinishedSegment(NamedTuple):
             stamp_ns, variance = self.rows["stamp_ns"][kept], ticks.window.variance[kept]
             found = contact_motion(local, stamp_ns, time_s, quat_xyzw, zeta[:, T], variance)
 
-        def within(first: int, end: int) -> ContactMotion | None:
+        def within(first: int, end: int) -> tuple[ContactMotion | None, TaskFrame | None]:
             rows = slice(before[first], before[end])
-            return None if found is None or rows.start == rows.stop else found[rows]
+            if geometry is None or rows.start == rows.stop:
+                return None, None
+            middle, T_local_body = zeta[(rows.start + rows.stop) // 2], np.eye(4)
+            T_local_body[:3, :3], T_local_body[:3, 3] = middle[R].reshape(3, 3), middle[T]
+            frame = task_frame(contact, local, T_local_body)
+            if frame is not None:
+                T_world_task = frame.T_world_task.copy()
+                T_world_task[:3, 3] -= world_m
+                frame = replace(frame, T_world_task=T_world_task)
+            return None if found is None else found[rows], frame
 
         return within
 

@@ -1,0 +1,150 @@
+"""LeRobot data sets: their poses, and copies with the contacts of their frames."""
+
+import hashlib
+import json
+from unittest.mock import patch
+
+import numpy as np
+import pyarrow
+import pytest
+from pyarrow.parquet import read_table, write_table
+
+from command_line import run
+from contact_tracker.batch.lerobot import NAMES, LeRobot
+from contact_tracker.errors import UnreadableRecording, UsageError
+from contact_tracker.outputs.outcome import segmented
+from contact_tracker.states import STATES
+from lerobot_data import FPS, POSE, write_data_set
+from short_recordings import FACE_TO_EDGE, MODEL, recorded
+
+ANGLES = ["x", "y", "z", "roll", "pitch", "yaw", "gripper"]
+BY_NUMBER = {"position": "observation.state[0:3]", "quaternion": "observation.state[3:7]"}
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return recorded(FACE_TO_EDGE)
+
+
+@pytest.fixture(scope="module")
+def outcome(simulated, tmp_path_factory):
+    """The segmentation of its poses at 50 Hz."""
+    folder = write_data_set(tmp_path_factory.mktemp("one") / "data", [simulated], "v3.0")
+    return segmented(LeRobot.open(folder).trajectory(0), MODEL)
+
+
+def content(folder):
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+@pytest.mark.parametrize(
+    ("names", "euler", "reading"),
+    [
+        (POSE, None, {}),
+        ({"motors": POSE}, None, {}),
+        ({name: k for k, name in enumerate(POSE)}, None, {}),
+        (None, None, {"columns": BY_NUMBER}),
+        (POSE, None, {"columns": BY_NUMBER}),
+        (ANGLES, "xyz", {"euler": "xyz:rad"}),
+    ],
+)
+def test_poses_of_an_episode(simulated, tmp_path, version, names, euler, reading) -> None:
+    folder = write_data_set(tmp_path / "data", [simulated] * 2, version, names, euler)
+    data = LeRobot.open(folder, **reading)
+    assert [number for number, _ in data.episodes()] == [0, 1]
+    found = data.trajectory(1)
+    poses = simulated.poses[:: 200 // FPS]
+    np.testing.assert_allclose(found.position_m, poses.position_m, atol=1e-6)
+    turned = np.abs((found.quat_xyzw * poses.quat_xyzw).sum(axis=1))
+    np.testing.assert_allclose(turned, 1.0, atol=1e-6)
+    np.testing.assert_allclose(np.diff(found.stamp_ns), 1e9 / FPS, rtol=1e-3)
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_a_copy_has_the_contacts_of_its_frames(simulated, outcome, tmp_path, version) -> None:
+    """The source is as before, and what else there is copied."""
+    pandas = pytest.importorskip("pandas")
+    source = write_data_set(tmp_path / "data", [simulated], version)
+    before = content(source)
+    copy = tmp_path / "copy"
+    with patch("contact_tracker.batch.lerobot.segmented", return_value=outcome):
+        assert LeRobot.open(source).annotate(copy, MODEL) == 0
+    assert content(source) == before
+    assert (copy / "videos" / "camera.mp4").read_bytes() == b"frames"
+    (file,) = (copy / "data").rglob("*.parquet")
+    frames, given = read_table(file), read_table(source / file.relative_to(copy))
+    assert frames.select(given.column_names).equals(given)
+    subtask = frames["subtask_index"].to_numpy()
+    time_s = frames["timestamp"].to_numpy()
+    true_ns = simulated.truth.intervals[1].start_ns - simulated.poses.stamp_ns[0]
+    (change,) = np.flatnonzero(np.diff(subtask))
+    assert [NAMES[subtask[change]], NAMES[subtask[change + 1]]] == ["f-f", "e-f"]
+    assert abs(time_s[change + 1] - true_ns * 1e-9) < 0.4
+    probability = np.array(frames["contact_probability"].to_pylist())
+    np.testing.assert_allclose(probability.sum(axis=1), 1.0, atol=1e-5)
+    features = json.loads((copy / "meta" / "info.json").read_text())["features"]
+    assert features["contact_probability"] == {"dtype": "float32", "shape": [7], "names": list(STATES)}
+    assert features.keys() - {"subtask_index", "contact_probability"} < features.keys()
+    if version == "v3.0":
+        table = pandas.read_parquet(copy / "meta" / "subtasks.parquet")
+        assert table.iloc[1].name == "e-f"  # as LeRobot looks it up
+        assert list(table.subtask_index) == [*range(len(NAMES))]
+    else:
+        rows = [json.loads(line) for line in (copy / "meta" / "subtasks.jsonl").read_text().splitlines()]
+        assert rows[1] == {"subtask_index": 1, "subtask": "e-f"}
+    again = LeRobot.open(copy)  # a copy of a copy has the columns once
+    assert again.trajectory(0).stamp_ns.tolist() == LeRobot.open(source).trajectory(0).stamp_ns.tolist()
+
+
+@pytest.mark.long
+def test_the_command_with_an_episode_that_cannot_be_used(simulated, tmp_path) -> None:
+    """Of several episodes in a file, one has no orientation: it is unknown, and the others are labelled."""
+    source = write_data_set(tmp_path / "data", [simulated, simulated], "v3.0")
+    (file,) = source.rglob("file-000.parquet")
+    frames = read_table(file).to_pylist()
+    for one in frames:
+        if one["episode_index"] == 1:
+            one["observation.state"] = [0.0] * 8
+    write_table(pyarrow.Table.from_pylist(frames), file)
+    done = run("batch", "data", "-o", "copy", cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    assert "episode 1: no pose that can be used" in done.stderr
+    found = read_table(tmp_path / "copy" / "data" / "chunk-000" / "file-000.parquet")
+    episode, subtask = (found[name].to_numpy() for name in ("episode_index", "subtask_index"))
+    assert {NAMES[k] for k in subtask[episode == 1]} == {"unknown"}
+    assert {NAMES[k] for k in subtask[episode == 0]} == {"f-f", "e-f"}
+
+
+def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
+    folder = write_data_set(tmp_path / "data", [simulated], "v2.1", [f"joint_{k}" for k in range(8)])
+    with pytest.raises(UsageError, match=r"--columns position=observation\.state\[0:3\]"):
+        LeRobot.open(folder).trajectory(0)
+    with pytest.raises(UsageError, match="a column is"):
+        LeRobot.open(folder, columns={"place": "x"})
+    with pytest.raises(UsageError, match="no episode 5"):
+        LeRobot.open(folder).trajectory(5)
+    (tmp_path / "copy").mkdir()
+    for arguments, words in (
+        (["data", "-o", "data/copy"], "new folder"),
+        (["data", "-o", "copy"], "new folder"),
+        (["data", "x.mcap", "-o", "new"], "alone"),
+        (["data", "-o", "new", "--ticks"], "--ticks"),
+    ):
+        done = run("batch", *arguments, "--processes", "1", cwd=tmp_path)
+        assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+    (folder / "data" / "chunk-000" / "episode_000000.parquet").write_bytes(b"PAR1")
+    with pytest.raises(UnreadableRecording, match="cannot be read"):
+        LeRobot.open(folder).trajectory(0)
+    for text, words in (
+        ("{}", "not of None"),
+        ("[", "cannot be read"),
+        ('{"codebase_version": "v1.6"}', "v1"),
+    ):
+        (folder / "meta" / "info.json").write_text(text)
+        with pytest.raises(UnreadableRecording, match=words):
+            LeRobot.open(folder)

@@ -1,0 +1,183 @@
+"""Two takes compared: a simulated one and itself with known changes."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import contact_tracker
+from command_line import run
+from contact_tracker.errors import DIFFERENT, UsageError
+from contact_tracker.geometry.elements import ContactGeometry, Origins, shifted
+from contact_tracker.recording import write_recording
+from contact_tracker.sequences.comparison import Verdict, compare_outcomes
+from contact_tracker.sequences.steps import sighting_of, steps_of
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.segmentation import BELIEF, Beliefs
+from contact_tracker_lab.simulate import simulate
+from contact_tracker_lab.simulate.scenarios import Phase, Scenario
+
+NAMES = ("e-f", "v-f", "e-f", "f-f")
+UP_M = 0.02
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return simulate(Scenario(tuple(Phase(Contact(name), 3.5) for name in NAMES), rate_hz=60.0), 5)
+
+
+@pytest.fixture(scope="module")
+def first(simulated):
+    columns = simulated.poses.columns
+    return contact_tracker.segment(contact_tracker.Trajectory.from_arrays(*columns, time_unit="ns"))
+
+
+def with_segments(result, segments):
+    """A take with these segments of ``result``, one after another, whose beliefs are as sure as they say."""
+    end_ns, moved, sightings, rows = result.segments[0].start_ns, [], [], []
+    for number, one in enumerate(segments):
+        start_ns, end_ns = end_ns, end_ns + one.end_ns - one.start_ns + 1
+        moved.append(replace(one, start_ns=start_ns, end_ns=end_ns - 1))
+        part = np.zeros((end_ns - start_ns) // 100_000_000, BELIEF)
+        part["stamp_ns"] = np.linspace(start_ns, end_ns - 1, len(part)).astype(np.int64)
+        part["probability"] = np.full(len(STATES), (1.0 - one.probability) / 6)
+        part["probability"][:, one.contact.column] = one.probability
+        rows.append(part)
+        seen = sighting_of(one, result.touched)
+        sightings.append(replace(seen, first=number, onset_ns=start_ns, stamp_ns=end_ns))
+    changed = replace(result.segmentation, segments=tuple(moved), beliefs=Beliefs(np.concatenate(rows)))
+    touched = replace(result.touched, sightings=tuple(sightings), pairs={}, elements={})
+    return contact_tracker.Result(**vars(result) | {"segmentation": changed, "touched": touched})
+
+
+def verdicts(found):
+    return [one.verdict for one in found.steps]
+
+
+@pytest.mark.parametrize(
+    ("kept", "expected"),
+    [
+        ((0, 1, 2, 3), ["same"] * 4),
+        ((0, 1, 3), ["same", "same", "missing", "same"]),
+        ((0, 1, 2, 3, 1), ["same", "same", "same", "same", "new"]),
+        ((1, 2, 3), ["missing", "same", "same", "same"]),
+    ],
+)
+def test_steps_that_are_missing_and_new(first, kept, expected) -> None:
+    second = with_segments(first, [first.segments[k] for k in kept])
+    found = compare_outcomes(first, second)
+    assert verdicts(found) == expected
+    turned = compare_outcomes(second, first)
+    names = {Verdict.MISSING: Verdict.NEW, Verdict.NEW: Verdict.MISSING}
+    assert sorted(verdicts(turned)) == sorted(names.get(one, one) for one in verdicts(found))
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(2.0, "longer"), (0.4, "shorter"), (1.1, "same")])
+def test_a_step_that_takes_another_time(first, factor, verdict) -> None:
+    own = first.segments[1]
+    duration_ns = round(factor * (own.end_ns - own.start_ns))
+    changed = replace(own, end_ns=own.start_ns + duration_ns)
+    # of the first contact: its sighting is that of its time
+    found = compare_outcomes(first, with_segments(first, [first.segments[0], changed, *first.segments[2:]]))
+    assert verdicts(found) == ["same", verdict, "same", "same"]
+    by_s = (factor - 1.0) * (own.end_ns - own.start_ns) * 1e-9
+    assert found.steps[1].longer_s == pytest.approx(by_s, abs=0.01)
+
+
+def test_moved_surroundings_are_said_and_not_compared(first) -> None:
+    touched = first.touched
+    away_m = np.array([0.1, 0.05, -0.2])
+    origins = Origins(touched.origins.world_m + away_m, touched.origins.body_m)
+    moved = contact_tracker.Result(**vars(first) | {"touched": replace(touched, origins=origins)})
+    with pytest.warns(
+        contact_tracker.ContactTrackerWarning, match="nothing that touched of the surroundings"
+    ):
+        found = contact_tracker.compare(first, moved)
+    assert Verdict.ELSEWHERE not in verdicts(found)
+    assert "warning: nothing" in str(found)
+
+
+def test_a_moved_step_is_elsewhere_by_how_far(first) -> None:
+    """The vertex touches 2 cm higher, while the other steps are where they were."""
+    vertex = first.segments[1]
+    up_m = UP_M * vertex.geometry.environment.normal
+    sightings = list(first.touched.sightings)
+    number = sightings.index(sighting_of(vertex, first.touched))
+    seen = sightings[number].estimate
+    x = seen.x.copy()
+    x[seen.model.family.FORM.h] += UP_M * np.sign(x[seen.model.family.FORM.d2 :][:3] @ up_m)
+    sightings[number] = replace(sightings[number], estimate=replace(seen, x=x))
+    geometry = ContactGeometry(vertex.geometry.object, shifted(vertex.geometry.environment, up_m))
+    segments = (first.segments[0], replace(vertex, geometry=geometry), *first.segments[2:])
+    moved = contact_tracker.Result(
+        **vars(first)
+        | {
+            "segmentation": replace(first.segmentation, segments=segments),
+            "touched": replace(first.touched, sightings=tuple(sightings)),
+        }
+    )
+    step = compare_outcomes(first, moved).steps[1]
+    assert (step.verdict, step.moved) == (Verdict.ELSEWHERE, "surroundings")
+    assert step.surroundings.shift_m == pytest.approx(UP_M)
+    assert 0.0 < step.surroundings.shift_sd_m < 0.01
+    assert step.object.shift_m == pytest.approx(0.0)
+
+
+def test_open_segments_are_no_difference(first) -> None:
+    others = tuple(state for state in STATES if state is not Contact.VF)
+    opened = replace(first.segments[1], inseparable=others, probability=0.4)
+    found = compare_outcomes(first, with_segments(first, [first.segments[0], opened, *first.segments[2:]]))
+    assert verdicts(found) == ["same", "open", "same", "same"]
+
+
+def test_boundaries_are_as_sure_as_the_beliefs(first, simulated) -> None:
+    true_s = [(one.start_ns - first.origin_ns) * 1e-9 for one in simulated.truth.intervals]
+    for one in steps_of(first)[1:]:
+        assert np.abs(np.array(true_s) - one.start_s).min() < 4.0 * one.boundary_sd_s[0] + 0.1
+
+
+def test_what_python_makes_of_it(first, tmp_path) -> None:
+    found = contact_tracker.compare(first, with_segments(first, first.segments[:2]))
+    table = found.to_pandas()
+    assert list(table.verdict) == [one.verdict for one in found.steps]
+    assert all(len(line) <= 80 for line in str(found).splitlines())
+    found.save(tmp_path / "steps.csv")
+    rows = list(csv.DictReader((tmp_path / "steps.csv").open()))
+    assert [row["verdict"] for row in rows] == list(table.verdict)
+    assert list(rows[0]) == list(table)
+    found.save(tmp_path / "steps.png")
+    assert (tmp_path / "steps.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(UsageError, match=r"\.csv"):
+        found.save(tmp_path / "steps.txt")
+    with pytest.raises(UsageError, match="tolerance"):
+        contact_tracker.compare(first, first, tolerance=0.0)
+
+
+def test_the_command(first, simulated, tmp_path, monkeypatch) -> None:
+    """Its exit code says whether the takes differ; the segmentations are those of above."""
+    takes = iter([first, with_segments(first, first.segments[:2]), first, first])
+    monkeypatch.setattr("contact_tracker.outputs.outcome.segmented", lambda *_, **__: next(takes))
+    for name in "ab":
+        write_recording(str(tmp_path / f"{name}.mcap"), simulated.poses, None, {})
+    done = run("compare", "a.mcap", "b.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == DIFFERENT, done.stderr
+    assert "missing" in [one["verdict"] for one in json.loads(done.stdout)["steps"]]
+    done = run("compare", "a.mcap", "b.mcap", "-o", "steps.svg", cwd=tmp_path)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "4 same"), done.stderr
+    assert (tmp_path / "steps.svg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["a", "-"], "by name"),
+        (["a", "b", "-o", "a.mcap"], "must end"),
+        (["a", "b", "--tolerance", "0"], "above"),
+    ],
+)
+def test_wrong_usage_of_the_command(arguments, words) -> None:
+    done = run("compare", *arguments)
+    assert done.returncode == 2
+    assert words in done.stderr

@@ -1,0 +1,185 @@
+"""A plan followed by beliefs, its file, the graph of contacts, and both as outputs."""
+
+import json
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import contact_tracker
+from command_line import run
+from contact_tracker.errors import DIFFERENT, UsageError
+from contact_tracker.recording import write_recording
+from contact_tracker.sequences.plan import Plan, PlanFollower
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Belief
+from short_recordings import FACE_TO_EDGE, recorded
+
+TICK_NS = 100_000_000
+PLAN = """
+[[step]]
+contact = "f-f"
+duration_s = 3
+[[step]]
+contact = "e-f|v-f"
+optional = true
+[[step]]
+contact = "free"
+duration_s = 2
+[[step]]
+contact = "f-f"
+duration_s = 3
+"""
+
+
+@pytest.fixture
+def plan(tmp_path):
+    (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
+    return Plan.read(str(tmp_path / "plan.toml"))
+
+
+def beliefs(*steps, p=0.97, delay=5):
+    """Of a tracker that needs ``delay`` ticks to be as sure as ``p`` of each of (contact, seconds)."""
+    stamp_ns = 0
+    for name, seconds in steps:
+        column = Contact(name).column
+        for tick in range(round(seconds * 10)):
+            share = p if tick >= delay else 1.0 / 7 + (p - 1.0 / 7) * tick / delay
+            probability = np.full(7, (1.0 - share) / 6)
+            probability[column] = share
+            stamp_ns += TICK_NS
+            yield Belief(stamp_ns, Contact(name), probability, 0, None, np.full(6, np.nan))
+
+
+def followed(plan, *steps):
+    follower = PlanFollower(plan)
+    return [follower.update(one) for one in beliefs(*steps)], follower
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        [("f-f", 3.0), ("e-f", 2.0), ("free", 2.0), ("f-f", 3.0)],
+        [("f-f", 2.6), ("v-f", 1.5), ("free", 2.5), ("f-f", 3.5)],
+        [("f-f", 3.3), ("free", 1.5), ("f-f", 3.0)],
+    ],
+)
+def test_a_stream_on_the_plan_is_followed(plan: Plan, steps) -> None:
+    found, follower = followed(plan, *steps)
+    assert not follower.has_left
+    assert max(one.p_left for one in found) < 0.9
+    assert found[-1].step == 4
+    assert found[-1].following is None
+    certain = [one.step for one in found if one.probability > 0.9]
+    assert all(before <= after for before, after in pairwise(certain))
+
+
+@pytest.mark.parametrize(
+    ("steps", "since_s"),
+    [
+        ([("f-f", 3.0), ("e-e", 4.0)], 3.0),  # another contact
+        ([("f-f", 3.0), ("e-f", 2.0), ("f-f", 4.0)], 5.0),  # a step is left out
+        ([("f-f", 12.0)], 4.0),  # it takes too long
+        ([("f-f", 0.6), ("free", 3.0)], 0.6),  # it is too short
+    ],
+)
+def test_leaving_the_plan_is_said_once(plan: Plan, steps, since_s) -> None:
+    found, follower = followed(plan, *steps)
+    (tick,) = (number for number, one in enumerate(found) if one.leaves)
+    assert since_s < (tick + 1) * 0.1 <= since_s + 4.0
+    assert follower.has_left
+
+
+def test_a_follower_that_knows_nothing_has_left_nothing(plan: Plan) -> None:
+    follower = PlanFollower(plan)
+    flat = (Belief(k * TICK_NS, Contact.FREE, np.full(7, 1 / 7), 0, None, np.zeros(6)) for k in range(40))
+    found = [follower.update(one) for one in flat]
+    assert max(one.p_left for one in found) < 0.9
+    assert all(0.0 <= one.probability <= 1.0 for one in found)
+
+
+def test_a_plan_is_the_same_after_its_file(plan: Plan, tmp_path) -> None:
+    (tmp_path / "again.toml").write_text(plan.toml, encoding="utf-8")
+    assert Plan.read(str(tmp_path / "again.toml")) == plan
+    assert [one.name for one in plan.steps] == ["f-f", "e-f|v-f", "free", "f-f"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "1 to 1000 steps"),
+        ("[[step]]\ncontact = 'x-f'", "x-f"),
+        ("[[step]]\ncontact = 'f-f'\nseconds = 3", "seconds"),
+        ("[[step]]\ncontact = 'f-f'\nduration_s = -1", "between"),
+        ("tolerance = 0\n[[step]]\ncontact = 'any'", "tolerance"),
+        ("step = 3", "table"),
+        ("[[step]\n", "TOML"),
+    ],
+)
+def test_a_wrong_plan_is_one_line(tmp_path, text, words) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError, match="plan") as caught:
+        Plan.read(str(path))
+    assert words in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A short recording, with its plan, its graph and a figure of it."""
+    folder = tmp_path_factory.mktemp("plans")
+    poses = recorded(FACE_TO_EDGE).poses[::4]
+    write_recording(str(folder / "log.mcap"), poses, None, {})
+    result = contact_tracker.segment(folder / "log.mcap")
+    for name in ("plan.toml", "graph.graphml"):
+        result.save(folder / name)
+    result.plot_graph().savefig(folder / "graph.png")
+    return folder, result
+
+
+def test_the_graph_has_all_segments_and_transitions(folder) -> None:
+    path, result = folder
+    root = ElementTree.parse(path / "graph.graphml").getroot()
+    name = {"g": "http://graphml.graphdrawing.org/xmlns"}
+    data = [
+        {one.get("key"): one.text for one in node.findall("g:data", name)}
+        for node in root.findall("g:graph/g:node", name)
+    ]
+    assert sum(int(one["count"]) for one in data) == len(result.segments)
+    total_s = sum((one.end_ns - one.start_ns) * 1e-9 for one in result.segments)
+    assert sum(float(one["seconds"]) for one in data) == pytest.approx(total_s, abs=0.01)
+    assert next(one["label"] for one in data).startswith("f-f: face")
+    edges = root.findall("g:graph/g:edge", name)
+    assert sum(len(times) for times in result.graph.edges.values()) == len(result.segments) - 1
+    assert {(one.get("source"), one.get("target")) for one in edges} == {
+        (f"n{a}", f"n{b}") for a, b in result.graph.edges
+    }
+
+
+def test_live_says_once_that_a_plan_is_left(folder) -> None:
+    path, _ = folder
+    (path / "other.toml").write_text("[[step]]\ncontact='f-f'\n[[step]]\ncontact='f-v'\n", encoding="utf-8")
+    done = run("live", "log.mcap", "--expect", "other.toml", cwd=path)
+    assert done.returncode == DIFFERENT, done.stderr
+    (line,) = [one for one in done.stdout.splitlines() if "plan: left" in one]
+    assert len(line) <= 80
+    done = run("live", "log.mcap", "--expect", "plan.toml", "--state", "s", cwd=path)
+    assert (done.returncode, "--state" in done.stderr) == (2, True)
+
+
+@pytest.mark.long
+def test_live_follows_the_plan_of_the_recording(folder) -> None:
+    path, _ = folder
+    done = run("live", "log.mcap", "--expect", "plan.toml", "--json", cwd=path)
+    assert done.returncode == 0, done.stderr
+    last = json.loads(done.stdout.splitlines()[-1])["plan"]
+    assert (last["step"], last["leaves"]) == (2, False)
+
+
+def test_a_figure_of_the_graph(folder) -> None:
+    path, _ = folder
+    assert (path / "graph.png").stat().st_size > 1000
+    done = run("segment", "log.mcap", "-o", "x.csv", "--graph", cwd=path)
+    assert (done.returncode, "--graph" in done.stderr) == (2, True)
