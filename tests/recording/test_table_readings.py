@@ -65,7 +65,7 @@ def proposed(path: Path) -> list[str]:
     """The options of the first command that a refusal names."""
     with pytest.raises(UnreadableRecording) as raised:
         open_log(str(path))
-    command = str(raised.value).partition("contact-tracker ")[2].partition(" or contact-tracker")[0]
+    command = str(raised.value).partition("contact-tracker ")[2].partition(" or")[0]
     words = shlex.split(command.split(", with the rate")[0].split(". Orders")[0])
     assert words[:2] == ["segment", str(path)]
     return words[2:]

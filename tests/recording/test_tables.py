@@ -109,7 +109,7 @@ def test_units_are_those_of_the_names(tmp_path: Path) -> None:
             "t,Pos X (ft),Pos Y (ft),Pos Z (ft)",
             r"the unit 'ft' of column 'Pos X \(ft\)' is not known: m, cm, mm",
         ),
-        ("time [min],x,y,z", r"the unit 'min' of column 'time \[min\]' is not known: s, ms, us, ns"),
+        ("time [days],x,y,z", r"the unit 'min' of column 'time \[min\]' is not known: s, ms, us, ns"),
         ("time_mm,x,y,z", "the unit 'mm' of column 'time_mm' is not known: s, ms, us, ns"),
         (
             "t,cube_x [mm],cube_y [m],cube_z [mm]",
