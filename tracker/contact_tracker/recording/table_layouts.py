@@ -98,7 +98,13 @@ ANGLE_UNITS: Final[Mapping[str, str]] = {
 }
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
-SEPARATORS: Final[Mapping[str, str]] = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+SEPARATORS: Final[Mapping[str, str]] = {
+    ";": "semicolons",
+    "\t": "tabs",
+    ",": "commas",
+    "|": "bars",
+    " ": "blanks",
+}
 """Characters that separate values, and what messages call them."""
 
 
@@ -175,7 +181,7 @@ class TableLayout:
     time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
     rest : index of a column with the nanoseconds of the second.
     has_own_unit : whether the format itself defines the unit of its times.
-    names : of the values of JSON lines.
+    names : of the values of JSON lines, and of cells with several values, whose columns are ``heads``.
     """
 
     kind: str
@@ -187,6 +193,7 @@ class TableLayout:
     rest: int | None = None
     has_own_unit: bool = False
     names: tuple[str, ...] = ()
+    heads: tuple[str, ...] = ()
 
     @property
     def places(self) -> list[int]:
@@ -280,12 +287,13 @@ _QUATERNION: Final = re.compile(
 _IMAGINARY: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w"}
 _FIRST_IS_REAL: Final = re.compile(_BODY + r"(?<![a-z])(?:q|quat)[._/: -]*0")
 _POSITION: Final = re.compile(
-    _BODY + r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?(?<![a-z])([xyz])"
+    _BODY + r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?"
+    r"(?<![a-z])([xyz])"
 )
 _PREFIXED: Final = re.compile(_BODY + r"(?<![a-z])[pt]([xyz])")
 _ANGLE: Final = re.compile(
-    _BODY
-    + r"(?<![a-z])(?:(roll|pitch|yaw)|(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle)[._/: -]*([xyz]))"
+    _BODY + r"(?<![a-z])(?:(roll|pitch|yaw)"
+    r"|(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle)[._/: -]*([xyz]))"
 )
 _TURN: Final = {"roll": "x", "pitch": "y", "yaw": "z"}
 _ELEMENT: Final = re.compile(_BODY + r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])")
@@ -305,12 +313,19 @@ _LONGEST_NAME: Final = 200
 _MOST_GROUPS: Final = 12
 """Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
 _A_RATE: Final = "100Hz"
+NO_FRAMES: Final = (
+    "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
+)
+_ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 UNNAMED: Final = "c"
 """Columns without names are ``c0``, ``c1``, ..."""
 _POSE_ROLES: Final = (*POSITION, *QUATERNION)
 _NANOSECONDS: Final = 10
+"""Digits of a second since 1970, of which the nanoseconds have fewer."""
+_UNIT_NORM: Final = 0.002
+"""Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 
-_TWICE: Final = "qx={},qy={},qz={},qw=w"
+_TWICE: Final = "a position and a quaternion"
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (
         "UR's RTDE",
@@ -324,10 +339,8 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
     ("FANUC", ("x", "w", "p", "r"), reading_of("rx=W,ry=P,rz=R", euler="xyz:deg", unit="mm")),
     ("Polhemus", ("x", "az", "el", "roll"), reading_of("rz=Az,ry=El,rx=Roll", euler="ZYX:deg", unit="cm")),
-    *(
-        ("names that are there twice", ("x", again.format("x"), "w"), reading_of(_TWICE.format(*map(again.format, "xyz"))))
-        for again in ("{}.1", "{}_1")
-    ),
+    (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
+    (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
@@ -342,6 +355,8 @@ _LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
     4: ("quaternion={0}", reading_of()),
     3: ("position={0}", reading_of()),
 }
+_VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
+_TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
 """What as many numbered columns usually are."""
 
 
@@ -499,47 +514,77 @@ def layout_of_names(
 
 
 def layout_without_names(
-    values: Sequence[str],
+    rows: Sequence[Sequence[str]],
     reading: TableReading,
     path: str,
     kind: str,
     separator: str | None = None,
     skip: int = 0,
 ) -> TableLayout:
-    """The layout of columns that have no names, by the values of the first row; raises UnreadableRecording
+    """The layout of columns that have no names, by the values of the first rows; raises UnreadableRecording
     where the reading does not say which columns are what."""
+    values = rows[0] if rows else ()
     if not reading.columns:
         how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
-        meant = _meaning(values)
-        if meant is not None:
-            how = f"if they are meant so, read them by {meant.with_(reading).command(path)}"
-            if meant.has_frame_numbers and not reading.has_frame_numbers:
-                how += f", with the rate of your poses instead of {meant.time_unit}"
+        if ways := [way.with_(reading) for way in _meanings(rows)]:
+            commands = " or ".join(_commands(way, path) for way in ways)
+            how = f"if they are meant so, read them by {commands}"
+            if ways[0].has_frame_numbers and not reading.has_frame_numbers:
+                how += f", with the rate of your poses instead of {ways[0].time_unit}"
+            how += f". {_ORDERS}" if ways[0].euler else ""
         raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
     return layout_of_names(
         [f"{UNNAMED}{i}" for i in range(len(values))], reading, path, kind, separator, skip
     )
 
 
-def _meaning(values: Sequence[str]) -> TableReading | None:
-    """What rows without names usually are: TUM, messages of ``ros2 topic echo --csv``, poses without times
-    and matrices, as KITTI's."""
+def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
+    """What rows without names may be: a pose is where there is a rotation matrix or a unit quaternion, as in
+    KITTI's and TUM's, else at the end of seven values with angles; a time before it, or two numbers as of
+    ``ros2 topic echo --csv``."""
+    values = rows[0] if rows else ()
+    row = np.array([numbers(one) for one in rows if len(one) == len(values)])
+    row = row[np.isfinite(row[:, len(values) - 4 :]).all(axis=1)]
+    if not len(row):
+        return []
+    width = len(values)
 
-    def named(first: int, **stated: str) -> TableReading:
-        return reading_of({**stated, **{role: f"{UNNAMED}{first + i}" for i, role in enumerate(_POSE_ROLES)}})
+    def group(role: str, begin: int, count: int) -> str:
+        return f"{role}={UNNAMED}[{begin}:{begin + count}]"
 
-    texts = [i for i, value in enumerate(values) if not are_numbers([value])]
-    pose = len(_POSE_ROLES)
-    if not texts and len(values) in (12, 16):
-        return reading_of(f"matrix={UNNAMED}", matrix="rows", time_unit="10Hz")
-    if not texts and len(values) == pose:
-        return named(0).with_(reading_of(time_unit="10Hz"))
-    if not texts and len(values) == 1 + pose:
-        return named(1, time=f"{UNNAMED}0")
-    is_stamp = len(values) > 2 and all(map(str.isdigit, values[:2])) and len(values[1]) < _NANOSECONDS
-    if is_stamp and texts[:1] == [2] and len(values) >= texts[-1] + 1 + pose:
-        return named(texts[-1] + 1, time=f"{UNNAMED}0", nanoseconds=f"{UNNAMED}1")
-    return None
+    for count, shape in ((16, (4, 4)), (12, (3, 4))):
+        for begin in range(width - count + 1):
+            matrix = row[:, begin : begin + count].reshape(-1, *shape)
+            for order, turned in (("rows", matrix), ("columns", matrix.transpose(0, 2, 1))):
+                if turned.shape[2] == 4 and _are_rotations(turned[:, :3, :3]):
+                    return [_timed(values, begin, reading_of(group("matrix", begin, count), matrix=order))]
+    for begin in range(width - len(_POSE_ROLES) + 1):
+        norms = np.linalg.norm(row[:, begin + 3 : begin + 7], axis=1)
+        if (np.abs(norms - 1.0) < _UNIT_NORM).all():
+            pose = f"{group('position', begin, 3)},{group('quaternion', begin + 3, 4)}"
+            return [_timed(values, begin, reading_of(pose))]
+    if width in (6, 7) and np.isfinite(row).all():
+        begin = width - 6
+        pose = f"{group('position', begin, 3)},{group('rotation', begin + 3, 3)}"
+        ways: tuple[dict[str, Any], ...] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
+        return [_timed(values, begin, reading_of(pose, **way)) for way in ways]
+    return []
+
+
+def _are_rotations(matrices: Array) -> bool:
+    errors = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3))
+    return bool((errors < _UNIT_NORM).all() and (np.linalg.det(matrices) > 0).all())
+
+
+def _timed(values: Sequence[str], begin: int, pose: TableReading) -> TableReading:
+    """A pose that begins at a place of a row, with the time before it."""
+    before = [i for i in range(begin) if are_numbers([values[i]])]
+    if not before:
+        return reading_of(time_unit="10Hz").with_(pose)
+    is_stamp = before[:2] == [0, 1] and all(map(str.isdigit, values[:2])) and len(values[0]) == _NANOSECONDS
+    if is_stamp and len(values[1]) < _NANOSECONDS:
+        return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1"}).with_(pose)
+    return reading_of({TIME: f"{UNNAMED}{before[-1]}"}).with_(pose)
 
 
 def _layout(
@@ -548,6 +593,9 @@ def _layout(
     found = columns.find(reading)
     time, rest = columns.time(reading, found.pop(TIME))
     time_ns = reading.time_ns if time is None or reading.time_ns else _time_ns(columns, time)
+    unit_ns = None if time is None or time < 0 else NAMED_NS.get(columns.units[time].lower())
+    if reading.has_frame_numbers and unit_ns not in (None, TIMES_NS["s"]):  # whole seconds may be frames
+        raise ChoiceError(f"the column {columns.names[time or 0]!r} has times, {NO_FRAMES}")
     found = {
         body: {r: place for r, place in places.items() if place != time} for body, places in found.items()
     }
@@ -586,16 +634,18 @@ def _proposal(columns: _Columns, reading: TableReading, path: str) -> str | None
         commands = " or ".join(one.command(path) for one in ways)
         return (
             f"its rotations are three numbers, {fault}, angles or a rotation vector: read them by {commands}"
-            f"{about_rate}. Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
+            f"{about_rate}. {_ORDERS}"
         )
     matches = (pattern.fullmatch(name) for name in columns.names for pattern in (_NUMBERED, _BY_ROW))
     bases = dict.fromkeys(match[1] for match in matches if match is not None)
     counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
     parts = [(base, many) for base, many in counted if many in _LISTS]
-    for some in chain(([part] for part in parts), ([a, b] for a in parts for b in parts if a[1] < b[1])):
+    pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
+    for some in chain(([part] for part in parts), pairs):
         one = reading
         for base, many in some:
-            stated, meant = _LISTS[many]
+            is_turn = len(some) > 1 and many == 3 and _TURNING.search(base) is not None
+            stated, meant = _VECTOR if is_turn else _LISTS[many]
             one = meant.with_(reading_of(stated.format(base))).with_(one)
         if not _fault(columns, one):
             return f"if its columns are meant so, read them by {_commands(one, path)}{about_rate}"

@@ -20,7 +20,15 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
-from contact_tracker.recording.table_layouts import BLANKS, SEPARATORS, TIME_WORDS, Body, TableLayout, numbers
+from contact_tracker.recording.table_layouts import (
+    BLANKS,
+    NO_FRAMES,
+    SEPARATORS,
+    TIME_WORDS,
+    Body,
+    TableLayout,
+    numbers,
+)
 from contact_tracker.recording.text_tables import TextTable
 
 _STEP_S: Final = (0.0005, 0.2)
@@ -181,6 +189,8 @@ class TableTimes:
         """The unit and epoch of times that are numbers, by the first ones; ticks of 100 ns since the years
         1601 or 1 are known by their size."""
         first_s, doubt = float(times[0]) * 1e-7, None
+        if self._reading.has_frame_numbers and (times != np.round(times)).any():
+            raise ChoiceError(f"{self._path}: its times are not whole, {NO_FRAMES}")
         epochs_s = [epoch_s for epoch_s in _EPOCHS_S if _DATE_S[0] <= first_s - epoch_s <= _DATE_S[1]]
         if self._reading.time_unit == TICK:
             self._epoch_ns = sum(epochs_s[:1]) * 10**9
@@ -267,6 +277,15 @@ _OTHERS: Final = {
     b"\x80\x04\x95": _PICKLE,
     b"\x80\x05\x95": _PICKLE,
     b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
+    b"# Image list with": "it is COLMAP's images.txt, which has the world in the frames of cameras, without "
+    "times: image.cam_from_world().inverse() of pycolmap.Reconstruction('FOLDER').images are poses; "
+    + _ARRAYS,
+    b"# Bundle file": "it is a file of Bundler, which has the world in the frames of cameras, without times: "
+    "invert the matrices [R | t] of the cameras; " + _ARRAYS,
+    b"header:": "it is what topic echo prints: record a bag, or print it by ros2 topic echo --csv, or by "
+    "rostopic echo -p",
+    b"PathFileType": "it is TRC, which has markers, not bodies: export bodies (6D) as text; or find the "
+    "rotations of markers by scipy's Rotation.align_vectors; " + _ARRAYS,
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
 """First bytes of files that are not read, and how to get at what is in them."""
