@@ -4,6 +4,7 @@ import json
 import pickle
 import shlex
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 import contact_tracker
 from contact_tracker import Trajectory, read
 from contact_tracker.cli.main import build_parser, run
+from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
@@ -65,7 +67,7 @@ def proposed(path: Path) -> list[str]:
     """The options of the first command that a refusal names."""
     with pytest.raises(UnreadableRecording) as raised:
         open_log(str(path))
-    command = str(raised.value).partition("contact-tracker ")[2].partition(" or contact-tracker")[0]
+    command = str(raised.value).partition("contact-tracker ")[2].partition(" or")[0]
     words = shlex.split(command.split(", with the rate")[0].split(". Orders")[0])
     assert words[:2] == ["segment", str(path)]
     return words[2:]
@@ -73,6 +75,30 @@ def proposed(path: Path) -> list[str]:
 
 Writer = Callable[[Path], Path]
 SECONDS, REST = [str(1_700_000_000 + n // 10**9) for n in SINCE_NS], [str(n % 10**9) for n in SINCE_NS]
+ENTRIES = list(zip(T.tolist(), P.tolist(), Q.tolist(), strict=True))
+
+
+def entry(p: list[float], q: list[float]) -> str:
+    """A pose in JSON."""
+    return json.dumps({"position": dict(zip("xyz", p, strict=True)), "q": dict(zip("xyzw", q, strict=True))})
+
+
+def stamped(t: float, p: list[float], q: list[float]) -> str:
+    return f'{{"time": {t!r}, "pose": {entry(p, q)}}}'
+
+
+def timed(date: str, path: Path) -> Path:
+    """Times as dates, by a form of seconds and nanoseconds."""
+    dates = [date.format(n // 10**9, f"{n % 10**9:09d}") for n in SINCE_NS]
+    return write(path, [f"time;{NAMES.replace(',', ';')}"], rows(dates, POSE), ";")
+
+
+def cells(form: str, separator: str) -> list[list[str]]:
+    """Positions and quaternions in one cell each, as Unity and lists of Python are written."""
+    texts = ([form.format(separator.join(map(repr, values))) for values in (p, q)] for _, p, q in ENTRIES)
+    return [[repr(t), *text] for t, text in zip(T.tolist(), texts, strict=True)]
+
+
 SHARES: dict[str, Writer] = {
     "camel case": lambda path: write(
         path,
@@ -110,10 +136,28 @@ SHARES: dict[str, Writer] = {
         rows(np.arange(120), T, 1e3 * P, np.degrees(VECTORS), T, MATRICES.transpose(0, 2, 1)),
         "\t",
     ),
-    "hours of one digit": lambda path: write(
+    **{
+        date: partial(timed, date)
+        for date in (
+            *("2026-03-01 9:00:0{}.{}", "09:00:0{}.{}", "2026/03/01 09:00:0{}.{}", "20260301T09000{}.{}"),
+            *("1.3.2026 09:00:0{}.{}", "03/01/2026 09:00:0{}.{} PM", "03/31/2026, 9:00:0{}.{} am"),
+        )
+    },
+    "minutes and inches": lambda path: write(
+        path, ["time [min],x [in],y [in],z [in],qx,qy,qz,qw"], rows(T / 60, P / 0.0254, Q)
+    ),
+    "quaternion of i, j, k": lambda path: write(
+        path, ["t,loc_x,loc_y,loc_z,quat_i,quat_j,quat_k,quat_real"], rows(T, POSE)
+    ),
+    "bars": lambda path: write(path, [f"time | {NAMES.replace(',', ' | ')}"], rows(T, POSE), " | "),
+    "JSON in a cell": lambda path: write(
+        path, ["time,pose"], ((repr(t), '"' + entry(p, q).replace('"', '""') + '"') for t, p, q in ENTRIES)
+    ),
+    "array of JSON": lambda path: write(path, [f"[{','.join(stamped(*one) for one in ENTRIES)}]"], []),
+    "frames of JSON": lambda path: write(
         path,
-        [f"time,{NAMES}"],
-        rows([f"2026-03-01 9:00:0{n // 10**9}.{n % 10**9:09d}" for n in SINCE_NS], POSE),
+        ['{"fps": 1,', '"frames": [', *(stamped(*one) + "," for one in ENTRIES[:-1])],
+        [[stamped(*ENTRIES[-1]) + "]}"]],
     ),
 }
 
@@ -175,11 +219,59 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
         rows(T, P, TURN.as_euler("xyz", degrees=True)),
         ["--euler", "xyz:deg"],
     ),
-    "no names": ("", rows(T, POSE), ["--columns", "time=c0,x=c1,y=c2,z=c3,qx=c4,qy=c5,qz=c6,qw=c7"]),
+    "no names": ("", rows(T, POSE), ["--columns", "time=c0,position=c[1:4],quaternion=c[4:8]"]),
+    "real part first in Blender": (
+        "frame,"
+        + ",".join(f"location[{i}]" for i in range(3))
+        + ","
+        + ",".join(f"rot[{i}]" for i in range(4)),
+        rows([f"{n}" for n in range(120)], POSE),
+        ["--time-unit", "100Hz", "--columns", "quaternion=rot,position=location"],
+    ),
+    "FANUC": (
+        "t,X,Y,Z,W,P,R",
+        rows(T, 1e3 * P, TURN.as_euler("xyz", degrees=True)),
+        ["--unit", "mm", "--euler", "xyz:deg", "--columns", "rx=W,ry=P,rz=R"],
+    ),
+    "names twice": ("t,x,y,z,x,y,z,w", rows(T, POSE), ["--columns", "qx=x.1,qy=y.1,qz=z.1,qw=w"]),
+    "another time": (f"unix_time,{NAMES}", rows(T, POSE), ["--columns", "time=unix_time"]),
+    "matrices by two numbers": (
+        "t," + ",".join(f"T_{i}_{j}" for i in range(4) for j in range(4)),
+        rows(T, WHOLE),
+        ["--matrix", "rows", "--columns", "matrix=T"],
+    ),
+    "vectors of OpenCV": (
+        "t,rvec0,rvec1,rvec2,tvec0,tvec1,tvec2",
+        rows(T, VECTORS, P),
+        ["--rotation-vector", "--columns", "position=tvec,rotation=rvec"],
+    ),
+    "matrices without names": (
+        "",
+        rows(T, WHOLE[:, :3]),
+        ["--matrix", "rows", "--columns", "time=c0,matrix=c[1:13]"],
+    ),
+    "numbered rows without names": (
+        "",
+        rows(np.arange(120), T, POSE),
+        ["--columns", "time=c1,position=c[2:5],quaternion=c[5:9]"],
+    ),
+    "angles without names": (
+        "",
+        rows(T, P, TURN.as_euler("xyz", degrees=True)),
+        ["--euler", "xyz:deg", "--columns", "time=c0,position=c[1:4],rotation=c[4:7]"],
+    ),
+    **{
+        f"cells with several values {form}{separator}": (
+            "t,Position,Rotation",
+            cells(form, separator),
+            ["--columns", "quaternion=Rotation,position=Position"],
+        )
+        for form, separator in (('"({})"', ", "), ("({})", ","), ("[{}]", " "), ('"[{}]"', ", "))
+    },
     "ros2 topic echo": (
         "",
         rows(SECONDS, REST, ["world"] * 120, POSE),
-        ["--columns", "time=c0,nanoseconds=c1,x=c3,y=c4,z=c5,qx=c6,qy=c7,qz=c8,qw=c9"],
+        ["--columns", "time=c0,nanoseconds=c1,position=c[3:6],quaternion=c[6:10]"],
     ),
 }
 
@@ -189,7 +281,7 @@ def test_the_command_that_is_proposed_reads_the_columns(tmp_path: Path, system: 
     names, lines, options = PROPOSALS[system]
     path = write(tmp_path / "a.csv", [names] if names else [], lines)
     assert sorted(proposed(path)) == sorted(options)
-    assert_read(path, *options)
+    assert_read(path, *(option.replace("100Hz", "200Hz") for option in options))
 
 
 def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -202,6 +294,12 @@ def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFix
     with pytest.raises(UsageError, match="rate is for time_unit='frames', not 'ms'"):
         read(path, time_unit="ms", rate=200)
     assert_read(write(tmp_path / "b.csv", [NAMES], rows(POSE)), "--time-unit", "200Hz")  # by rows
+    for name, times in (("time [s]", T), ("time", T), ("time_ms", np.arange(120) * 5)):
+        with pytest.raises(ChoiceError, match=r"not numbers of frames: leave out the rate"):
+            Poses.collect(
+                open_log(str(write(path, [f"{name},{NAMES}"], rows(times, POSE))), table=reading_of(rate=200))
+            )
+    path = write(path, [f"frame,{NAMES}"], rows(np.arange(120), POSE))
     assert run(["info", str(path)]) == 1
     assert f"read them by contact-tracker info {path} --time-unit 100Hz" in capsys.readouterr().err
 
@@ -259,6 +357,12 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
             "feather.read_table",
         ),
         ("a.c3d", lambda path: path.write_bytes(b"\2P" + bytes(510)), r"ezc3d\.c3d\('a\.c3d'\)"),
+        ("a.txt", lambda path: path.write_text("# Image list with two lines\n"), "COLMAP's images.txt"),
+        ("a.out", lambda path: path.write_text("# Bundle file v0.3\n"), "a file of Bundler, which"),
+        ("a.yaml", lambda path: path.write_text("header:\n  stamp:\n"), "ros2 topic echo --csv"),
+        ("a.trc", lambda path: path.write_text("PathFileType\t4\n"), "it is TRC, which has markers"),
+        ("a.txt", lambda path: np.savetxt(path, np.eye(4)), r"numpy\.loadtxt"),
+        ("a.json", lambda path: path.write_text('[{"t":\n'), "it begins like JSON, but is none"),
         ("a.csv.gz", lambda path: path.write_bytes(b"\x1f\x8b\0"), "it is compressed: gunzip a.csv.gz first"),
     ],
 )

@@ -109,7 +109,7 @@ def test_units_are_those_of_the_names(tmp_path: Path) -> None:
             "t,Pos X (ft),Pos Y (ft),Pos Z (ft)",
             r"the unit 'ft' of column 'Pos X \(ft\)' is not known: m, cm, mm",
         ),
-        ("time [min],x,y,z", r"the unit 'min' of column 'time \[min\]' is not known: s, ms, us, ns"),
+        ("time [days],x,y,z", r"the unit 'days' of column 'time \[days\]' is not known: s, ms, us, ns"),
         ("time_mm,x,y,z", "the unit 'mm' of column 'time_mm' is not known: s, ms, us, ns"),
         (
             "t,cube_x [mm],cube_y [m],cube_z [mm]",
@@ -290,14 +290,17 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
             "t,x,y,z,qx,qy,qz,qw\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n",
             "row 1 has 1 value, the header has 8: separate",
         ),
-        ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "no column of times among x, y, z"),
+        (
+            "x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n",
+            "it has no times: read them by .*100Hz, with the rate of your rows",
+        ),
         ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
         ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),
         ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
         (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
         ("t,x,y,z,qx,qy,qz,qw\n" + "1," * 400_000, "its rows have 5000 values or more"),
         ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
-        ("0, 1, 2, 3, 0, 0, 0, 1\n", "time=c0,x=c1,y=c2,z=c3,qx=c4,qy=c5,qz=c6,qw=c7"),
+        ("0, 1, 2, 3, 0, 0, 0, 1\n", r"time=c0,position=c\[1:4\],quaternion=c\[4:8\]"),
         ("0,5;1,5;2;3;0;0;0;1\n", "no names: if they are meant so, read them by contact"),
     ],
 )

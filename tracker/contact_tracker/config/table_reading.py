@@ -17,6 +17,7 @@ TIME, REST = "time", "nanoseconds"
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "position": POSITION,
     "quaternion": QUATERNION,
+    "wxyz": ("qw", "qx", "qy", "qz"),
     "rotation": ANGLES,
     "matrix": MATRIX,
 }

@@ -271,6 +271,7 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 _MOST_ARRAYS: Final = 200
+_FIRST_ROWS: Final = 64
 _ARRAY_ERRORS: Final = (
     *(ValueError, OSError, EOFError, RuntimeError, MemoryError),
     *(zipfile.BadZipFile, zlib.error, NotImplementedError),
@@ -306,8 +307,8 @@ class ArrayTable:
                 names += [name] if array.ndim == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
                 self._values += list(rows.T)
         if list(arrays) == [""]:
-            first = [str(values[0]) for values in self._values] if self._rows else []
-            self.layout = layout_without_names(first, reading, path, "NumPy")
+            rows = np.array([values[:_FIRST_ROWS] for values in self._values]).T
+            self.layout = layout_without_names(rows.astype(str).tolist(), reading, path, "NumPy")
         else:
             self.layout = layout_of_names(names, reading, path, "NumPy")
 

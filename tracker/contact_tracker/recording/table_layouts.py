@@ -6,8 +6,8 @@ numbered columns usually are.
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 from typing import Any, Final
 
 import numpy as np
@@ -83,11 +83,13 @@ NAMED_NS: Final[Mapping[str, int]] = {
     **dict.fromkeys(("sec", "secs"), TIMES_NS["s"]),
     **{f"{unit}ec": TIMES_NS[unit] for unit in ("ms", "us", "ns")},
     **dict.fromkeys(("\u00b5s", "\u03bcs"), TIMES_NS["us"]),
+    **dict.fromkeys(("min", "minute", "minutes"), 60 * TIMES_NS["s"]),
 }
 """Units in names of columns."""
 _METRES: Final = {"": 1.0, "centi": 1e-2, "milli": 1e-3, "micro": 1e-6}
 LENGTHS_M: Final[Mapping[str, float]] = {
     **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6},
+    **dict.fromkeys(("in", "inch", "inches"), 0.0254),
     **{f"{part}met{end}": m for part, m in _METRES.items() for end in ("er", "re", "ers", "res")},
 }
 ANGLE_UNITS: Final[Mapping[str, str]] = {
@@ -96,7 +98,13 @@ ANGLE_UNITS: Final[Mapping[str, str]] = {
 }
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
-SEPARATORS: Final[Mapping[str, str]] = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+SEPARATORS: Final[Mapping[str, str]] = {
+    ";": "semicolons",
+    "\t": "tabs",
+    ",": "commas",
+    "|": "bars",
+    " ": "blanks",
+}
 """Characters that separate values, and what messages call them."""
 
 
@@ -132,8 +140,10 @@ def are_numbers(values: Sequence[str]) -> bool:
 class OpenReading(UnreadableRecording):
     """Columns of a rotation, of these names, may be meant in several ways."""
 
-    def __init__(self, names: Sequence[str]) -> None:
-        super().__init__(", ".join(names[:3]))
+    @classmethod
+    def of(cls, names: Sequence[str]) -> "OpenReading":
+        """Of columns of these names."""
+        return cls(", ".join(names[:3]))
 
 
 @dataclass(frozen=True)
@@ -171,7 +181,7 @@ class TableLayout:
     time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
     rest : index of a column with the nanoseconds of the second.
     has_own_unit : whether the format itself defines the unit of its times.
-    names : of the values of JSON lines.
+    names : of the values of JSON lines, and of cells with several values, whose columns are ``heads``.
     """
 
     kind: str
@@ -183,6 +193,7 @@ class TableLayout:
     rest: int | None = None
     has_own_unit: bool = False
     names: tuple[str, ...] = ()
+    heads: tuple[str, ...] = ()
 
     @property
     def places(self) -> list[int]:
@@ -227,7 +238,7 @@ def bodies_of(
         how = _how(reading, [columns[places[role]] for role in roles])
         bodies.append(Body(name, tuple(places[r] for r in (*POSITION, *roles)), metres, kind, how))
     if open_names and not bodies:
-        raise OpenReading(open_names)
+        raise OpenReading.of(open_names)
     return tuple(bodies)
 
 
@@ -239,7 +250,7 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     if ":" in reading.euler:
         return reading.euler
     if len(units) > 1 or "" in units:
-        raise OpenReading([name for name, _ in columns])
+        raise OpenReading.of([name for name, _ in columns])
     return f"{reading.euler}:{units.pop()}"
 
 
@@ -271,20 +282,26 @@ _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
 _QUATERNION: Final = re.compile(
-    _BODY + r"(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzw])"
+    _BODY + r"(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzwijk]|r|real)"
 )
+_IMAGINARY: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w"}
 _FIRST_IS_REAL: Final = re.compile(_BODY + r"(?<![a-z])(?:q|quat)[._/: -]*0")
 _POSITION: Final = re.compile(
-    _BODY + r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|p_\w+)[._/: -]*)?(?<![a-z])([xyz])"
+    _BODY + r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?"
+    r"(?<![a-z])([xyz])"
 )
 _PREFIXED: Final = re.compile(_BODY + r"(?<![a-z])[pt]([xyz])")
 _ANGLE: Final = re.compile(
-    _BODY
-    + r"(?<![a-z])(?:(roll|pitch|yaw)|(?:r|rot|rotation|euler|angle|rotvec|axis_?angle)[._/: -]*([xyz]))"
+    _BODY + r"(?<![a-z])(?:(roll|pitch|yaw)"
+    r"|(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle)[._/: -]*([xyz]))"
 )
 _TURN: Final = {"roll": "x", "pitch": "y", "yaw": "z"}
 _ELEMENT: Final = re.compile(_BODY + r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])")
 _NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
+_BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
+"""Numbers in one row of values, and of rows and columns of a matrix, as ``T_0_3``."""
+_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock)", re.IGNORECASE)
+"""Names that a column of times may have."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
@@ -293,12 +310,22 @@ _EXAMPLE: Final = "time [s],x [m],y [m],z [m],qx,qy,qz,qw"
 _SHOWN: Final = 12
 MOST_COLUMNS: Final = 5000
 _LONGEST_NAME: Final = 200
+_MOST_GROUPS: Final = 12
+"""Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
 _A_RATE: Final = "100Hz"
+NO_FRAMES: Final = (
+    "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
+)
+_ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 UNNAMED: Final = "c"
 """Columns without names are ``c0``, ``c1``, ..."""
 _POSE_ROLES: Final = (*POSITION, *QUATERNION)
 _NANOSECONDS: Final = 10
+"""Digits of a second since 1970, of which the nanoseconds have fewer."""
+_UNIT_NORM: Final = 0.002
+"""Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 
+_TWICE: Final = "a position and a quaternion"
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (
         "UR's RTDE",
@@ -310,6 +337,10 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
     ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
     ("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
+    ("FANUC", ("x", "w", "p", "r"), reading_of("rx=W,ry=P,rz=R", euler="xyz:deg", unit="mm")),
+    ("Polhemus", ("x", "az", "el", "roll"), reading_of("rz=Az,ry=El,rx=Roll", euler="ZYX:deg", unit="cm")),
+    (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
+    (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
@@ -324,6 +355,8 @@ _LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
     4: ("quaternion={0}", reading_of()),
     3: ("position={0}", reading_of()),
 }
+_VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
+_TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
 """What as many numbered columns usually are."""
 
 
@@ -337,12 +370,19 @@ class _Columns:
         self.units = [a or b for (_, a), b in zip(split, [*units, *[""] * len(names)], strict=False)]
 
     def numbered(self, base: str) -> dict[int, int]:
-        """Indices of the columns ``base[0]``, ``base_1``, ... by their number."""
-        found = dict[int, int]()
+        """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
+        by row."""
+        found = self._matching(_NUMBERED, base)
+        if not found:
+            return dict(enumerate(self._matching(_BY_ROW, base).values()))
+        return {number: place for (number,), place in found.items()}
+
+    def _matching(self, pattern: re.Pattern[str], base: str) -> dict[tuple[int, ...], int]:
+        found = dict[tuple[int, ...], int]()
         for place, name in enumerate(self.names):
-            match = _NUMBERED.fullmatch(name)
+            match = pattern.fullmatch(name)
             if match is not None and match[1].lower() == base.lower():
-                found.setdefault(int(match[2]), place)
+                found.setdefault(tuple(map(int, match.groups()[1:])), place)
         return dict(sorted(found.items()))
 
     def places(self, name: str, is_group: bool) -> list[int]:
@@ -424,7 +464,7 @@ def _split_unit(name: str) -> tuple[str, str]:
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
     """Body and role of a column, of which ``rotation_x`` may have two."""
     if match := _QUATERNION.fullmatch(plain):
-        yield _body(match[1]), f"q{match[2]}"
+        yield _body(match[1]), f"q{_IMAGINARY.get(match[2], match[2])}"
     elif match := _PREFIXED.fullmatch(plain) or _POSITION.fullmatch(plain):
         yield _body(match[1]), match[2]
     if match := _FIRST_IS_REAL.fullmatch(plain):
@@ -466,53 +506,85 @@ def layout_of_names(
         return _layout(columns, reading, kind, separator, skip)
     except UnreadableRecording as error:
         proposal = _proposal(columns, reading, path)
-        if proposal is None:
-            raise
-        raise UnreadableRecording(proposal) from error
+        if proposal is not None:
+            raise UnreadableRecording(proposal) from error
+        if isinstance(error, OpenReading):
+            raise UnreadableRecording(f"it is not known how its columns {error} are meant") from error
+        raise
 
 
 def layout_without_names(
-    values: Sequence[str],
+    rows: Sequence[Sequence[str]],
     reading: TableReading,
     path: str,
     kind: str,
     separator: str | None = None,
     skip: int = 0,
 ) -> TableLayout:
-    """The layout of columns that have no names, by the values of the first row; raises UnreadableRecording
+    """The layout of columns that have no names, by the values of the first rows; raises UnreadableRecording
     where the reading does not say which columns are what."""
+    values = rows[0] if rows else ()
     if not reading.columns:
         how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
-        meant = _meaning(values)
-        if meant is not None:
-            how = f"if they are meant so, read them by {meant.with_(reading).command(path)}"
-            if meant.has_frame_numbers and not reading.has_frame_numbers:
-                how += f", with the rate of your poses instead of {meant.time_unit}"
+        if ways := [way.with_(reading) for way in _meanings(rows)]:
+            commands = " or ".join(_commands(way, path) for way in ways)
+            how = f"if they are meant so, read them by {commands}"
+            if ways[0].has_frame_numbers and not reading.has_frame_numbers:
+                how += f", with the rate of your poses instead of {ways[0].time_unit}"
+            how += f". {_ORDERS}" if ways[0].euler else ""
         raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
     return layout_of_names(
         [f"{UNNAMED}{i}" for i in range(len(values))], reading, path, kind, separator, skip
     )
 
 
-def _meaning(values: Sequence[str]) -> TableReading | None:
-    """What rows without names usually are: TUM, messages of ``ros2 topic echo --csv``, poses without times
-    and matrices, as KITTI's."""
+def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
+    """What rows without names may be: a pose is where there is a rotation matrix or a unit quaternion, as in
+    KITTI's and TUM's, else at the end of seven values with angles; a time before it, or two numbers as of
+    ``ros2 topic echo --csv``."""
+    values = rows[0] if rows else ()
+    row = np.array([numbers(one) for one in rows if len(one) == len(values)])
+    row = row[np.isfinite(row[:, len(values) - 4 :]).all(axis=1)]
+    if not len(row):
+        return []
+    width = len(values)
 
-    def named(first: int, **stated: str) -> TableReading:
-        return reading_of({**stated, **{role: f"{UNNAMED}{first + i}" for i, role in enumerate(_POSE_ROLES)}})
+    def group(role: str, begin: int, count: int) -> str:
+        return f"{role}={UNNAMED}[{begin}:{begin + count}]"
 
-    texts = [i for i, value in enumerate(values) if not are_numbers([value])]
-    pose = len(_POSE_ROLES)
-    if not texts and len(values) in (12, 16):
-        return reading_of(f"matrix={UNNAMED}", matrix="rows", time_unit="10Hz")
-    if not texts and len(values) == pose:
-        return named(0).with_(reading_of(time_unit="10Hz"))
-    if not texts and len(values) == 1 + pose:
-        return named(1, time=f"{UNNAMED}0")
-    is_stamp = len(values) > 2 and all(map(str.isdigit, values[:2])) and len(values[1]) < _NANOSECONDS
-    if is_stamp and texts[:1] == [2] and len(values) >= texts[-1] + 1 + pose:
-        return named(texts[-1] + 1, time=f"{UNNAMED}0", nanoseconds=f"{UNNAMED}1")
-    return None
+    for count, shape in ((16, (4, 4)), (12, (3, 4))):
+        for begin in range(width - count + 1):
+            matrix = row[:, begin : begin + count].reshape(-1, *shape)
+            for order, turned in (("rows", matrix), ("columns", matrix.transpose(0, 2, 1))):
+                if turned.shape[2] == 4 and _are_rotations(turned[:, :3, :3]):
+                    return [_timed(values, begin, reading_of(group("matrix", begin, count), matrix=order))]
+    for begin in range(width - len(_POSE_ROLES) + 1):
+        norms = np.linalg.norm(row[:, begin + 3 : begin + 7], axis=1)
+        if (np.abs(norms - 1.0) < _UNIT_NORM).all():
+            pose = f"{group('position', begin, 3)},{group('quaternion', begin + 3, 4)}"
+            return [_timed(values, begin, reading_of(pose))]
+    if width in (6, 7) and np.isfinite(row).all():
+        begin = width - 6
+        pose = f"{group('position', begin, 3)},{group('rotation', begin + 3, 3)}"
+        ways: tuple[dict[str, Any], ...] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
+        return [_timed(values, begin, reading_of(pose, **way)) for way in ways]
+    return []
+
+
+def _are_rotations(matrices: Array) -> bool:
+    errors = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3))
+    return bool((errors < _UNIT_NORM).all() and (np.linalg.det(matrices) > 0).all())
+
+
+def _timed(values: Sequence[str], begin: int, pose: TableReading) -> TableReading:
+    """A pose that begins at a place of a row, with the time before it."""
+    before = [i for i in range(begin) if are_numbers([values[i]])]
+    if not before:
+        return reading_of(time_unit="10Hz").with_(pose)
+    is_stamp = before[:2] == [0, 1] and all(map(str.isdigit, values[:2])) and len(values[0]) == _NANOSECONDS
+    if is_stamp and len(values[1]) < _NANOSECONDS:
+        return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1"}).with_(pose)
+    return reading_of({TIME: f"{UNNAMED}{before[-1]}"}).with_(pose)
 
 
 def _layout(
@@ -521,6 +593,9 @@ def _layout(
     found = columns.find(reading)
     time, rest = columns.time(reading, found.pop(TIME))
     time_ns = reading.time_ns if time is None or reading.time_ns else _time_ns(columns, time)
+    unit_ns = None if time is None or time < 0 else NAMED_NS.get(columns.units[time].lower())
+    if reading.has_frame_numbers and unit_ns not in (None, TIMES_NS["s"]):  # whole seconds may be frames
+        raise ChoiceError(f"the column {columns.names[time or 0]!r} has times, {NO_FRAMES}")
     found = {
         body: {r: place for r, place in places.items() if place != time} for body, places in found.items()
     }
@@ -545,11 +620,7 @@ def _time_ns(columns: _Columns, time: int) -> int | None:
 
 def _proposal(columns: _Columns, reading: TableReading, path: str) -> str | None:
     """What the columns seem to be, and the command that reads them so; None if nothing fits."""
-    time, _ = columns.time(reading, {})
-    about_rate = ""
-    if time is None and any(_FRAME.fullmatch(name) for name in columns.plain) and reading.time_unit is None:
-        reading = reading.with_(reading_of(time_unit=_A_RATE))
-        about_rate = f", with the rate of your frames instead of {_A_RATE}"
+    reading, about_time, about_rate = _with_time(columns, reading)
     lower = {name.lower() for name in columns.names}
     for system, names, meant in KNOWN:
         one = meant.with_(reading)
@@ -557,24 +628,53 @@ def _proposal(columns: _Columns, reading: TableReading, path: str) -> str | None
             return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
     fault = _fault(columns, reading)
     if fault is None:
-        return f"its times are numbers of frames: read them by {reading.command(path)}{about_rate}"
+        return f"{about_time}: read them by {reading.command(path)}{about_rate}"
     ways = [reading.with_(reading_of(**one)) for one in ({"euler": "xyz:deg"}, {"rotation_vector": True})]
     if isinstance(fault, OpenReading) and not any(_fault(columns, one) for one in ways):
         commands = " or ".join(one.command(path) for one in ways)
         return (
             f"its rotations are three numbers, {fault}, angles or a rotation vector: read them by {commands}"
-            f"{about_rate}. Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
+            f"{about_rate}. {_ORDERS}"
         )
-    bases = dict.fromkeys(match[1] for name in columns.names if (match := _NUMBERED.fullmatch(name)))
-    parts = [(base, many) for base in bases if (many := len(columns.numbered(base))) in _LISTS]
-    for some in chain(([part] for part in parts), ([a, b] for a in parts for b in parts if a[1] < b[1])):
+    matches = (pattern.fullmatch(name) for name in columns.names for pattern in (_NUMBERED, _BY_ROW))
+    bases = dict.fromkeys(match[1] for match in matches if match is not None)
+    counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
+    parts = [(base, many) for base, many in counted if many in _LISTS]
+    pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
+    for some in chain(([part] for part in parts), pairs):
         one = reading
         for base, many in some:
-            stated, meant = _LISTS[many]
+            is_turn = len(some) > 1 and many == 3 and _TURNING.search(base) is not None
+            stated, meant = _VECTOR if is_turn else _LISTS[many]
             one = meant.with_(reading_of(stated.format(base))).with_(one)
         if not _fault(columns, one):
-            return f"if its columns are meant so, read them by {one.command(path)}{about_rate}"
+            return f"if its columns are meant so, read them by {_commands(one, path)}{about_rate}"
     return None
+
+
+def _with_time(columns: _Columns, reading: TableReading) -> tuple[TableReading, str, str]:
+    """A reading with a time, if no column is one by its name: what seems to be the time in words, and what to
+    say of a rate in it."""
+    time, _ = columns.time(reading, columns.find(reading)[TIME])
+    if time is not None or reading.time_unit is not None:
+        return reading, "", ""
+    numbered = any(map(_FRAME.fullmatch, columns.plain))
+    like = next(filter(_LIKE_TIME.match, columns.names), None)
+    if like is not None and not numbered:
+        return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
+    about = "its times are numbers of frames" if numbered else "it has no times"
+    rate = f", with the rate of your {'frames' if numbered else 'rows'} instead of {_A_RATE}"
+    return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
+
+
+def _commands(reading: TableReading, path: str) -> str:
+    """The command of a reading, and, where it has a group of four values, with the real part first."""
+    columns = dict(reading.columns)
+    group = columns.pop("quaternion", None)
+    if group is None:
+        return reading.command(path)
+    first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
+    return f"{reading.command(path)} or, with the real part first, {first.command(path)}"
 
 
 def _fault(columns: _Columns, reading: TableReading) -> Exception | None:

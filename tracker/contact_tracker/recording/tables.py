@@ -20,7 +20,15 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
-from contact_tracker.recording.table_layouts import BLANKS, SEPARATORS, TIME_WORDS, Body, TableLayout, numbers
+from contact_tracker.recording.table_layouts import (
+    BLANKS,
+    NO_FRAMES,
+    SEPARATORS,
+    TIME_WORDS,
+    Body,
+    TableLayout,
+    numbers,
+)
 from contact_tracker.recording.text_tables import TextTable
 
 _STEP_S: Final = (0.0005, 0.2)
@@ -40,9 +48,13 @@ _LONGEST_STEP_S: Final = 100.0
 NEVER: Final = np.iinfo(np.int64).min
 """The stamp of text that is no time."""
 _DATE: Final = re.compile(
-    r"\s*(\d{4})-(\d\d)-(\d\d)[T ](\d\d?):(\d\d)(?::(\d\d)(?:[.,](\d{1,18}))?)?"
-    r"(?: ?(?:Z|UTC)| ?([+-])(\d\d)(?::?(\d\d))?)?\s*"
+    r"\s*(?:(?:(?P<year>\d{4})(?P<mark>[-/.]?)(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
+    r"|(?P<first>\d\d?)(?P<dots>[-/.])(?P<second>\d\d?)(?P=dots)(?P<last>\d{4}))(?:T|,? ))?"
+    r"(?P<hour>\d\d?)(?P<colon>:|(?<=T\d\d))(?P<minute>\d\d)(?:(?P=colon)(?P<second_>\d\d)(?:[.,:](?P<fraction>\d{1,18}))?)?"
+    r"(?: ?(?P<half>[AP])M)?(?: ?(?:Z|UTC)| ?(?P<sign>[+-])(?P<zone>\d\d)(?::?(?P<zone_minutes>\d\d))?)?\s*",
+    re.IGNORECASE,
 )
+"""Dates and times of a day; 10:22:31:123 has milliseconds. Digits alone are numbers."""
 _YEARS: Final = range(1900, 2110)
 """Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -143,7 +155,7 @@ class TableTimes:
         floats = numbers(times)
         known = np.isfinite(floats)
         if self._are_dates is None:
-            dates = sum(map(bool, map(_DATE.fullmatch, times)))
+            dates = sum(bool(_DATE.fullmatch(text)) for text in compress(times, ~known))
             if not dates and not known.any():
                 return np.full(len(times), NEVER)
             self._are_dates = dates > known.sum()
@@ -177,6 +189,8 @@ class TableTimes:
         """The unit and epoch of times that are numbers, by the first ones; ticks of 100 ns since the years
         1601 or 1 are known by their size."""
         first_s, doubt = float(times[0]) * 1e-7, None
+        if self._reading.has_frame_numbers and (times != np.round(times)).any():
+            raise ChoiceError(f"{self._path}: its times are not whole, {NO_FRAMES}")
         epochs_s = [epoch_s for epoch_s in _EPOCHS_S if _DATE_S[0] <= first_s - epoch_s <= _DATE_S[1]]
         if self._reading.time_unit == TICK:
             self._epoch_ns = sum(epochs_s[:1]) * 10**9
@@ -204,18 +218,33 @@ def exact_ns(time: str, unit_ns: int) -> int:
 
 
 def stamp_of_date(text: str) -> int | None:
-    """Nanoseconds since 1970 of a date, None for other text; without a time zone it is taken as UTC, since
-    only differences matter."""
+    """Nanoseconds since 1970 of a date, or since midnight of a time of a day; None for other text.
+
+    Without a time zone it is taken as UTC, since only differences matter. ``3/4/2026`` is of April, unless
+    the first number is above 12, as dates in the US; ``3.4.2026`` of April.
+    """
     match = _DATE.fullmatch(text)
-    if match is None or int(match[1]) not in _YEARS:
+    if match is None:
         return None
-    year, month, day, hour, minute = map(int, match.groups()[:5])
+    part = match.groupdict(default="")
+    year, month, day = 1970, 1, 1
+    if part["year"]:
+        year, month, day = int(part["year"]), int(part["month"]), int(part["day"])
+    elif part["last"]:
+        year, month, day = int(part["last"]), int(part["first"]), int(part["second"])
+        month, day = (day, month) if part["dots"] == "." or month > 12 else (month, day)
+    hour = int(part["hour"])
+    hour = hour % 12 + 12 * (part["half"].upper() == "P") if part["half"] else hour
+    if year not in _YEARS:
+        return None
     try:
-        since = datetime(year, month, day, hour, minute, int(match[6] or 0), tzinfo=UTC) - _EPOCH
+        time = datetime(year, month, day, hour, int(part["minute"]), int(part["second_"] or 0), tzinfo=UTC)
     except ValueError:  # as the 31st of June
         return None
-    zone_s = 60 * (60 * int(match[9] or 0) + int(match[10] or 0)) * (-1 if match[8] == "-" else 1)
-    fraction_ns = int(f"{match[7] or 0:0<9}"[:9])
+    since = time - _EPOCH
+    zone_s = 60 * (60 * int(part["zone"] or 0) + int(part["zone_minutes"] or 0))
+    zone_s = -zone_s if part["sign"] == "-" else zone_s
+    fraction_ns = int(f"{part['fraction'] or 0:0<9}"[:9])
     return (since.days * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns
 
 
@@ -248,6 +277,15 @@ _OTHERS: Final = {
     b"\x80\x04\x95": _PICKLE,
     b"\x80\x05\x95": _PICKLE,
     b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
+    b"# Image list with": "it is COLMAP's images.txt, which has the world in the frames of cameras, without "
+    "times: image.cam_from_world().inverse() of pycolmap.Reconstruction('FOLDER').images are poses; "
+    + _ARRAYS,
+    b"# Bundle file": "it is a file of Bundler, which has the world in the frames of cameras, without times: "
+    "invert the matrices [R | t] of the cameras; " + _ARRAYS,
+    b"header:": "it is what topic echo prints: record a bag, or print it by ros2 topic echo --csv, or by "
+    "rostopic echo -p",
+    b"PathFileType": "it is TRC, which has markers, not bodies: export bodies (6D) as text; or find the "
+    "rotations of markers by scipy's Rotation.align_vectors; " + _ARRAYS,
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
 """First bytes of files that are not read, and how to get at what is in them."""

@@ -10,10 +10,12 @@ angles or a helical vector, which most exports do not distinguish. Names are rea
 import csv
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import islice, pairwise
-from typing import IO, Final
+from typing import IO, Any, Final
 
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
@@ -54,9 +56,15 @@ _ROUNDED_S: Final = 0.00051
 _ORDER: Final = re.compile(r"([xyz]{3})", re.IGNORECASE)
 _ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
 _TUM: Final = tuple(range(1, 8))
-_MARKS: Final = (";", "\t", ",")
+_MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
+_DOCUMENT: Final = 2**28
+"""Longest JSON document (characters), which is held in memory."""
+_GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
+"""A cell with several values in brackets, between which there may be the separator of the cells."""
+_BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
+_BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
 """How Qualisys writes the columns of a body."""
@@ -78,8 +86,14 @@ class TextTable:
 
     def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
         self._path, self._encoding = path, encoding_of(begin)
+        self._is_document = False
         with self._opened() as file:
-            self.layout = _layout_of(list(islice(_lines(file), _HEAD_LINES)), reading, path)
+            head = list(islice(_lines(file), _HEAD_LINES))
+        if _is_document(head):
+            self._is_document = True
+            with self._opened() as file:
+                head = list(islice(_entries_in(file), _HEAD_LINES))
+        self.layout = _layout_of(head, reading, path)
         self.damage: tuple[str, ...] = ()
 
     def __iter__(self) -> Iterator[dict[int, Sequence[str]]]:
@@ -94,14 +108,15 @@ class TextTable:
         layout, separator, count, last = self.layout, self.layout.separator, 0, list[str]()
         places, width = layout.places, max(layout.places) + 1
         with self._opened() as file:
-            for line in islice(_lines(file), layout.skip, None):
+            lines = _entries_in(file) if self._is_document else _lines(file)
+            for line in islice(lines, layout.skip, None):
                 if line.startswith(_COMMENT):
                     continue
                 if not line.strip(_EMPTY):
                     if layout.kind == "Vicon":
                         return  # the end of a section
                     continue
-                cells = self._json_cells(line) if layout.names else _cells_of(line, separator)
+                cells = self._named_cells(line) if layout.names else _cells_of(line, separator)
                 if line[-1] != "\n" and len(line) < _LINE and last and _is_cut(last, cells):
                     self.damage = (_CUT_OFF,)
                     return
@@ -117,9 +132,9 @@ class TextTable:
                     count += 1
                     yield row
 
-    def _json_cells(self, line: str) -> list[str]:
+    def _named_cells(self, line: str) -> list[str]:
         try:
-            fields = _fields_of(line)
+            fields = _fields_of(line) if not self.layout.heads else _fields_in(line, self.layout)
         except ValueError:
             return [line] * len(self.layout.names)  # none of them is a number
         return [fields.get(name, "") for name in self.layout.names]
@@ -141,6 +156,8 @@ def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
 
 def _cells_of(line: str, separator: str | None) -> list[str]:
     """The values in a line, perhaps between blanks; a quote that is open is part of the last one."""
+    if separator is not None and '"' not in line and ("(" in line or "[" in line or "{" in line):
+        line = _GROUP.sub(r'"\1"', line)
     if separator is None or '"' not in line:
         return line.split(separator)
     try:
@@ -164,6 +181,11 @@ def _fields_of(line: str) -> dict[str, str]:
         raise ValueError("it is too deep") from error
     if not isinstance(given, dict):
         raise ValueError("it is no object")
+    return _flattened(given)
+
+
+def _flattened(given: Mapping[str, Any]) -> dict[str, str]:
+    """The numbers and texts in an object and its parts."""
     found, waiting = dict[str, str](), list(given.items())[::-1]
     while waiting:
         name, value = waiting.pop()
@@ -174,6 +196,61 @@ def _fields_of(line: str) -> dict[str, str]:
         elif isinstance(value, str):
             found[name] = value
     return found
+
+
+def _is_document(lines: Sequence[str]) -> bool:
+    """Whether text is JSON as a whole, not one object a line."""
+    first, second = ([line for line in lines if line.strip()] + ["", ""])[:2]
+    if not second or not first.lstrip().startswith("{"):
+        return _BEGIN_DOCUMENT.match(first) is not None
+    try:
+        json.loads(first)
+    except (ValueError, RecursionError):
+        return True
+    return False
+
+
+def _entries_in(file: IO[str]) -> Iterator[str]:
+    """The entries of a JSON document, one a line: those of its list, of the one list of objects in it, or of
+    lists of one length by their names; raises UnreadableRecording."""
+    text = file.read(_DOCUMENT + 1)
+    if len(text) > _DOCUMENT:
+        raise UnreadableRecording(
+            "it is JSON of more than 256 MB: write one object a line, as jq -c '.[]' does"
+        )
+    try:
+        given = json.loads(text, parse_float=str, parse_int=str)
+    except (ValueError, RecursionError) as error:
+        raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
+    if isinstance(given, dict):
+        lists = {name: value for name, value in given.items() if isinstance(value, list)}
+        objects = [value for value in lists.values() if value and isinstance(value[0], dict)]
+        longest = max(map(len, lists.values()), default=0)
+        rows = {name: value for name, value in lists.items() if len(value) == longest}
+        by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
+        given = objects[0] if len(objects) == 1 else by_row
+    for one in given:
+        yield json.dumps(one if isinstance(one, dict) else {UNNAMED: one}) + "\n"
+
+
+def _values_in(cell: str) -> Any:
+    """The values in a cell of several numbers, JSON or ``(1.0, 2.0)`` or ``[1 2]``; the text of any other."""
+    text = cell.strip(BLANKS)
+    if text[:1] not in ("(", "[", "{"):
+        return cell
+    inner = text.strip("()[]{} ")
+    values: Any = parts if len(parts := _BETWEEN.split(inner)) > 1 else inner.split(",")
+    for plain in (text, text.replace("'", '"')):
+        with suppress(ValueError, RecursionError):
+            values = json.loads(plain, parse_float=str, parse_int=str)
+    counted = sum(are_numbers([value]) for value in _flattened({"": values}).values())
+    return values if counted > 1 else cell
+
+
+def _fields_in(line: str, layout: TableLayout) -> dict[str, str]:
+    """The values in a row by their names, where cells have several."""
+    cells = map(_values_in, _cells_of(line, layout.separator))
+    return _flattened(dict(zip(layout.heads, cells, strict=False)))
 
 
 def _layout_of(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -335,15 +412,21 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
         names = [name.strip(BLANKS) for name in _cells_of(line, separator)]
         if i in comments and len(names) != len(_cells_of(following[0], separator)):
             continue
-        if 2 * sum(are_numbers([name]) for name in names) > len(names):
+        if 2 * sum(are_numbers([name]) for name in names) > len(names) or any(
+            not isinstance(_values_in(name), str) for name in names
+        ):
             break  # the rows have begun
         units = _units(following, separator)
-        named = [name or f"{UNNAMED}{place}" for place, name in enumerate(names)]
+        named = _distinct([name or f"{UNNAMED}{place}" for place, name in enumerate(names)])
+        inner = _names_in_groups(named, following[bool(units) :], separator)
+        skip, units = i + 1 + bool(units), [] if inner else units
         try:
-            layout = layout_of_names(named, reading, path, "table", separator, i + 1 + bool(units), units)
+            layout = layout_of_names(inner or named, reading, path, "table", separator, skip, units)
         except (UnreadableRecording, ChoiceError) as error:
             errors.setdefault(-1 if i in comments else len(names), error)
             continue
+        if inner:
+            return replace(layout, names=tuple(inner), heads=tuple(named))
         _check_widths(following[bool(units) :], layout, len(names))
         if len(lines) < _HEAD_LINES and len(following) <= bool(units):
             raise UnreadableRecording("it has a header but no rows")
@@ -351,14 +434,37 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
     if max(errors, default=-1) >= 0:
         raise errors[max(errors)]
     separator = _separator(lines[rows[0]])
-    values = [value.strip(BLANKS) for value in _cells_of(lines[rows[0]], separator)]
+    cells = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
+    values = cells[0]
+    if len(values) in (3, 4) and len(rows) > 2 and not errors:
+        raise UnreadableRecording(
+            "a pose is in several lines: T = numpy.loadtxt('FILE').reshape(-1, 4, 4), where all lines have "
+            "four values, and contact_tracker.Trajectory.from_arrays(t, T) takes them"
+        )
     if separator is None and len(values) == 1 + len(_TUM) and reading == reading_of(**reading.units):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
         return TableLayout("TUM", None, rows[0], 0, reading.time_ns, (body,))
     try:
-        return layout_without_names(values, reading, path, "table", separator, rows[0])
+        return layout_without_names(cells, reading, path, "table", separator, rows[0])
     except UnreadableRecording as error:
         raise errors.get(-1, error) from None
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """The names, those that are there again with a number, as pandas reads them: ``x``, ``x.1``."""
+    seen, distinct = Counter[str](), list[str]()
+    for name in names:
+        distinct.append(f"{name}.{seen[name]}" if seen[name] else name)
+        seen[name] += 1
+    return distinct
+
+
+def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
+    """The names of the values in cells of which some have several, by the first row; none if none has."""
+    cells = list(map(_values_in, _cells_of(rows[0], separator))) if rows else []
+    if all(isinstance(cell, str) for cell in cells) or len(cells) > len(names) + 1:
+        return []
+    return list(_flattened(dict(zip(names, cells, strict=False))))
 
 
 def _units(following: Sequence[str], separator: str | None) -> list[str]:
