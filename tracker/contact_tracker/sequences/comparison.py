@@ -161,9 +161,9 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
         if not is_same:
             notes.append(
-                f"nothing that touched of the {name} is where it was: another {name}, or frames that"
+                f"nothing that touched of the {name} is where it was: are they other ones, or have frames "
+                "moved? Places are not compared"
             )
-            notes[-1] += " have moved; its places are not compared"
     steps = []
     for (own, other), pair in zip(found.steps, matched, strict=True):
         parts = tuple(takes[0][i] for i in own), tuple(takes[1][j] for j in other)
