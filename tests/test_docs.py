@@ -154,7 +154,8 @@ def test_every_input_format_names_existing_tests() -> None:
         named = re.findall(r"`(test_\w+\.py)(?:: (test_\w+))?`", row)
         assert named, row
         for file, test in named:
-            source = (ROOT / "tests" / "recording" / file).read_text(encoding="utf-8")
+            (path,) = (ROOT / "tests").rglob(file)
+            source = path.read_text(encoding="utf-8")
             assert f"def {test or 'test_'}" in source, row
 
 

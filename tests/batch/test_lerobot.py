@@ -79,6 +79,8 @@ def test_a_copy_has_the_contacts_of_its_frames(simulated, outcome, tmp_path, ver
     (file,) = (copy / "data").rglob("*.parquet")
     frames, given = read_table(file), read_table(source / file.relative_to(copy))
     assert frames.select(given.column_names).equals(given)
+    described = json.loads(frames.schema.metadata[b"huggingface"])["info"]["features"]
+    assert list(described) == frames.column_names
     subtask = frames["subtask_index"].to_numpy()
     time_s = frames["timestamp"].to_numpy()
     true_ns = simulated.truth.intervals[1].start_ns - simulated.poses.stamp_ns[0]

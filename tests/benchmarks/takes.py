@@ -79,7 +79,7 @@ def main(folder: Path) -> None:
     for task in TASKS:
         for before, after in ((20, 21), (21, 22), (22, 20)):
             first = results[f"{task}_{before}"]
-            found = compare_outcomes(first, results[f"{task}_{after}"])
+            found = unchanged = compare_outcomes(first, results[f"{task}_{after}"])
             rows["no change", "pairs"] += 1
             rows["no change", "false"] += len(found.differences)
             rows["no change", "same"] += sum(one.verdict is Verdict.SAME for one in found.steps)
@@ -92,6 +92,9 @@ def main(folder: Path) -> None:
             normal = next(one.normal for one in faces if isinstance(one, Plane) and not one.unobserved)
             for kind, count in (("missing", 9), ("longer", 9), ("elsewhere", 9), ("world", 1)):
                 for mine, at in pairs[:count]:
+                    if kind != "world" and verdict_at(unchanged, mine, first.origin_ns)[0] != "same":
+                        rows[kind, "not told in takes without change"] += 1
+                        continue
                     if kind == "elsewhere" and at.contact is not Contact.FF:
                         continue
                     found = compare_outcomes(first, segment(changed(read(log), kind, at, normal)))

@@ -123,6 +123,13 @@ def test_a_moved_step_is_elsewhere_by_how_far(first) -> None:
     assert step.surroundings.shift_m == pytest.approx(UP_M)
     assert 0.0 < step.surroundings.shift_sd_m < 0.01
     assert step.object.shift_m == pytest.approx(0.0)
+    assert f"elsewhere 1.00  {1e3 * UP_M:.3g}+/-" in str(compare_outcomes(first, moved))
+
+
+def test_places_are_not_compared_where_elements_are_given(first) -> None:
+    found = compare_outcomes(first, contact_tracker.Result(**vars(first) | {"touched": None}))
+    assert [note for note in found.notes if "given" in note]
+    assert not found.differences
 
 
 def test_open_segments_are_no_difference(first) -> None:

@@ -33,6 +33,7 @@ def write_data_set(
                 {
                     "observation.state": pyarrow.FixedSizeListArray.from_arrays(state.ravel(), size),
                     "action": pyarrow.FixedSizeListArray.from_arrays(state.ravel(), size),
+                    "observation.gripper": np.zeros(count, np.float32),
                     "timestamp": (np.arange(count) / FPS).astype(np.float32),
                     "frame_index": np.arange(count),
                     "episode_index": np.full(count, number),
@@ -46,8 +47,11 @@ def write_data_set(
     (folder / "videos" / "camera.mp4").write_bytes(b"frames")
     kinds = {"dtype": "float32", "shape": [size], "names": names}
     features = {"observation.state": kinds, "action": kinds, "observation.images.top": {"dtype": "video"}}
+    features["observation.gripper"] = {"dtype": "float32", "shape": [1], "names": None}
     info = {"codebase_version": version, "fps": FPS, "total_episodes": len(tables), "features": features}
     (folder / "meta" / "info.json").write_text(json.dumps(info), encoding="utf-8")
+    described = json.dumps({"info": {"features": {name: {} for name in tables[0].column_names}}})
+    tables = [one.replace_schema_metadata({"huggingface": described}) for one in tables]
     if version == "v3.0":
         write_table(pyarrow.concat_tables(tables), folder / "data" / "chunk-000" / "file-000.parquet")
         return folder

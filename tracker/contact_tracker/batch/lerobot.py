@@ -11,6 +11,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -131,9 +132,12 @@ class LeRobot:
         is_by_number = any("[" in name for _, name in self.reading.columns)
         table: dict[str, Any] = {"timestamp": frames["timestamp"].to_numpy().astype(float)}
         for feature in self._observations():
-            values = np.array(frames[feature].to_pylist(), float)
-            names = _entries(feature, self.info["features"][feature], values.shape[-1], is_by_number)
-            table |= dict(zip(names, values.reshape(len(frames), -1).T, strict=True))
+            try:
+                values = np.array(frames[feature].to_pylist(), float).reshape(len(frames), -1)
+            except (TypeError, ValueError) as error:
+                raise UnreadableRecording(f"{self.folder}: {feature} has no numbers: {error}") from error
+            names = _entries(feature, self.info["features"][feature], values.shape[1], is_by_number)
+            table |= dict(zip(names, values.T, strict=True))
         how = self.reading
         try:
             found = Trajectory.from_dataframe(
@@ -159,8 +163,10 @@ class LeRobot:
             name
             for name, one in self.info["features"].items()
             if name.startswith("observation.")
+            and isinstance(one, dict)
             and str(one.get("dtype")).startswith("float")
-            and len(one.get("shape", ())) == 1
+            and isinstance(one.get("shape"), list)
+            and len(one["shape"]) == 1
         ]
 
     def annotate(
@@ -205,7 +211,12 @@ class LeRobot:
                     report(f"{self.folder}: episode {number}: {one.error}")
                 labels.setdefault(file, []).append(one)
             for file, of_file in labels.items():
-                _write_frames(self.folder / file, copy / file, of_file)
+                try:
+                    frames = ParquetFile(self.folder / file).read()
+                except _ERRORS as error:
+                    raise UnreadableRecording(f"{self.folder / file} cannot be read: {error}") from error
+                (copy / file).parent.mkdir(parents=True, exist_ok=True)
+                write_table(_with_labels(frames, of_file), copy / file)
             self._write_meta(copy)
             copy.rename(target)
         return bad
@@ -287,9 +298,8 @@ def _labels_at(
     return names[number], outcome.beliefs.probability[tick].astype(np.float32)
 
 
-def _write_frames(source: Path, target: Path, labels: Iterable[_Labels]) -> None:
-    """Write a file of frames with their contacts, in place of those that it may have."""
-    frames = ParquetFile(source).read()
+def _with_labels(frames: Any, labels: Iterable[_Labels]) -> Any:
+    """A table of frames with their contacts, in place of those that it may have."""
     episode = frames["episode_index"].to_numpy()
     subtask, probability = np.zeros(len(frames), np.int64), np.zeros((len(frames), len(STATES)), np.float32)
     for one in labels:
@@ -298,7 +308,7 @@ def _write_frames(source: Path, target: Path, labels: Iterable[_Labels]) -> None
     rows = pyarrow.FixedSizeListArray.from_arrays(probability.ravel(), len(STATES))
     frames = frames.append_column(SUBTASK, pyarrow.array(subtask)).append_column(PROBABILITY, rows)
     metadata = frames.schema.metadata or {}
-    if b"huggingface" in metadata:  # the library "datasets" reads the columns that are named there
+    with suppress(KeyError, TypeError, ValueError):  # "datasets" reads the columns that are named there
         described = json.loads(metadata[b"huggingface"])
         value = {"dtype": "float32", "_type": "Value"}
         described["info"]["features"] |= {
@@ -306,5 +316,4 @@ def _write_frames(source: Path, target: Path, labels: Iterable[_Labels]) -> None
             PROBABILITY: {"feature": value, "length": len(STATES), "_type": "Sequence"},
         }
         frames = frames.replace_schema_metadata({**metadata, b"huggingface": json.dumps(described)})
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_table(frames, target)
+    return frames

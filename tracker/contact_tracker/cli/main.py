@@ -36,7 +36,7 @@ COMMANDS: Final = (live, segment, compare, batch, view, info)
 LAB_COMMANDS: Final = ("simulate", "evaluate", "calibrate")
 """Modules of ``contact_tracker_lab.cli``, which imports this package and is found by name only."""
 SHELLS: Final = ("bash", "zsh", "tcsh")
-_FILES: Final = ("LOG", "FILE", "NAME|FILE")
+_FILES: Final = ("LOG", "A", "B", "FILE", "NAME|FILE", "PLAN.toml")
 """Metavariables of file arguments."""
 
 DESCRIPTION: Final = """\

@@ -148,9 +148,11 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     likelihoods = [np.log(len(STATES) * np.array([one.probability for one in steps])) for steps in takes]
     ours, theirs = first.touched, second.touched
     evidence = np.full((len(takes[0]), len(takes[1]), 2, 2), np.nan)
+    pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), list[str]()
     if ours is not None and theirs is not None:
         evidence = place_evidence(*takes, ours, theirs)
-    pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), []
+    else:
+        notes.append("places are not compared where elements or wrenches are given")
     for i, j in np.argwhere(np.isfinite(evidence[..., 0, 0])):  # each of the four is as probable before
         pairs[i, j, takes[0][i].contact.column] = np.logaddexp.reduce(evidence[i, j].ravel()) - np.log(4.0)
     are_open = [np.array([one.is_open for one in steps]) for steps in takes]
@@ -161,9 +163,9 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
         if not is_same:
             notes.append(
-                f"nothing that touched of the {name} is where it was: another {name}, or frames that"
+                f"nothing that touched of the {name} is where it was: are they other ones, or have frames "
+                "moved? Places are not compared"
             )
-            notes[-1] += " have moved; its places are not compared"
     steps = []
     for (own, other), pair in zip(found.steps, matched, strict=True):
         parts = tuple(takes[0][i] for i in own), tuple(takes[1][j] for j in other)
@@ -289,14 +291,23 @@ def _label(steps: Sequence[Step]) -> str:
 
 
 def _span(steps: Sequence[Step]) -> str:
-    return f"{steps[0].start_s:.2f}-{steps[-1].end_s:.2f}" if steps else "-"
+    if not steps:
+        return "-"
+    digits = 2 if steps[-1].end_s < 1000.0 else 1
+    return f"{steps[0].start_s:.{digits}f}-{steps[-1].end_s:.{digits}f}"
 
 
 def _by(one: ComparedStep) -> str:
-    """By how much a step differs."""
-    if one.verdict is Verdict.ELSEWHERE:
-        where = one.object if one.moved == "object" else one.surroundings
-        words = [f"{1e3 * where.shift_m:.3g}+/-{1e3 * where.shift_sd_m:.2g} mm"]
-        words += [f"{degrees(where.turn_rad):.3g}+/-{degrees(where.turn_sd_rad):.2g} deg"]
-        return " ".join(word for word in words if "nan" not in word)
-    return "" if np.isnan(one.longer_s) else f"{one.longer_s:+.2f}+/-{one.longer_sd_s:.2g} s"
+    """By how much a step differs: of a distance and an angle the more significant one."""
+    if one.verdict is not Verdict.ELSEWHERE:
+        return "" if np.isnan(one.longer_s) else f"{one.longer_s:+.2f}+/-{one.longer_sd_s:.2g} s"
+    found = [
+        (value / sd, f"{value:.3g}+/-{sd:.2g} {unit}")
+        for where in (one.object, one.surroundings)
+        for value, sd, unit in (
+            (1e3 * where.shift_m, 1e3 * where.shift_sd_m, "mm"),
+            (degrees(where.turn_rad), degrees(where.turn_sd_rad), "deg"),
+        )
+        if sd > 0.0
+    ]
+    return max(found, default=(0.0, ""))[1]
