@@ -189,6 +189,22 @@ def test_recordings_with_possible_system_faults_are_tried_again(
     assert run(recordings[:1], tmp_path / "dataset").bad == 0
 
 
+def test_a_recording_that_the_disk_fails_to_give_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "a.csv"
+    log.write_text("t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{0.01 * i:.2f},0,0,0,0,0,0,1\n" for i in range(60)))
+
+    def fail(_: object) -> None:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("contact_tracker.recording.text_tables.TextTable._opened", fail)
+        assert run([log], tmp_path / "dataset").bad == 1
+    assert summary(tmp_path / "dataset")["error"].to_pylist() == [f"{log}: Input/output error"]
+    assert run([log], tmp_path / "dataset").bad == 0
+
+
 def test_an_internal_error_is_a_row(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -398,7 +398,7 @@ def test_lost_tracking_is_counted(tmp_path: Path) -> None:
         (["--unit", "ms"], "unit is m, cm, mm, um, not 'ms'; a time has time_unit='ms'"),
         (["--time-unit", "min"], "time_unit is s, ms, us, ns, 100ns, or the rate of frame numbers, as 200Hz"),
         (["--time-unit", "frames"], "--time-unit frames needs the rate of the frames: --time-unit 120Hz"),
-        (["--rate", "120", "--time-unit", "ms"], "times are in 120Hz already"),
+        (["--rate", "120", "--time-unit", "ms"], "rate is for time_unit='frames', not 'ms'"),
         (["--euler", "XYx"], "euler is three of the letters xyz or XYZ"),
         (["--matrix", "diagonal"], "matrix is rows or columns"),
         (["--columns", "time"], "columns are given as time=t,x=px"),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from contact_tracker.cli.terminal import detail, fail, progress, say, warn
 from contact_tracker.config import preset_names
 from contact_tracker.config.quantities import LENGTHS, deviations
-from contact_tracker.config.table_reading import AS_NAMED, FRAMES, TIME_UNIT_HELP, TableReading, reading_of
+from contact_tracker.config.table_reading import AS_NAMED, FRAMES, TIME_UNIT_HELP, reading_of
 from contact_tracker.errors import INPUT, USAGE, ChoiceError, InputError, UsageError
 from contact_tracker.files import why_not_replaceable
 from contact_tracker.states import states_from
@@ -42,13 +42,10 @@ def add_source(
 ) -> None:
     """``--topic``, ``--field``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
     verb = parser.prog.rpartition(" ")[2]
-    as_named = AS_NAMED if verb == "batch" else replace(AS_NAMED, verb=verb)  # which reads whole folders
+    parser.set_defaults(verb=AS_NAMED.verb if verb == "batch" else verb)  # batch reads whole folders
     parser.add_argument("--topic", help=topic)
     parser.add_argument(
         "--field",
-        action=_Stated,
-        dest="table",
-        default=as_named,
         metavar="PATH.TO.POSE",
         help="take the poses in this field of messages: tracked.pose, results[0].pose, or . for the message",
     )
@@ -58,53 +55,40 @@ def add_source(
         metavar="TOPIC|FRAME",
         help="poses in this frame, or relative to the body of this topic or name, which may move",
     )
-    _add_table_reading(parser, as_named)
+    _add_table_reading(parser, verb)
 
 
-class _Stated(argparse.Action):
-    """Adds what an option says of the columns of a table to the ``TableReading`` of all of them."""
-
-    def __call__(self, _: Any, namespace: argparse.Namespace, value: Any, __: str | None = None) -> None:
-        name = self.option_strings[0].lstrip("-").replace("-", "_")
-        if (name, value) == ("time_unit", FRAMES):  # in what order the options come does not matter
-            namespace.needs_rate = not namespace.table.has_frame_numbers
-            return
-        namespace.needs_rate = namespace.needs_rate and name != "rate"
-        given: dict[str, Any] = {name: True if self.nargs == 0 else value}
-        try:
-            stated = reading_of(**given)
-            if stated.time_unit and namespace.table.time_unit not in (None, stated.time_unit):
-                raise ValueError(f"times are in {namespace.table.time_unit} already")
-            namespace.table = namespace.table.with_(stated)
-        except ValueError as error:
-            raise argparse.ArgumentError(self, str(error)) from error
-
-
-def _add_table_reading(parser: argparse.ArgumentParser, as_named: TableReading) -> None:
+def _add_table_reading(parser: argparse.ArgumentParser, verb: str) -> None:
     """What the columns of a table are, where their names do not say it."""
-    group = parser.add_argument_group("columns of a table, where their names do not say what they are")
-
-    def add(name: str, text: str, metavar: str | None = None) -> None:
-        words: dict[str, Any] = {"nargs": 0} if metavar is None else {"metavar": metavar}
-        group.add_argument(name, action=_Stated, dest="table", default=as_named, help=text, **words)
-
-    add("--unit", f"positions are in {', '.join(LENGTHS)}", "UNIT")
-    add("--time-unit", f"times are in {TIME_UNIT_HELP}", "UNIT")
-    if as_named.verb != "live":  # where it is the speed of the replay
-        add("--rate", "times are numbers of frames, so many a second: --time-unit frames --rate 200", "HZ")
-    parser.set_defaults(needs_rate=False)
-    add(
-        "--euler",
-        "rotations are angles in this order: xyz about fixed axes, XYZ about the body's; XYZ:deg",
-        "XYZ",
+    add = parser.add_argument_group(
+        "columns of a table, where their names do not say what they are"
+    ).add_argument
+    add("--unit", metavar="UNIT", help=f"positions are in {', '.join(LENGTHS)}")
+    add("--time-unit", metavar="UNIT", help=f"times are in {TIME_UNIT_HELP}")
+    if verb != "live":  # where it is the speed of the replay
+        text = "times are numbers of frames, so many a second: --time-unit frames --rate 200"
+        add("--rate", dest="frame_rate", metavar="HZ", help=text)
+    text = "rotations are angles in this order: xyz about fixed axes, XYZ about the body's; XYZ:deg"
+    add("--euler", metavar="XYZ", help=text)
+    text = "rotations are vectors along the axis, as long as the angle"
+    add("--rotation-vector", action="store_true", help=text)
+    text = "rotations are matrices, numbered along their rows or columns"
+    add("--matrix", metavar="rows|columns", help=text)
+    text = (
+        "names of columns: x, qx, rx (angles), or groups of numbered ones: position=p[0:3],quaternion=p[3:7]"
     )
-    add("--rotation-vector", "rotations are vectors along the axis, as long as the angle")
-    add("--matrix", "rotations are matrices, numbered along their rows or columns", "rows|columns")
-    add(
-        "--columns",
-        "names of columns: x, qx, rx (angles), or groups of numbered ones: position=p[0:3],quaternion=p[3:7]",
-        "time=NAME,...",
-    )
+    add("--columns", action="append", metavar="time=NAME,...", help=text)
+
+
+def set_table(args: argparse.Namespace) -> None:
+    """Set ``table`` to what the options say of columns and fields; raises ValueError."""
+    if "euler" not in args:
+        return
+    names = "unit", "time_unit", "euler", "rotation_vector", "matrix", "field", "verb"
+    rate, columns = getattr(args, "frame_rate", None), args.columns and ",".join(args.columns)
+    if args.time_unit == FRAMES and rate is None:
+        raise ValueError("--time-unit frames needs the rate of the frames: --time-unit 120Hz")
+    args.table = reading_of(columns, rate, **{name: getattr(args, name) for name in names})
 
 
 def add_labels(parser: argparse.ArgumentParser, text: str) -> None:

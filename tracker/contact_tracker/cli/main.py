@@ -15,6 +15,7 @@ from typing import Any, Final, NoReturn
 
 from contact_tracker import __version__, viewer
 from contact_tracker.cli import batch, compare, info, live, segment, view
+from contact_tracker.cli.arguments import set_table
 from contact_tracker.cli.terminal import QUIET, USUAL, VERBOSE, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import (
     DAMAGED,
@@ -58,6 +59,15 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """The arguments, with the ``table`` that they describe."""
+        found, unknown = super().parse_known_args(args, namespace)
+        try:
+            set_table(found)
+        except ValueError as error:
+            self.error(str(error))
+        return found, unknown
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")
@@ -203,8 +213,6 @@ def _run(argv: Sequence[str] | None) -> int:
                 f"unrecognized arguments: {' '.join(unknown)}{option_suggestion(unknown, *args.parsers)} "
                 f"(see contact-tracker {args.command} --help)"
             )
-        if getattr(args, "needs_rate", False):
-            raise UsageError("--time-unit frames needs the rate of the frames: --time-unit 120Hz")
         set_verbosity(args.verbosity, args.wide)
         take_over_warnings()
         code: int = args.run(args)

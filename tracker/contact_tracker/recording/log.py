@@ -26,7 +26,6 @@ from contact_tracker.recording.sources import (
     ChannelFilter,
     Logged,
     Stamping,
-    admitted,
     messages_by_topic,
     only_one,
     peek,
@@ -201,7 +200,7 @@ class PoseLog:
         own, many, stamping = self._own(), min(_FEW, BATCH), self._assigned
         while some := list(islice(own, many)):
             many = BATCH
-            yield from self._noted(admitted(self.gate, stamping, some, self._counts))
+            yield from self._noted(stamping.admitted(self.gate, some))
         yield from self._noted(Poses.collect(self.gate.finish()))
 
     def _noted(self, poses: Poses) -> Iterator[Poses]:

@@ -78,8 +78,9 @@ class Stamping(NamedTuple):
     @classmethod
     def by(cls, prefix: Sequence[Logged]) -> "Stamping":
         """By the first poses of a source: one second of log time, and at most 2000."""
-        by_log_time = _are_zero(prefix) or _are_coarse([pose for pose, _ in prefix])
         good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
+        are_zero = len(prefix) > 1 and not good
+        by_log_time = are_zero or _are_coarse([pose for pose, _ in prefix])
         if not good:
             return cls(by_log_time)
         offset_ns = round(median(log_time_ns - stamp_ns for stamp_ns, log_time_ns in good))
@@ -89,6 +90,10 @@ class Stamping(NamedTuple):
     def log_offset_ns(self) -> int:
         """Median delay from a pose's stamp to its log time (ns)."""
         return 0 if self.by_log_time or self.offset_ns is None else self.offset_ns
+
+    def admitted(self, gate: PoseGate, logged: Iterable[Logged]) -> Poses:
+        """The valid ones of some poses."""
+        return gate.admit_all(self.stamped(*one, gate.counts) for one in logged)
 
     def stamped(self, pose: Pose, log_time_ns: int, counts: Counter[str]) -> Pose:
         """The pose with its log time as stamp if it lacks one, which is counted.
@@ -109,15 +114,6 @@ class Stamping(NamedTuple):
 def is_prefix(first: Sequence[Logged]) -> bool:
     """Whether these first poses of a source are enough to decide how poses are stamped."""
     return len(first) >= PREFIX_MESSAGES or first[-1][1] - first[0][1] >= PREFIX_NS
-
-
-def admitted(gate: PoseGate, stamping: Stamping, logged: Iterable[Logged], counts: Counter[str]) -> Poses:
-    """The valid ones of some poses."""
-    return gate.admit_all(stamping.stamped(*one, counts) for one in logged)
-
-
-def _are_zero(prefix: Sequence[Logged]) -> bool:
-    return len(prefix) > 1 and not any(pose.stamp_ns for pose, _ in prefix)
 
 
 def _are_coarse(poses: Sequence[Pose]) -> bool:

@@ -16,7 +16,7 @@ from contact_tracker.recording.decoding import LoggedPose, assumption_text
 from contact_tracker.recording.items import ROWS, Attachment, Item, Metadata, PoseSource, RawMessage, Rows
 from contact_tracker.recording.log import PoseLog
 from contact_tracker.recording.reading import Reading
-from contact_tracker.recording.sources import Logged, Stamping, admitted, is_prefix
+from contact_tracker.recording.sources import Logged, Stamping, is_prefix
 
 SOURCES_KEPT: Final = 256
 BEGINNING_S: Final = 30.0
@@ -215,7 +215,7 @@ class _Tally:
         self._stamping = self._stamping or Stamping.by(waiting)
         stamps, log_times_ns = zip(*((pose.stamp_ns, time_ns) for pose, time_ns in waiting), strict=True)
         self._offsets_ns.add(_clipped(log_times_ns) - _clipped(stamps))
-        return self._note(admitted(self._gate, self._stamping, waiting, self.counts), keep)
+        return self._note(self._stamping.admitted(self._gate, waiting), keep)
 
     def _note(self, poses: Poses, keep: bool) -> int:
         """Add valid poses; returns how many were kept."""
