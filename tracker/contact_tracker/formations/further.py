@@ -13,10 +13,10 @@ from contact_tracker.formations.conditional import ConditionalMotion, coefficien
 from contact_tracker.formations.elements import FittedElements, elements_complexity, fit_elements
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
-from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, Plane, canonical
+from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, canonical, opposite
 from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
+from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
-from contact_tracker.map.same_element import is_same_element
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, Contact
 
@@ -360,14 +360,7 @@ def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
 
 def _named(element: Element, known: Sequence[NamedElement]) -> Element:
     for one in (one for one in known if not one.is_covered):
-        for side in (element, _other_way(element)):
+        for side in (element, opposite(element)):  # the solid side of a plane is unknown
             if type(one.element) is type(side) and is_same_element(side, one.element):
                 return replace(side, name=one.name)
     return canonical(element)
-
-
-def _other_way(element: Element) -> Element:
-    """A plane with its normal reversed: the solid side is unknown."""
-    if not isinstance(element, Plane):
-        return element
-    return replace(element, normal=-element.normal, offset_m=-element.offset_m)
