@@ -1,5 +1,5 @@
-"""Elements of the map in free coordinates, the parameters of a contact between two of them, what is learned of
-all together, and whether two estimates are of one element.
+"""Elements of the map in free coordinates, the parameters of a contact between two of them, what is learned
+of all together, and whether two estimates are of one element.
 
 A plane and a line have no sense here: a normal, or a direction, and its opposite are the same element. A
 contact's parameters x have senses, which ``Sighting`` and ``pairs`` choose.

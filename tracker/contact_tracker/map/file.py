@@ -1,5 +1,5 @@
-"""Maps in TOML files (docs/map.md): loading with validation, also from a table of the same keys, and writing of
-what was learned."""
+"""Maps in TOML files (docs/map.md): loading with validation, also from a table of the same keys, and writing
+of what was learned."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
