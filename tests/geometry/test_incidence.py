@@ -11,7 +11,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Line, Plane, Point, numbers
 from contact_tracker.geometry.incidence import LENGTH_M, incident
-from contact_tracker.map.element_prior import pair_priors as prior_given
+from contact_tracker.map.pairs import pair_priors as prior_given
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker_lab.simulate import Scenario, simulate

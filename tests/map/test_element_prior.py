@@ -23,10 +23,9 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.births import Birth, Frame, add, propose_births
-from contact_tracker.map.element_prior import PairPrior, pair_priors
+from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, known_to
-from contact_tracker.map.pairs import UNLISTED, named_pairs
-from contact_tracker.map.same_element import is_same_element
+from contact_tracker.map.pairs import UNLISTED, PairPrior, named_pairs, pair_priors
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.simulate import Scenario, simulate

@@ -14,10 +14,8 @@ import contact_tracker as ct
 from contact_tracker.adaptation.report import map_use
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Origins
-from contact_tracker.map.elements import MapElement
-from contact_tracker.map.file import map_from
-from contact_tracker.map.learned import LearnedElements
-from contact_tracker.map.learned_file import learned_text
+from contact_tracker.map.elements import LearnedElements, MapElement
+from contact_tracker.map.file import learned_text, map_from
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
 from contact_tracker.states import Contact
 from short_recordings import FACE_TO_EDGE, recorded, true_contacts

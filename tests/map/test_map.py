@@ -10,11 +10,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.map.association import CONCENTRATION, log_prior_of_new, log_probabilities_of_new
+from contact_tracker.map.association import (
+    CONCENTRATION,
+    ElementEstimate,
+    MapView,
+    Sighting,
+    log_prior_of_new,
+    log_probabilities_of_new,
+)
 from contact_tracker.map.elements import MapElement, kinds_of, stacked
 from contact_tracker.map.pairs import learned_pairs
-from contact_tracker.map.sighting import ElementEstimate, Sighting
-from contact_tracker.map.view import MapView
 from contact_tracker.map.world_map import MARGIN_S, GrowingMap
 from contact_tracker.states import Contact
 

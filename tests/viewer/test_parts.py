@@ -7,9 +7,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
-from contact_tracker.map.elements import MapElement
+from contact_tracker.map.elements import LearnedElements, MapElement
 from contact_tracker.map.file import map_from
-from contact_tracker.map.learned import LearnedElements
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome

@@ -9,9 +9,8 @@ from typing import Any
 
 from contact_tracker.errors import OutputError, UsageError
 from contact_tracker.geometry.elements import Element
-from contact_tracker.map.file import map_from, read_map
-from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
-from contact_tracker.map.learned_file import write_learned
+from contact_tracker.map.elements import NOTHING_LEARNED, LearnedElements
+from contact_tracker.map.file import map_from, read_map, write_learned
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.states import states_from
@@ -57,12 +56,7 @@ class Map:
         return self._elements(1)
 
     def _elements(self, side: int) -> tuple[Element, ...]:
-        covariance, slots = self.learned.covariance(), self.learned.slots
-        learned = (
-            one.with_covariance(covariance[slots[key], slots[key]])
-            for key, one in self.learned.elements.items()
-            if key[0] == side
-        )
+        learned = (one for key, one in self.learned.known.items() if key[0] == side)
         listed = self.listed.environment if side else self.listed.object
         return *(replace(one.element, name=one.name) for one in listed), *learned
 

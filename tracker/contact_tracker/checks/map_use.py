@@ -20,8 +20,8 @@ from contact_tracker.checks.clearance import CHECK
 from contact_tracker.checks.repeatability import Difference, difference
 from contact_tracker.geometry.elements import ContactGeometry, Plane, canonical
 from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.map.elements import distance_of_planes_m
 from contact_tracker.map.map import Map, NamedElement
-from contact_tracker.map.same_element import distance_of_planes_m
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation

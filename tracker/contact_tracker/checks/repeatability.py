@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contact_tracker.checks.check import Check, Stream
 from contact_tracker.geometry.elements import Element, Line, Plane, Point, shifted
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.same_element import distance_of_planes_m, mahalanobis
+from contact_tracker.map.elements import distance_of_planes_m, mahalanobis
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 

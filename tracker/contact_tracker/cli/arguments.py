@@ -262,8 +262,8 @@ def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
 
 def write_map(path: Path, world: "GrowingMap | None") -> None:
     """Write a learned map, and say how many elements it has."""
-    from contact_tracker.map.learned import NOTHING_LEARNED
-    from contact_tracker.map.learned_file import write_learned
+    from contact_tracker.map.elements import NOTHING_LEARNED
+    from contact_tracker.map.file import write_learned
 
     learned = NOTHING_LEARNED if world is None else world.learned
     if not learned:

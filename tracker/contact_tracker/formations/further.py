@@ -9,14 +9,24 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
-from contact_tracker.formations.elements import FittedElements, elements_complexity, fit_elements
+from contact_tracker.formations.conditional import TINY, ConditionalMotion, coefficients, count_constraints
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
-from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, Plane, canonical
-from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
+from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, canonical, opposite
+from contact_tracker.hypotheses import refinement
+from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses.evidence import (
+    DECISIVE,
+    SAME_FIT_RATIO,
+    EvidenceParameters,
+    complexity,
+    weak_prior,
+)
+from contact_tracker.hypotheses.observability import contact_geometry
+from contact_tracker.hypotheses.refit import accumulate_window
+from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
-from contact_tracker.map.same_element import is_same_element
+from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, Contact
 
@@ -97,14 +107,15 @@ NO_FORMATION: Final = Formation()
 
 
 class Candidate(NamedTuple):
-    """Elements of a possible contact, their runs and their evidence; ``fitted`` by maximum likelihood, if
-    they were."""
+    """Elements of a possible contact, their runs and their evidence; how they were ``fitted`` by maximum
+    likelihood (T26), and to which ``window``, if they were."""
 
     known: KnownContact
     presence: Presence
     gain: float
     rms: float
-    fitted: FittedElements | None = None
+    fitted: refinement.Refined | None = None
+    window: Window | None = None
 
 
 class FormationTicks(NamedTuple):
@@ -131,7 +142,10 @@ class FormationTicks(NamedTuple):
         """Fitted elements with covariance in the user's frames, named as in the map; None where a complete
         map lacks them."""
         assert one.fitted is not None
-        named = named_by(self.known_map, one.fitted.geometry(self.scales, self.origins, self.systematic))
+        assert one.window is not None
+        fit = one.fitted.bank, 0, one.known.model, self.scales, one.window
+        geometry = contact_geometry(*fit, self.origins, self.systematic, one.fitted.information)
+        named = named_by(self.known_map, geometry)
         complete = self.known_map.object_complete, self.known_map.environment_complete
         unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
         return None if unlisted else named
@@ -210,10 +224,12 @@ def refine(segment: FormationTicks, motion: ConditionalMotion, best: Candidate, 
     None if the refitted elements have no evidence beside the contacts that ``motion`` keeps: the likelihood
     does not know of these, so that the fit may end at the elements of one of them.
     """
-    model = best.known.model
-    fitted = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
+    model, window = best.known.model, segment.window.cut(*run)
+    bank = blank(model, 1).replace_columns(x=best.known.x[None])
+    bank = accumulate_window(bank, model, window, segment.scales)
+    fitted = refinement.refine(bank, model, window, segment.scales)
     refined = evaluate(segment, motion, KnownContact(model.contact, fitted.bank.x[0]))
-    return None if refined is None else refined._replace(fitted=fitted)
+    return None if refined is None else refined._replace(fitted=fitted, window=window)
 
 
 def confirm(
@@ -299,6 +315,45 @@ def search_span(
     return None
 
 
+def elements_complexity(
+    model: ContactModel,
+    x: Array,
+    motion: ConditionalMotion,
+    window: Window,
+    scales: EvidenceParameters,
+    noise_factor: float = 1.0,
+) -> float:
+    """Complexity (nats, T19) of elements x (S,) fitted to ``window``, with ``noise_factor`` times its noise.
+
+    Excludes the information of the first tick and of the free-motion prediction
+    (``evidence.complexity``).
+    """
+    family = model.family
+    anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
+    prior = weak_prior(family, anchors, scales.reach_m)
+    c = coefficients(model, x)
+    noise = np.sqrt(np.square(motion.gradients(c) * motion.noise_sd[:, None]).sum(axis=2)) + TINY  # (W, K)
+    along = family.tangent(x[None], anchors)[0].T @ family.rows_derivative(x[None])[0]  # (K, P, C)
+    slopes = np.einsum("kpc,wc->wkp", along, model.lifted(motion.new)) / (noise_factor * noise[..., None])
+    hessian = np.einsum("wkp,wkq->kpq", slopes, slopes)
+    gain = motion.evidence(c).gain.mean() / family.ROWS
+    ticks = max(float(window.motion_ratio.sum()), 1.0)
+    share = scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * gain)
+    given = slopes[0].T @ slopes[0]
+    return float(
+        complexity(
+            family,
+            x[None],
+            x[None],
+            anchors,
+            hessian[None],
+            given[None],
+            np.full((1, family.ROWS), min(share, 1.0)),
+            prior,
+        )[0]
+    )
+
+
 def evaluate(segment: FormationTicks, motion: ConditionalMotion, known: KnownContact) -> Candidate | None:
     """The runs in which elements touch and the log odds of contact; None without a run."""
     scales = segment.scales
@@ -360,14 +415,7 @@ def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
 
 def _named(element: Element, known: Sequence[NamedElement]) -> Element:
     for one in (one for one in known if not one.is_covered):
-        for side in (element, _other_way(element)):
+        for side in (element, opposite(element)):  # the solid side of a plane is unknown
             if type(one.element) is type(side) and is_same_element(side, one.element):
                 return replace(side, name=one.name)
     return canonical(element)
-
-
-def _other_way(element: Element) -> Element:
-    """A plane with its normal reversed: the solid side is unknown."""
-    if not isinstance(element, Plane):
-        return element
-    return replace(element, normal=-element.normal, offset_m=-element.offset_m)

@@ -190,14 +190,21 @@ def by_foot(element: Element, near_m: Array) -> Element:
 
 def canonical(element: Element) -> Element:
     """The element with the sign of its normal or direction for which the largest component is positive."""
+    axis = numbers(element)[:3]
+    return opposite(element) if axis[np.argmax(np.abs(axis))] < 0.0 else element
+
+
+def opposite(element: Element) -> Element:
+    """The same element with the other sense of its normal or direction; points have none."""
     match element:
-        case Plane(normal, offset_m) if normal[np.argmax(np.abs(normal))] < 0.0:
+        case Plane(normal, offset_m):
             return replace(element, normal=-normal, offset_m=-offset_m)  # the covariance is the same
-        case Line(direction, _, covariance) if direction[np.argmax(np.abs(direction))] < 0.0:
+        case Line(direction, _, covariance):
             flip = np.repeat([-1.0, 1.0], 3)
             moved = None if covariance is None else flip[:, None] * covariance * flip
             return replace(element, direction=-direction, covariance=moved)
-    return element
+        case Point():
+            return element
 
 
 class Origins(NamedTuple):

@@ -23,10 +23,19 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.schedule import burn_in_ticks
-from contact_tracker.map.element_prior import PairPrior, by_feet, known_entries, pair_priors
+from contact_tracker.map.association import MapView
+from contact_tracker.map.elements import Key
 from contact_tracker.map.map import Map, NamedElement, Up
-from contact_tracker.map.pairs import LearnedPairs, NamedPair, learned_pairs, named_pairs
-from contact_tracker.map.view import Key, MapView
+from contact_tracker.map.pairs import (
+    LearnedPairs,
+    NamedPair,
+    PairPrior,
+    by_feet,
+    known_entries,
+    learned_pairs,
+    named_pairs,
+    pair_priors,
+)
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.window import Window
 

@@ -31,7 +31,7 @@ from contact_tracker.hypotheses.schedule import (
     UNTHINNED_TICKS,
     burn_in_ticks,
 )
-from contact_tracker.map.element_prior import known_entries
+from contact_tracker.map.pairs import known_entries
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]

@@ -32,8 +32,8 @@ from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.refit import anchors_of
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
+from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
-from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.formations.conditional import ConditionalMotion
-from contact_tracker.formations.elements import elements_complexity
-from contact_tracker.formations.further import SURE_NATS, KnownContact
+from contact_tracker.formations.further import SURE_NATS, KnownContact, elements_complexity
 from contact_tracker.geometry.damping import adapted
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives

@@ -1,5 +1,5 @@
-"""Data association: how well the motion of a contact agrees with each pair of elements of a map, and how
-probable new elements are.
+"""Data association: sightings of pairs of elements, the map as a new contact may use it, how well the motion
+of a contact agrees with each pair of elements of the map, and how probable new elements are.
 
 On each side, a contact touches a new element with probability a / (N + a) after N contacts, or else a known
 one of its kind, each in proportion to how many have touched it (a Chinese restaurant process). Whether an
@@ -9,17 +9,221 @@ of the recording.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from contact_tracker.geometry.elements import Array
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel, face_face
+from contact_tracker.geometry.elements import Array, Element, Pair
+from contact_tracker.geometry.incidence import incident
 from contact_tracker.hmm import log_sum_exp
-from contact_tracker.map.elements import prior_variance
-from contact_tracker.map.sighting import Sighting
-from contact_tracker.map.view import Key, MapView
+from contact_tracker.map.elements import (
+    Key,
+    MapElement,
+    kinds_of,
+    loose_variance,
+    prior_variance,
+    split,
+    stacked,
+    with_offset,
+)
+from contact_tracker.states import Contact
+
+MapPair = tuple[MapElement, MapElement]
+"""Elements of the object and of the environment."""
+MAP_INSERTION_PROBABILITY: Final = 0.9
+"""Least probability of a contact that tells something about its elements."""
+LONGER: Final = 1.5
+"""A contact is estimated again when it has lasted this many times as long."""
+
+
+@dataclass(frozen=True, eq=False)
+class ElementEstimate:
+    """The estimate of a contact's parameters in one segment: a Gaussian likelihood around x.
+
+    Parameters
+    ----------
+    contact : whose elements these are.
+    x : (S,), the world's origin as in the bank.
+    tangent : (S, P) its free directions.
+    information : (P, P) of the motion along them; zero along those that it does not show.
+    anchors : (6,) to which the feet of lines are nearest.
+    rotation : (3, 3) of the body in the middle of the segment.
+    """
+
+    contact: Contact
+    x: Array
+    tangent: Array
+    information: Array
+    anchors: Array
+    rotation: Array
+
+    @property
+    def model(self) -> ContactModel:
+        return CONTACT_MODELS[self.contact.column]
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """The ``estimate`` of the elements that touched in the ticks from ``first`` to ``end`` (excluded).
+
+    The contact began at ``onset_ns`` and was estimated at ``stamp_ns``.
+    """
+
+    first: int
+    end: int
+    estimate: ElementEstimate
+    onset_ns: int = 0
+    stamp_ns: int = 0
+
+    @property
+    def due_ns(self) -> int:
+        """Time from which the contact, if it lasts, is estimated again."""
+        return self.onset_ns + math.ceil(LONGER * (self.stamp_ns - self.onset_ns))
+
+    def gain(self, reach_m: float) -> float:
+        """Information (nats) relative to about what is known before."""
+        return float(np.linalg.slogdet(np.eye(len(self.information)) + reach_m**2 * self.information)[1])
+
+    @property
+    def kinds(self) -> tuple[str, str]:
+        """Kinds of the object's and of the environment's element."""
+        return kinds_of(self.estimate.model)
+
+    @property
+    def information(self) -> Array:
+        """(P, P)"""
+        return self.estimate.information
+
+    @cached_property
+    def root(self) -> Array:
+        """A root (P, P) of the information: its product with its transpose."""
+        values, axes = np.linalg.eigh(self.information)
+        return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))
+
+    @property
+    def has_one_height(self) -> bool:
+        """Whether both elements are faces, of whose offsets only the difference shows; it is the last of the
+        free directions."""
+        return self.estimate.model.family is face_face
+
+    @cached_property
+    def own_pair(self) -> MapPair:
+        """The elements as this sighting alone estimates them."""
+        return split(self.estimate.model, self.estimate.x)
+
+    @cached_property
+    def _onto_tangent(self) -> Array:
+        return np.asarray(np.linalg.pinv(self.estimate.tangent))
+
+    @cached_property
+    def _turned(self) -> float:
+        """See ``elements.stacked``."""
+        x = self.estimate.x
+        if not self.has_one_height:
+            return 1.0
+        return float(np.sign((self.estimate.rotation @ x[face_face.M]) @ x[face_face.N])) or 1.0
+
+    def completed(self, pair: MapPair, is_new: tuple[bool, bool]) -> MapPair:
+        """The pair with the offset of a new face of f-f as estimated here: f-f shows their difference."""
+        if not self.has_one_height or is_new[0] == is_new[1]:
+            return pair
+        height_m = float(self.estimate.x[face_face.H][0])
+        return with_offset(pair, height_m, self._senses(pair), self._turned, is_new)
+
+    def linearised(self, pair: MapPair) -> tuple[Array, Array]:
+        """Residual (P,) of the estimate if this pair touched, and its derivative by their coordinates."""
+        one = self.estimate
+        x, derivative = stacked(one.model, pair, one.anchors, self._senses(pair), self._turned)
+        return self._onto_tangent @ (x - one.x), self._onto_tangent @ derivative
+
+    def _senses(self, pair: MapPair) -> Array:
+        own = self.own_pair
+        senses = [
+            1.0 if one.direction @ mine.direction >= 0.0 else -1.0
+            for one, mine in zip(pair, own, strict=True)
+        ]
+        return np.array(senses if self.estimate.model.body_in_1 else senses[::-1])
+
+
+@dataclass(frozen=True, eq=False)
+class MapView:
+    """The map without some of its contacts: ``elements`` that others touched, how often (``counts``), and the
+    joint ``covariance`` of their free coordinates, in which each has its ``slots``.
+
+    ``log_p_new`` are the log probabilities that a contact touches a new element of the object, and of the
+    environment; ``latest`` are those that the last contact touched, and ``current`` those that touch already,
+    so that they do not begin to.
+    """
+
+    elements: dict[Key, MapElement]
+    counts: dict[Key, int]
+    slots: dict[Key, slice]
+    covariance: Array
+    log_p_new: tuple[float, float]
+    latest: tuple[Key, Key] | None
+    current: tuple[Key, Key] | None = None
+
+    def choices(self, side: int, kind: str) -> list[tuple[Key | None, float]]:
+        """Elements of a kind, None for a new one, with their log probabilities.
+
+        Their sum is less than one if no element of the kind is known: contacts with known elements are more
+        probable than those with new ones.
+        """
+        known = [key for key, one in self.elements.items() if key[0] == side and one.kind == kind]
+        log_p_new = self.log_p_new[side]
+        if not known:
+            return [(None, log_p_new)]
+        log_share = math.log(-math.expm1(log_p_new) / sum(self.counts[key] for key in known))
+        return [(None, log_p_new), *((key, log_share + math.log(self.counts[key])) for key in known)]
+
+    def rows(self, key: Key | None, size: int) -> NDArray[np.int64]:
+        """Rows of the free coordinates of an element in the covariance; zeros for a new one."""
+        return np.zeros(size, np.int64) if key is None else np.arange(size) + self.slots[key].start
+
+    def joint_covariance(
+        self,
+        ours: NDArray[np.int64],
+        theirs: NDArray[np.int64],
+        are_known: NDArray[np.bool_],
+        of_new: Array,
+    ) -> Array:
+        """Covariance (n, P, P) of the free coordinates of n pairs.
+
+        Parameters
+        ----------
+        ours, theirs : (n, p) and (n, q) rows of the object's and of the environment's elements.
+        are_known : (2, n) whether these are of the map.
+        of_new : (P,) variance of new elements, which are independent of all others.
+        """
+        rows, sizes = np.concatenate([ours, theirs], axis=1), (ours.shape[1], theirs.shape[1])
+        is_known = np.repeat(are_known.T, sizes, axis=1)
+        covariance = self.covariance if self.slots else np.zeros((1, 1))
+        within = is_known[:, :, None] & is_known[:, None]
+        return np.where(within, covariance[rows[:, :, None], rows[:, None]], np.diag(of_new))
+
+    def incident_pair(self, model: ContactModel, near_m: Array) -> Pair | None:
+        """The elements of the last contact, or where the contact of ``model`` needs another kind, elements of
+        it that are incident with these; None if it needs the same kinds.
+
+        A contact that gains or loses a constraint keeps its elements or changes to incident ones.
+        """
+        if self.latest is None:
+            return None
+        kinds, pair = kinds_of(model), list[Element]()
+        for key, kind, at_m in zip(self.latest, kinds, (np.zeros(3), near_m), strict=True):
+            one, rows = self.elements[key], self.slots[key]
+            loose = np.diag(loose_variance(one.kind))
+            known = one.with_covariance(self.covariance[rows, rows] + loose)
+            pair.append(known if one.kind == kind else incident(known, kind, at_m))
+        if all(self.elements[key].kind == kind for key, kind in zip(self.latest, kinds, strict=True)):
+            return None
+        return pair[0], pair[1]
+
 
 CONCENTRATIONS: Final = np.logspace(-2.0, 1.0, 13)
 """Equally probable concentrations, between which the map decides while it grows: new elements become cheap
@@ -85,56 +289,36 @@ def log_evidence(
 ) -> Array:
     """Log evidence (I, J) of a sighting if it touched the i-th of the object's choices and the j-th of the
     environment's; None stands for a new element, which is as estimated."""
-    parts = [
-        SideChoices.of(sighting, view, side, [key for key, _ in choices[side]], reach_m) for side in (0, 1)
-    ]
-    ours, theirs = parts
-    residual = ours.offset[:, None] + theirs.offset[None]
+    ours, theirs = (
+        _contributions(sighting, view, side, [key for key, _ in choices[side]]) for side in (0, 1)
+    )
+    i, j = np.indices((len(choices[0]), len(choices[1]))).reshape(2, -1)
+    residual = ours[0][i] + theirs[0][j]
     if sighting.has_one_height:  # a new face has the offset that was estimated
-        residual[0, :, -1] = residual[:, 0, -1] = 0.0
-    whitened = residual @ sighting.root
-    known = view.covariance if view.slots else np.zeros((1, 1))
-    joint = known[ours.rows[:, None, :, None], theirs.rows[None, :, None, :]]
-    joint[0] = joint[:, 0] = 0.0  # new elements are independent of all others
-    across = ours.derivative[:, None] @ joint @ np.swapaxes(theirs.derivative, 1, 2)[None]
-    spread = ours.variance[:, None] + theirs.variance[None] + across + np.swapaxes(across, 2, 3)
-    ratio = np.eye(residual.shape[-1]) + sighting.root.T @ spread @ sighting.root
-    misfit = (whitened * np.linalg.solve(ratio, whitened[..., None])[..., 0]).sum(axis=-1)
-    return np.asarray(-0.5 * (np.linalg.slogdet(ratio)[1] + misfit))
+        residual[(i == 0) | (j == 0), -1] = 0.0
+    new = np.concatenate([prior_variance(kind, reach_m) for kind in sighting.kinds])
+    joint = view.joint_covariance(ours[2][i], theirs[2][j], np.array([i > 0, j > 0]), new)
+    whitened = sighting.root.T @ np.concatenate([ours[1][i], theirs[1][j]], axis=2)
+    ratio = np.eye(residual.shape[-1]) + whitened @ joint @ whitened.swapaxes(1, 2)
+    residual = residual @ sighting.root
+    misfit = (residual * np.linalg.solve(ratio, residual[..., None])[..., 0]).sum(axis=-1)
+    log_ratio = -0.5 * (np.linalg.slogdet(ratio)[1] + misfit)
+    return np.asarray(log_ratio.reshape(len(choices[0]), len(choices[1])))
 
 
-class SideChoices(NamedTuple):
-    """What the choices (I) of one side contribute to a sighting's residual (P,).
-
-    ``offset`` (I, P) from the sighting's own element, ``derivative`` (I, P, p) by the p free coordinates of
-    the element, ``rows`` (I, p) of these in the map (any for a new one, the first), and ``variance`` (I, P,
-    P) by its uncertainty.
-    """
-
-    offset: Array
-    derivative: Array
-    rows: NDArray[np.int64]
-    variance: Array
-
-    @classmethod
-    def of(
-        cls, sighting: Sighting, view: MapView, side: int, keys: list[Key | None], reach_m: float
-    ) -> "SideChoices":
-        own = sighting.own_pair
-        columns = slice(0, own[0].size) if side == 0 else slice(own[0].size, None)
-        offsets, derivatives, rows, variances = [], [], [], []
-        for key in keys:
-            one = own[side] if key is None else view.elements[key]
-            pair = (one, own[1]) if side == 0 else (own[0], one)
-            residual, derivative = sighting.linearised(pair)
-            by_own = derivative[:, columns]
-            if key is None:
-                row, covariance = np.zeros(one.size, np.int64), np.diag(prior_variance(one.kind, reach_m))
-            else:
-                row = np.arange(view.slots[key].start, view.slots[key].stop)
-                covariance = view.covariance[view.slots[key], view.slots[key]]
-            offsets.append(residual)
-            derivatives.append(by_own)
-            rows.append(row)
-            variances.append(by_own @ covariance @ by_own.T)
-        return cls(np.array(offsets), np.array(derivatives), np.array(rows), np.array(variances))
+def _contributions(
+    sighting: Sighting, view: MapView, side: int, keys: list[Key | None]
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """What the choices (I) of one side contribute to a sighting's residual (P,): the difference (I, P) from
+    the sighting's own element, the derivative (I, P, p) by the p free coordinates of each, and the rows (I,
+    p) of these in the map (any for a new one)."""
+    own = sighting.own_pair
+    columns = slice(own[0].size) if side == 0 else slice(own[0].size, None)
+    offsets, derivatives, rows = [], [], []
+    for key in keys:
+        one = own[side] if key is None else view.elements[key]
+        residual, derivative = sighting.linearised((one, own[1]) if side == 0 else (own[0], one))
+        offsets.append(residual)
+        derivatives.append(derivative[:, columns])
+        rows.append(view.rows(key, one.size))
+    return np.array(offsets), np.array(derivatives), np.array(rows)

@@ -1,18 +1,35 @@
-"""Elements of the map in free coordinates, and the parameters of a contact between two of them.
+"""Elements of the map in free coordinates, the parameters of a contact between two of them, what is learned
+of all together, and whether two estimates are of one element.
 
 A plane and a line have no sense here: a normal, or a direction, and its opposite are the same element. A
 contact's parameters x have senses, which ``Sighting`` and ``pairs`` choose.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf, sqrt
 from typing import Final
 
 import numpy as np
 
 from contact_tracker.contacts import ContactModel, face_face
-from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
+from contact_tracker.geometry import linalg
+from contact_tracker.geometry.elements import (
+    Array,
+    Element,
+    Line,
+    Origins,
+    Plane,
+    Point,
+    by_foot,
+    numbers,
+    opposite,
+)
 from contact_tracker.geometry.vectors import EYE, sphere_tangent, unit
 
+Key = tuple[int, int]
+"""Side (0: object, 1: environment) and number of an element."""
+KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
 TURNS: Final = {"f": 2, "e": 2, "v": 0}
 SHIFTS: Final = {"f": 1, "e": 2, "v": 3}
 """Free coordinates of an element of each kind: angles (rad), then lengths (m)."""
@@ -34,6 +51,12 @@ class MapElement:
     kind: str
     direction: Array
     place_m: Array
+
+    @classmethod
+    def of(cls, element: Element) -> "MapElement":
+        """An element without its covariance."""
+        kind, values = kind_of(element), numbers(element)
+        return cls(kind, np.zeros(3), values) if kind == "v" else cls(kind, values[:3], values[3:])
 
     @property
     def size(self) -> int:
@@ -71,6 +94,17 @@ class MapElement:
         if self.kind == "f":
             return Plane(self.direction, float(self.place_m[0]), spread)
         return Line(self.direction, self.place_m, spread)
+
+
+def kind_of(element: Element) -> str:
+    """``f``, ``e`` or ``v``."""
+    match element:
+        case Plane():
+            return "f"
+        case Line():
+            return "e"
+        case Point():
+            return "v"
 
 
 def free_directions(kind: str, direction: Array) -> Array:
@@ -165,3 +199,158 @@ def with_offset(
         return body, replace(world, place_m=np.array([offset]))
     offset = turned * senses[0] * (senses[1] * float(world.place_m[0]) - height_m)
     return replace(body, place_m=np.array([offset])), world
+
+
+ANYWHERE_M: Final = 1.0
+"""Standard deviation of places that nothing is known of, for users."""
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedElements:
+    """A Gaussian on elements of the object (body frame) and of the environment (world frame).
+
+    Parameters
+    ----------
+    elements : in order of their keys.
+    counts : how many contacts touched each.
+    information : (P, P) on the free coordinates of all elements, in the order of these.
+    """
+
+    elements: Mapping[Key, MapElement] = field(default_factory=dict)
+    counts: Mapping[Key, int] = field(default_factory=dict)
+    information: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __bool__(self) -> bool:
+        return bool(self.elements)
+
+    @property
+    def slots(self) -> dict[Key, slice]:
+        """Rows of the free coordinates of each element."""
+        return slots_of(self.elements, self.elements)
+
+    @property
+    def known(self) -> dict[Key, Element]:
+        """The elements with their covariances."""
+        covariance, slots = self.covariance(), self.slots
+        return {
+            key: one.with_covariance(covariance[slots[key], slots[key]]) for key, one in self.elements.items()
+        }
+
+    def weak(self, reach_m: float) -> Array:
+        """Variance (P,) of elements that nothing is known of."""
+        variances = [prior_variance(one.kind, reach_m) for one in self.elements.values()]
+        return np.concatenate([np.zeros(0), *variances])
+
+    def covariance(self, reach_m: float = ANYWHERE_M) -> Array:
+        """Covariance (P, P) of the free coordinates; wide in what is not known."""
+        return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / self.weak(reach_m))))
+
+    def without_weak(self, reach_m: float) -> "LearnedElements":
+        """The same without the weak prior, which its information has beside what was seen."""
+        sd = np.sqrt(self.weak(reach_m))
+        return self.with_scaled(sd[:, None] * self.information * sd - np.eye(len(sd)), sd)
+
+    def with_scaled(self, scaled: Array, sd: Array) -> "LearnedElements":
+        """The same with the information of coordinates in units of ``sd`` (P,), symmetric and not negative
+        whatever rounding has left."""
+        values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        sound = (axes * np.maximum(values, 0.0)) @ axes.T
+        return replace(self, information=sound / (sd[:, None] * sd))
+
+    def shifted(self, origins: Origins) -> "LearnedElements":
+        """The same in frames in which the present origins are at ``origins``."""
+        elements, back = dict(self.elements), np.eye(len(self.information))
+        for (side, number), rows in self.slots.items():
+            one, by_m = self.elements[side, number], origins.world_m if side else origins.body_m
+            if one.kind != "f":
+                elements[side, number] = replace(one, place_m=one.place_m + by_m)
+                continue
+            elements[side, number] = replace(one, place_m=one.place_m + one.direction @ by_m)
+            # the offset changes with the normal, too
+            back[rows.stop - 1, rows.start : rows.start + 2] = -by_m @ sphere_tangent(one.direction)
+        return replace(self, elements=elements, information=back.T @ self.information @ back)
+
+
+NOTHING_LEARNED = LearnedElements()
+
+
+def slots_of(elements: Mapping[Key, MapElement], keys: Iterable[Key]) -> dict[Key, slice]:
+    """Rows of the free coordinates of each element."""
+    slots, end = dict[Key, slice](), 0
+    for key in keys:
+        slots[key] = slice(end, end + elements[key].size)
+        end = slots[key].stop
+    return slots
+
+
+SAME: Final = 4.0
+"""Gate in standard deviations within which two estimates may be of one element."""
+_LOST: Final = 1e-12
+"""Variances below this share of the largest count as zero: rounding errors, or what cannot move."""
+
+
+def is_same_element(first: Element, second: Element) -> bool:
+    """Whether two elements of one kind differ by no more than their covariances allow (docs/theory.md,
+    T28)."""
+    return mahalanobis(first, second) <= SAME
+
+
+def mahalanobis(first: Element, second: Element) -> float:
+    """Distance of two elements of one kind in standard deviations of their difference.
+
+    Lines may have other points and opposite directions. Normals point out of the bodies, so planes with
+    opposite normals are infinitely far apart.
+    """
+    if isinstance(first, Plane) and isinstance(second, Plane) and first.normal @ second.normal < 0.0:
+        return inf
+    if covariance_of(second)[:3, :3].trace() < covariance_of(first)[:3, :3].trace():
+        first, second = (
+            second,
+            first,
+        )  # the change from the better known direction, or place, is nearly linear
+    if isinstance(first, Line) and isinstance(second, Line):
+        second = _aligned(second, first)
+    one, other = MapElement.of(first), MapElement.of(second)
+    free, off = free_directions(one.kind, one.direction), one.change_to(other)
+    covariance = free.T @ (covariance_of(first) + covariance_of(second)) @ free
+    sd = np.sqrt(covariance.diagonal())  # one coordinate may be known much better than another
+    off = off / sd
+    return sqrt(max(float(off @ information_of(covariance / (sd[:, None] * sd), 0) @ off), 0.0))
+
+
+def distance_of_planes_m(first: Plane, second: Plane) -> float:
+    """Distance of two planes, without regard to the senses of their normals, where they are known best."""
+    sense = np.sign(first.normal @ second.normal) or 1.0
+    covariance = covariance_of(first) + covariance_of(second)  # it is the same for the opposite normal
+    place = np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3]
+    off = (first.normal - sense * second.normal) @ place - (first.offset_m - sense * second.offset_m)
+    return abs(float(off))
+
+
+def _aligned(line: Line, like: Line) -> Element:
+    """A line with its point nearest to that of ``like``, and with the same sense of direction."""
+    near = by_foot(line, like.point_m)
+    return near if line.direction @ like.direction >= 0.0 else opposite(near)
+
+
+def covariance_of(element: Element) -> Array:
+    """The covariance of an element that is known."""
+    if element.covariance is None:
+        raise ValueError("a known element needs a covariance")
+    return element.covariance
+
+
+def information_of(covariance: Array, lengths: int) -> Array:
+    """Pseudo-inverse on the directions with variance; the last ``lengths`` are in m, others in rad."""
+    variance, turns = covariance.diagonal().tolist(), len(covariance) - lengths
+    weight = np.array([_unit(variance[:turns])] * turns + [_unit(variance[turns:])] * lengths)
+    values, axes = linalg.eigenvectors(weight[:, None] * covariance * weight)
+    good = values > _LOST * max(float(values[-1]), 0.0)
+    axes = weight[:, None] * axes[:, good]
+    return np.asarray((axes / values[good]) @ axes.T)
+
+
+def _unit(variance: Sequence[float]) -> float:
+    """Scale that makes the largest variance one; one if all are zero."""
+    largest = max(variance, default=0.0)
+    return 1.0 / sqrt(largest) if largest > 0.0 else 1.0

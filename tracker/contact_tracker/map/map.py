@@ -12,11 +12,8 @@ import numpy as np
 
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
-from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements
+from contact_tracker.map.elements import KINDS, NOTHING_LEARNED, LearnedElements, kind_of
 from contact_tracker.states import CONTACTS, Contact
-
-KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
-_KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,7 @@ class NamedElement:
     @property
     def kind(self) -> str:
         """``f``, ``e`` or ``v``."""
-        return _KIND[type(self.element)]
+        return kind_of(self.element)
 
 
 @dataclass(frozen=True, eq=False)

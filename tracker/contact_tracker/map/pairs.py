@@ -1,5 +1,10 @@
-"""Pairs of elements that a new contact may touch: those with names, and those of other contacts."""
+"""Pairs of elements that a new contact may touch, those with names and those of other contacts, as Gaussian
+priors on the contact's parameter vector x, which stacks both elements.
 
+Normals point out of the bodies that they bound, so those of touching faces are opposite.
+"""
+
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -7,11 +12,191 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel, face_face
-from contact_tracker.geometry.elements import Array, Element, Pair, by_foot, face_towards, shifted
-from contact_tracker.map.element_prior import PairPrior
-from contact_tracker.map.elements import MapElement, kinds_of, loose_variance, stacked
+from contact_tracker.geometry.elements import (
+    Array,
+    Element,
+    Line,
+    Pair,
+    Plane,
+    by_foot,
+    face_towards,
+    numbers,
+    shifted,
+)
+from contact_tracker.map.association import MapView
+from contact_tracker.map.elements import (
+    Key,
+    MapElement,
+    covariance_of,
+    information_of,
+    kinds_of,
+    loose_variance,
+    stacked,
+)
 from contact_tracker.map.map import Map, NamedElement, Up
-from contact_tracker.map.view import Key, MapView
+
+_SMALLEST: Final = 1e-12
+"""Variances below this share of the largest count as zero: the element cannot move in these directions."""
+_WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
+"""Number of the parameters of an element: three of a direction, if it has one, then lengths (m)."""
+
+
+class PairPrior(NamedTuple):
+    """Gaussian priors on x of n pairs: ``mean`` (n, S) and ``information`` (n, S, S), both zero where nothing
+    is known, and ``line_points_m`` (n, 6), points of known lines in frames 1 and 2, NaN elsewhere."""
+
+    mean: Array
+    information: Array
+    line_points_m: Array
+
+    def and_(self, other: "PairPrior") -> "PairPrior":
+        """Both, one after the other."""
+        return PairPrior(*(np.concatenate(both) for both in zip(self, other, strict=True)))
+
+
+def known_entries(model: ContactModel, mean: Array, information: Array) -> NDArray[np.bool_]:
+    """(..., S) which entries of x a prior with this mean (..., S) and information (..., S, S) fixes.
+
+    A direction is known if its mean is not zero: zero stands for one that is unknown or known in part.
+    """
+    known = np.asarray(information.diagonal(axis1=-2, axis2=-1) > 0.0)
+    form = model.family.FORM
+    for first in (form.d1, form.d2):
+        if first >= 0:
+            part = slice(first, first + 3)
+            known[..., part] = mean[..., part].any(axis=-1, keepdims=True)
+    return known
+
+
+def pair_priors(model: ContactModel, pairs: Sequence[Pair]) -> PairPrior:
+    """Priors of a contact from n pairs of known elements, which are independent.
+
+    Elements have covariances and are in the frames of x. A direction of zero stands for one that is unknown
+    or known in part.
+    """
+    sides, pivots = rows_of(model, pairs), np.full((len(pairs), 6), np.nan)
+    if model.family is face_face:
+        return PairPrior(*_facing_prior(*map(_Faces.of, sides)), pivots)
+    mean = np.zeros((len(pairs), model.family.SIZE))
+    information = np.zeros((*mean.shape, model.family.SIZE))
+    first = _WIDTHS[_kinds(model)[0]]
+    halves = slice(first), slice(first, None)
+    for kind, side, own, point in zip(_kinds(model), sides, halves, (slice(3), slice(3, None)), strict=True):
+        parts, width = np.array(side), _WIDTHS[kind]
+        mean[:, own], pivots[:, point] = parts[:, :width], parts[:, -3:]
+        information[:, own, own] = parts[:, width:-3].reshape(-1, width, width)
+    return PairPrior(mean, information, pivots)
+
+
+def rows_of(model: ContactModel, pairs: Sequence[Pair]) -> tuple[list[Array], list[Array]]:
+    """Mean and information of both elements of each pair, in their order in x: rows of ``_part``, for f-f of
+    ``_face``."""
+    sides = zip(*(pair if model.body_in_1 else pair[::-1] for pair in pairs), strict=True)
+    if model.family is face_face:
+        first, second = ([_face(element) for element in side] for side in sides)
+    else:
+        kinds = zip(_kinds(model), sides, strict=True)
+        first, second = ([_part(kind, element) for element in side] for kind, side in kinds)
+    return first, second
+
+
+def _kinds(model: ContactModel) -> str:
+    """Kinds of the two elements, in their order in x."""
+    return model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
+
+
+def by_feet(model: ContactModel, prior: PairPrior, near_m: Array) -> PairPrior:
+    """Priors with lines of the surroundings parametrised by their points nearest to ``near_m`` (3,).
+
+    That is a linear change of x: the point moves by the change of direction times its distance along the
+    line.
+    """
+    form, world = model.family.FORM, slice(3, 6) if model.body_in_1 else slice(0, 3)
+    first = form.d2 if model.body_in_1 else form.d1
+    turn, place = slice(first, first + 3), slice(first + 3, first + 6)
+    direction = prior.mean[:, turn]
+    if not direction.any():
+        return prior
+    along_m = ((near_m - prior.mean[:, place]) * direction).sum(axis=1, keepdims=True)
+    mean, pivots = prior.mean.copy(), prior.line_points_m.copy()
+    moves = np.zeros(prior.information.shape[1:])
+    mean[:, place] += along_m * direction
+    pivots[:, world] += along_m * direction
+    moves[place, turn] = np.eye(3)
+    back = np.eye(len(moves)) - along_m[:, None] * moves
+    return PairPrior(mean, back.swapaxes(1, 2) @ prior.information @ back, pivots)
+
+
+class _Faces(NamedTuple):
+    """n faces of f-f."""
+
+    normal: Array
+    """(n, 3)"""
+    information: Array
+    """(n, 9) on the normals."""
+    offset_m: Array
+    """(n, 1)"""
+    slope: Array
+    """(n, 3) regression of the offset on the normal."""
+    variance: Array
+    """(n, 1) residual variance of the offset, m^2; infinite if it is unknown."""
+
+    @classmethod
+    def of(cls, faces: Sequence[Array]) -> "_Faces":
+        rows = np.array(faces)
+        return cls(rows[:, :3], rows[:, 3:12], rows[:, 12:13], rows[:, 13:16], rows[:, 16:])
+
+
+def _facing_prior(first: _Faces, second: _Faces) -> tuple[Array, Array]:
+    """Mean and information of f-f on both normals, and on the height if both offsets are known."""
+    variance = first.variance + second.variance
+    weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
+    height_m = np.where(np.isfinite(variance), first.offset_m + second.offset_m, 0.0)
+    off = np.concatenate([first.slope, -second.slope, np.ones_like(variance)], axis=1)
+    information = (weight * off)[:, :, None] * off[:, None]
+    information[:, face_face.M, face_face.M] += first.information.reshape(-1, 3, 3)
+    information[:, face_face.N, face_face.N] += second.information.reshape(-1, 3, 3)
+    return np.concatenate([-first.normal, second.normal, height_m], axis=1), information
+
+
+@lru_cache(maxsize=256)
+def _face(element: Element | None) -> Array:
+    """A row of ``_Faces``."""
+    if element is None:
+        return np.array([*np.zeros(16), np.inf])
+    assert isinstance(element, Plane)
+    covariance = covariance_of(element)
+    information = information_of(covariance[:3, :3], 0)
+    slope = information @ covariance[:3, 3]
+    off = np.array([*-slope, 1.0])
+    variance = off @ covariance @ off  # in this form errors of the slope enter by their square only
+    variance *= variance > _SMALLEST * covariance[3, 3]
+    return np.concatenate([element.normal, information.ravel(), [element.offset_m], slope, [variance]])
+
+
+@lru_cache(maxsize=1024)
+def _part(kind: str, element: Element | None) -> Array:
+    """An element's part of x as one row: mean (w,), information (w, w), and the known point (3,) of a line,
+    else NaN."""
+    width, pivot = _WIDTHS[kind], np.full(3, np.nan)
+    if element is None:
+        return np.concatenate([np.zeros(width + width**2), pivot])
+    covariance, lengths = covariance_of(element), width - 3 or 3
+    if isinstance(element, Line):
+        across = np.zeros((6, 6))
+        across[:3, :3] = across[3:, 3:] = np.eye(3) - np.outer(element.direction, element.direction)
+        information = across @ information_of(across @ covariance @ across, lengths) @ across
+        pivot = element.point_m if _goes_through(element) else pivot
+    else:
+        information = information_of(covariance, lengths)
+    return np.concatenate([numbers(element), information.ravel(), pivot])
+
+
+def _goes_through(line: Line) -> bool:
+    """Whether the line's point is known. It is not where the direction is known in part, as for lines in a
+    face."""
+    return bool(line.direction.any() or not covariance_of(line)[:3, :3].any())
+
 
 UNLISTED: Final = 0.5
 """Prior probability that the touching element is not listed, where the list is not complete."""
@@ -113,8 +298,7 @@ def learned_pairs(view: MapView, model: ContactModel, near_m: Array) -> tuple[fl
     nothing make thousands of them.
     """
     are_faces = model.family is face_face
-    sides = tuple(_Side.of(view, model, side, near_m) for side in (0, 1))
-    ours, theirs = sides
+    ours, theirs = (_Side.of(view, model, side, near_m) for side in (0, 1))
     index = [
         (i, j, way)
         for i, one in enumerate(ours.keys)
@@ -128,7 +312,8 @@ def learned_pairs(view: MapView, model: ContactModel, near_m: Array) -> tuple[fl
     log_share = ours.log_p[i] + theirs.log_p[j] - (np.log(2.0) * both if are_faces else 0.0)
     x = way[:, None] * ours.x[i] + theirs.x[j]
     onto = np.concatenate([way[:, None, None] * ours.onto[i], theirs.onto[j]], axis=1)
-    covariance = _covariance(view, ours, theirs, i, j)
+    covariance = view.joint_covariance(ours.rows[i], theirs.rows[j], known, np.ones(onto.shape[1]))
+    covariance += np.diag(np.concatenate([loose_variance(kind) for kind in kinds_of(model)]))
     if are_faces:  # of both offsets only the height is a parameter, if both are known
         x[:, face_face.H] *= both[:, None]
         turns, height = [0, 1, 3, 4], np.zeros((len(way), 1, covariance.shape[-1]))
@@ -154,7 +339,6 @@ class _Side(NamedTuple):
     elsewhere. All is zero for a new one.
     """
 
-    kind: str
     keys: list[Key | None]
     log_p: Array
     x: Array
@@ -171,7 +355,7 @@ class _Side(NamedTuple):
         size = _stand_in(kinds[side]).size
         columns = slice(0, size) if side == 0 else slice(-size, None)
         x, onto = np.zeros((len(keys), model.family.SIZE)), np.zeros((len(keys), size, model.family.SIZE))
-        rows, points_m = np.zeros((len(keys), size), np.int64), np.full((len(keys), 3), np.nan)
+        rows, points_m = np.array([view.rows(key, size) for key in keys]), np.full((len(keys), 3), np.nan)
         point = form.q1 if model.body_in_1 == (side == 0) else form.q2
         for k, key in enumerate(keys):
             if key is None:
@@ -183,24 +367,9 @@ class _Side(NamedTuple):
             if model.family is face_face:
                 by_own[face_face.H] = 0.0
             onto[k] = np.linalg.pinv(by_own)
-            rows[k] = np.arange(view.slots[key].start, view.slots[key].stop)
             if one.kind == "e":
                 points_m[k] = whole[point : point + 3]
-        return cls(kinds[side], keys, np.array([log_p for _, log_p in choices]), x, onto, rows, points_m)
-
-
-def _covariance(
-    view: MapView, ours: _Side, theirs: _Side, i: NDArray[np.int64], j: NDArray[np.int64]
-) -> Array:
-    """Covariance (n, P, P) of the free coordinates of the i-th of our elements and the j-th of theirs; of new
-    ones, the identity."""
-    rows = np.concatenate([ours.rows[i], theirs.rows[j]], axis=1)
-    sizes = ours.rows.shape[1], theirs.rows.shape[1]
-    is_known = np.repeat(np.stack([i > 0, j > 0], axis=1), sizes, axis=1)
-    within = is_known[:, :, None] & is_known[:, None]
-    loose = np.concatenate([loose_variance(side.kind) for side in (ours, theirs)])
-    covariance = np.where(within, view.covariance[rows[:, :, None], rows[:, None]], np.eye(len(loose)))
-    return np.asarray(covariance + np.diag(loose))
+        return cls(keys, np.array([log_p for _, log_p in choices]), x, onto, rows, points_m)
 
 
 def _stand_in(kind: str) -> MapElement:

@@ -13,11 +13,21 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.elements import Array, Origins
-from contact_tracker.map.association import log_marginal, log_probabilities_of_new, weigh_pairs
-from contact_tracker.map.elements import MapElement, prior_variance
-from contact_tracker.map.learned import NOTHING_LEARNED, LearnedElements, slots_of
-from contact_tracker.map.sighting import Sighting
-from contact_tracker.map.view import Key, MapView
+from contact_tracker.map.association import (
+    MapView,
+    Sighting,
+    log_marginal,
+    log_probabilities_of_new,
+    weigh_pairs,
+)
+from contact_tracker.map.elements import (
+    NOTHING_LEARNED,
+    Key,
+    LearnedElements,
+    MapElement,
+    prior_variance,
+    slots_of,
+)
 
 MOST_SIGHTINGS: Final = 60
 """Most contacts in a map, those with the most information: if nothing is shared, 60 take some seconds."""

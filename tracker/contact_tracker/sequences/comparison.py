@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr  # scipy.stats takes half a second to import
 
 from contact_tracker.errors import UsageError
-from contact_tracker.map.same_element import SAME
+from contact_tracker.map.elements import SAME
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.sequences.pair_hmm import align

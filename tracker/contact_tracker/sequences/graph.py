@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import Final
 from xml.etree import ElementTree
 
-from contact_tracker.map.map import KINDS
+from contact_tracker.map.elements import KINDS
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.sequences.steps import sighting_of
 from contact_tracker.states import Contact

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Element, Line, Plane, Point, by_foot, numbers
-from contact_tracker.map.association import log_evidence
-from contact_tracker.map.sighting import Sighting
-from contact_tracker.map.view import Key, MapView
+from contact_tracker.map.association import MapView, Sighting, log_evidence
+from contact_tracker.map.elements import Key
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.sequences.steps import Step
 

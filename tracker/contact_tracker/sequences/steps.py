@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.map.sighting import Sighting
+from contact_tracker.map.association import Sighting
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.states import STATES, Contact

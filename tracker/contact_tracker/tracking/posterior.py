@@ -13,8 +13,8 @@ from contact_tracker.formations.further import FormationTicks, KnownContact
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.births import named
 from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
+from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.map.pairs import named_pairs
-from contact_tracker.map.sighting import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact

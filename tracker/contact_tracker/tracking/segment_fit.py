@@ -30,10 +30,10 @@ from contact_tracker.hypotheses.observability import contact_geometry, element_e
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.joints.evidence import find_joint
 from contact_tracker.joints.geometry import Joint, joint_of
+from contact_tracker.map.association import ElementEstimate
+from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
 from contact_tracker.map.pairs import named_pairs
-from contact_tracker.map.same_element import is_same_element
-from contact_tracker.map.sighting import ElementEstimate
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window, at_rest

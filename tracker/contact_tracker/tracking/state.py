@@ -14,8 +14,8 @@ from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.hypotheses.births import CachedProposals, uninformed_proposal
 from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.map.elements import Key
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.map.view import Key
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import FreeMotion
 from contact_tracker.motion.window import EMPTY_WINDOW, Window

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
-from contact_tracker.map.map import EMPTY_MAP, KINDS, Map
+from contact_tracker.map.elements import KINDS, kind_of
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
@@ -194,16 +195,7 @@ def _bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
 
 
 def _elements_of(world: GrowingMap) -> dict[Hashable, tuple[int, str, Element]]:
-    learned = world.learned
-    covariance, slots = learned.covariance(), learned.slots
-    return {
-        key: (
-            key[0],
-            f"{KINDS[one.kind]} {key[1]}",
-            one.with_covariance(covariance[slots[key], slots[key]]),
-        )
-        for key, one in learned.elements.items()
-    }
+    return {key: (key[0], f"{KINDS[kind_of(one)]} {key[1]}", one) for key, one in world.learned.known.items()}
 
 
 def _extent(elements: Sequence[Element]) -> Extent:

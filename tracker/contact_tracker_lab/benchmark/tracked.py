@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
-from contact_tracker.map.learned import NOTHING_LEARNED
+from contact_tracker.map.elements import NOTHING_LEARNED
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
