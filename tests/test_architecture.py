@@ -225,7 +225,7 @@ def tracked_text() -> Iterator[tuple[str, str]]:
     names = subprocess.run(listing, cwd=ROOT, capture_output=True, check=True, text=True).stdout
     for name in filter(None, names.split("\0")):
         path = ROOT / name
-        if path.is_file() and path.suffix not in {".mcap", ".png"}:
+        if path.is_file() and path.suffix not in {".mcap", ".png", ".c3d"}:
             yield name, path.read_text(encoding="utf-8")
 
 

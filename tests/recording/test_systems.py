@@ -52,6 +52,14 @@ SYSTEMS: dict[str, Callable[[Path], None]] = {
     "Franka": text(
         "time," + ",".join(f"O_T_EE[{i}]" for i in range(16)), T, FOUR.transpose(0, 2, 1).reshape(-1, 16)
     ),
+    "FANUC": text("time,X,Y,Z,W,P,R", T, 1e3 * P, by_rotation("euler", "xyz", True)),
+    "Unity": lambda path: path.write_text(
+        "Time,Position,Rotation\n"
+        + "".join(
+            f'{t!r},"{tuple(p)}","{tuple(q)}"\n'
+            for t, p, q in zip(*(x.tolist() for x in (T, P, Q)), strict=True)
+        )
+    ),
     "KUKA": text("time,X,Y,Z,A,B,C", T, 1e3 * P, by_rotation("euler", "ZYX", True)),
     "ABB": text("time,X,Y,Z,q1,q2,q3,q4", T, 1e3 * P, REAL_FIRST),
     "FoundationPose without ROS": lambda path: np.save(path, FOUR),

@@ -4,9 +4,11 @@ import json
 import pickle
 import shlex
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pyarrow
@@ -19,7 +21,7 @@ import contact_tracker
 from contact_tracker import Trajectory, read
 from contact_tracker.cli.main import build_parser, run
 from contact_tracker.config.table_reading import reading_of
-from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
+from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from mcap_logs import smooth_poses
@@ -356,7 +358,12 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
             lambda path: feather.write_feather(pyarrow.table({"t": T}), str(path)),
             "feather.read_table",
         ),
-        ("a.c3d", lambda path: path.write_bytes(b"\2P" + bytes(510)), r"ezc3d\.c3d\('a\.c3d'\)"),
+        (
+            "a.c3d",
+            lambda path: path.write_bytes(C3D.read_bytes().replace(b"ROTATION", b"ROTATIOX")),
+            r"with markers \(tip\), not .*ezc3d\.c3d\('a\.c3d'\)",
+        ),
+        ("a.c3d", lambda path: path.write_bytes(b"\2P" + bytes(510)), "its parameters cannot be read"),
         ("a.txt", lambda path: path.write_text("# Image list with two lines\n"), "COLMAP's images.txt"),
         ("a.out", lambda path: path.write_text("# Bundle file v0.3\n"), "a file of Bundler, which"),
         ("a.yaml", lambda path: path.write_text("header:\n  stamp:\n"), "ros2 topic echo --csv"),
@@ -372,6 +379,31 @@ def test_what_is_not_read_is_named(
     make(tmp_path / name)
     with pytest.raises(UnreadableRecording, match=message):
         open_log(str(tmp_path / name))
+
+
+C3D = Path(__file__).parent / "two_bodies.c3d"
+"""Written by ezc3d 1.7.2: the first 20 poses as a cup, a table that rests, and a marker."""
+
+
+def test_bodies_of_c3d(tmp_path: Path) -> None:
+    """Damaged files are refused, or their readable part is used."""
+    found = read(C3D, child="cup")
+    np.testing.assert_array_equal(found.stamp_ns, SINCE_NS[:20])
+    np.testing.assert_allclose(found.position_m, P[:20], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(np.abs(np.sum(found.quat_xyzw * Q[:20], axis=1)), 1.0, rtol=0, atol=1e-9)
+    assert run(["info", str(C3D), "--euler", "xyz:deg"]) == 2
+    path, whole, random = tmp_path / "a.c3d", C3D.read_bytes(), Random(0)
+    path.write_bytes(whole[:-1000])
+    log = open_log(str(path), frame="cup")
+    assert len(Poses.collect(log)) == 12
+    assert "it ends after 12 of 20 frames" in str(log.damage)
+    for _ in range(40):
+        damaged = bytearray(whole)
+        for at in random.sample(range(2560), 3):
+            damaged[at] = random.randrange(256)
+        path.write_bytes(damaged)
+        with suppress(ContactTrackerError):
+            Poses.collect(open_log(str(path), frame="cup"))
 
 
 def npy_of(rows: int) -> bytes:

@@ -6,8 +6,8 @@ numbered columns usually are.
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain, islice
+from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -24,7 +24,6 @@ from contact_tracker.config.table_reading import (
     REST,
     TIME,
     TableReading,
-    reading_of,
 )
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.geometry.rotation import from_rotation_vectors
@@ -277,7 +276,7 @@ _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp
 _ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
 """Names of a time if no other column is one."""
 _REST: Final = re.compile(r"(?:.*[./ _])?(?:nano_?|n)sec(?:s|onds)?")
-_FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
+FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
@@ -297,70 +296,26 @@ _ANGLE: Final = re.compile(
 )
 _TURN: Final = {"roll": "x", "pitch": "y", "yaw": "z"}
 _ELEMENT: Final = re.compile(_BODY + r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])")
-_NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
-_BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
+NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
+BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers in one row of values, and of rows and columns of a matrix, as ``T_0_3``."""
-_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock)", re.IGNORECASE)
-"""Names that a column of times may have."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
-_NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
+NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _EXAMPLE: Final = "time [s],x [m],y [m],z [m],qx,qy,qz,qw"
 _SHOWN: Final = 12
 MOST_COLUMNS: Final = 5000
 _LONGEST_NAME: Final = 200
-_MOST_GROUPS: Final = 12
-"""Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
-_A_RATE: Final = "100Hz"
 NO_FRAMES: Final = (
     "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
 )
-_ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 UNNAMED: Final = "c"
 """Columns without names are ``c0``, ``c1``, ..."""
-_POSE_ROLES: Final = (*POSITION, *QUATERNION)
-_NANOSECONDS: Final = 10
-"""Digits of a second since 1970, of which the nanoseconds have fewer."""
-_UNIT_NORM: Final = 0.002
-"""Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
-
-_TWICE: Final = "a position and a quaternion"
-KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
-    (
-        "UR's RTDE",
-        ("actual_tcp_pose_0", "actual_tcp_pose_5"),
-        reading_of("position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]", rotation_vector=True),
-    ),
-    ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
-    ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
-    ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
-    ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
-    ("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
-    ("FANUC", ("x", "w", "p", "r"), reading_of("rx=W,ry=P,rz=R", euler="xyz:deg", unit="mm")),
-    ("Polhemus", ("x", "az", "el", "roll"), reading_of("rz=Az,ry=El,rx=Roll", euler="ZYX:deg", unit="cm")),
-    (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
-    (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
-    ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
-    ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
-    ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
-)
-"""Known systems: name; names of columns, in lower case, by which one is recognised; how it means them."""
-_LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
-    16: ("matrix={0}", reading_of(matrix="rows")),
-    12: ("matrix={0}", reading_of(matrix="rows")),
-    9: ("matrix={0}", reading_of(matrix="rows")),
-    7: ("position={0}[0:3],quaternion={0}[3:7]", reading_of()),
-    6: ("position={0}[0:3],rotation={0}[3:6]", reading_of(rotation_vector=True)),
-    4: ("quaternion={0}", reading_of()),
-    3: ("position={0}", reading_of()),
-}
-_VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
-_TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
-"""What as many numbered columns usually are."""
+POSE_ROLES: Final = (*POSITION, *QUATERNION)
 
 
-class _Columns:
+class Columns:
     """The columns of a table: names as they are, in lower case without units, and the units."""
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
@@ -372,9 +327,9 @@ class _Columns:
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
         by row."""
-        found = self._matching(_NUMBERED, base)
+        found = self._matching(NUMBERED, base)
         if not found:
-            return dict(enumerate(self._matching(_BY_ROW, base).values()))
+            return dict(enumerate(self._matching(BY_ROW, base).values()))
         return {number: place for (number,), place in found.items()}
 
     def _matching(self, pattern: re.Pattern[str], base: str) -> dict[tuple[int, ...], int]:
@@ -445,7 +400,7 @@ class _Columns:
         """Indices of the time, and of the nanoseconds of its second."""
         if TIME in times:
             return times[TIME], times.get(REST)
-        patterns = (_FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
+        patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
         for pattern in patterns:
             place = next((i for i, name in enumerate(self.plain) if pattern.fullmatch(name)), None)
             if place is not None:
@@ -480,116 +435,10 @@ def _body(prefix: str) -> str:
     return "/".join(words).strip("_-")
 
 
-def layout_of_names(
-    names: Sequence[str],
-    reading: TableReading,
-    path: str = "FILE",
-    kind: str = "table",
-    separator: str | None = None,
-    skip: int = 0,
-    units: Sequence[str] = (),
+def layout(
+    columns: Columns, reading: TableReading, kind: str = "", separator: str | None = None, skip: int = 0
 ) -> TableLayout:
-    """The layout of a table with named columns, whose ``units`` may be in a row of their own.
-
-    Raises
-    ------
-    UnreadableRecording
-        There are no columns of poses, or it is not known how they are meant; the message has the command
-        that reads them where there is one.
-    ChoiceError
-        A column that the reading names is not there.
-    """
-    if len(names) > MOST_COLUMNS:
-        raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {_NEEDED}")
-    columns = _Columns(names, units)
-    try:
-        return _layout(columns, reading, kind, separator, skip)
-    except UnreadableRecording as error:
-        proposal = _proposal(columns, reading, path)
-        if proposal is not None:
-            raise UnreadableRecording(proposal) from error
-        if isinstance(error, OpenReading):
-            raise UnreadableRecording(f"it is not known how its columns {error} are meant") from error
-        raise
-
-
-def layout_without_names(
-    rows: Sequence[Sequence[str]],
-    reading: TableReading,
-    path: str,
-    kind: str,
-    separator: str | None = None,
-    skip: int = 0,
-) -> TableLayout:
-    """The layout of columns that have no names, by the values of the first rows; raises UnreadableRecording
-    where the reading does not say which columns are what."""
-    values = rows[0] if rows else ()
-    if not reading.columns:
-        how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
-        if ways := [way.with_(reading) for way in _meanings(rows)]:
-            commands = " or ".join(_commands(way, path) for way in ways)
-            how = f"if they are meant so, read them by {commands}"
-            if ways[0].has_frame_numbers and not reading.has_frame_numbers:
-                how += f", with the rate of your poses instead of {ways[0].time_unit}"
-            how += f". {_ORDERS}" if ways[0].euler else ""
-        raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
-    return layout_of_names(
-        [f"{UNNAMED}{i}" for i in range(len(values))], reading, path, kind, separator, skip
-    )
-
-
-def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
-    """What rows without names may be: a pose is where there is a rotation matrix or a unit quaternion, as in
-    KITTI's and TUM's, else at the end of seven values with angles; a time before it, or two numbers as of
-    ``ros2 topic echo --csv``."""
-    values = rows[0] if rows else ()
-    row = np.array([numbers(one) for one in rows if len(one) == len(values)])
-    row = row[np.isfinite(row[:, len(values) - 4 :]).all(axis=1)]
-    if not len(row):
-        return []
-    width = len(values)
-
-    def group(role: str, begin: int, count: int) -> str:
-        return f"{role}={UNNAMED}[{begin}:{begin + count}]"
-
-    for count, shape in ((16, (4, 4)), (12, (3, 4))):
-        for begin in range(width - count + 1):
-            matrix = row[:, begin : begin + count].reshape(-1, *shape)
-            for order, turned in (("rows", matrix), ("columns", matrix.transpose(0, 2, 1))):
-                if turned.shape[2] == 4 and _are_rotations(turned[:, :3, :3]):
-                    return [_timed(values, begin, reading_of(group("matrix", begin, count), matrix=order))]
-    for begin in range(width - len(_POSE_ROLES) + 1):
-        norms = np.linalg.norm(row[:, begin + 3 : begin + 7], axis=1)
-        if (np.abs(norms - 1.0) < _UNIT_NORM).all():
-            pose = f"{group('position', begin, 3)},{group('quaternion', begin + 3, 4)}"
-            return [_timed(values, begin, reading_of(pose))]
-    if width in (6, 7) and np.isfinite(row).all():
-        begin = width - 6
-        pose = f"{group('position', begin, 3)},{group('rotation', begin + 3, 3)}"
-        ways: tuple[dict[str, Any], ...] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
-        return [_timed(values, begin, reading_of(pose, **way)) for way in ways]
-    return []
-
-
-def _are_rotations(matrices: Array) -> bool:
-    errors = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3))
-    return bool((errors < _UNIT_NORM).all() and (np.linalg.det(matrices) > 0).all())
-
-
-def _timed(values: Sequence[str], begin: int, pose: TableReading) -> TableReading:
-    """A pose that begins at a place of a row, with the time before it."""
-    before = [i for i in range(begin) if are_numbers([values[i]])]
-    if not before:
-        return reading_of(time_unit="10Hz").with_(pose)
-    is_stamp = before[:2] == [0, 1] and all(map(str.isdigit, values[:2])) and len(values[0]) == _NANOSECONDS
-    if is_stamp and len(values[1]) < _NANOSECONDS:
-        return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1"}).with_(pose)
-    return reading_of({TIME: f"{UNNAMED}{before[-1]}"}).with_(pose)
-
-
-def _layout(
-    columns: _Columns, reading: TableReading, kind: str = "", separator: str | None = None, skip: int = 0
-) -> TableLayout:
+    """The layout of columns; raises UnreadableRecording or ChoiceError."""
     found = columns.find(reading)
     time, rest = columns.time(reading, found.pop(TIME))
     time_ns = reading.time_ns if time is None or reading.time_ns else _time_ns(columns, time)
@@ -603,12 +452,12 @@ def _layout(
     if time is None or not bodies:
         best = sorted(found.values(), key=len)[-1:]
         raise UnreadableRecording(
-            _lacking(columns.names, time is not None, _POSE_ROLES if bodies else tuple(*best))
+            _lacking(columns.names, time is not None, POSE_ROLES if bodies else tuple(*best))
         )
     return TableLayout(kind, separator, skip, time, 1e9 if rest is not None else time_ns, bodies, rest)
 
 
-def _time_ns(columns: _Columns, time: int) -> int | None:
+def _time_ns(columns: Columns, time: int) -> int | None:
     """The unit of a time column in nanoseconds, if its name has one; raises UnreadableRecording."""
     unit = columns.units[time].lower()
     if unit in _CLOCKS:
@@ -618,77 +467,9 @@ def _time_ns(columns: _Columns, time: int) -> int | None:
     return NAMED_NS[unit]
 
 
-def _proposal(columns: _Columns, reading: TableReading, path: str) -> str | None:
-    """What the columns seem to be, and the command that reads them so; None if nothing fits."""
-    reading, about_time, about_rate = _with_time(columns, reading)
-    lower = {name.lower() for name in columns.names}
-    for system, names, meant in KNOWN:
-        one = meant.with_(reading)
-        if lower.issuperset(names) and not _fault(columns, one):
-            return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
-    fault = _fault(columns, reading)
-    if fault is None:
-        return f"{about_time}: read them by {reading.command(path)}{about_rate}"
-    ways = [reading.with_(reading_of(**one)) for one in ({"euler": "xyz:deg"}, {"rotation_vector": True})]
-    if isinstance(fault, OpenReading) and not any(_fault(columns, one) for one in ways):
-        commands = " or ".join(one.command(path) for one in ways)
-        return (
-            f"its rotations are three numbers, {fault}, angles or a rotation vector: read them by {commands}"
-            f"{about_rate}. {_ORDERS}"
-        )
-    matches = (pattern.fullmatch(name) for name in columns.names for pattern in (_NUMBERED, _BY_ROW))
-    bases = dict.fromkeys(match[1] for match in matches if match is not None)
-    counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
-    parts = [(base, many) for base, many in counted if many in _LISTS]
-    pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
-    for some in chain(([part] for part in parts), pairs):
-        one = reading
-        for base, many in some:
-            is_turn = len(some) > 1 and many == 3 and _TURNING.search(base) is not None
-            stated, meant = _VECTOR if is_turn else _LISTS[many]
-            one = meant.with_(reading_of(stated.format(base))).with_(one)
-        if not _fault(columns, one):
-            return f"if its columns are meant so, read them by {_commands(one, path)}{about_rate}"
-    return None
-
-
-def _with_time(columns: _Columns, reading: TableReading) -> tuple[TableReading, str, str]:
-    """A reading with a time, if no column is one by its name: what seems to be the time in words, and what to
-    say of a rate in it."""
-    time, _ = columns.time(reading, columns.find(reading)[TIME])
-    if time is not None or reading.time_unit is not None:
-        return reading, "", ""
-    numbered = any(map(_FRAME.fullmatch, columns.plain))
-    like = next(filter(_LIKE_TIME.match, columns.names), None)
-    if like is not None and not numbered:
-        return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
-    about = "its times are numbers of frames" if numbered else "it has no times"
-    rate = f", with the rate of your {'frames' if numbered else 'rows'} instead of {_A_RATE}"
-    return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
-
-
-def _commands(reading: TableReading, path: str) -> str:
-    """The command of a reading, and, where it has a group of four values, with the real part first."""
-    columns = dict(reading.columns)
-    group = columns.pop("quaternion", None)
-    if group is None:
-        return reading.command(path)
-    first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
-    return f"{reading.command(path)} or, with the real part first, {first.command(path)}"
-
-
-def _fault(columns: _Columns, reading: TableReading) -> Exception | None:
-    """Why columns cannot be read so; None if they can."""
-    try:
-        _layout(columns, reading)
-    except (UnreadableRecording, ChoiceError) as error:
-        return error
-    return None
-
-
 def _lacking(names: Sequence[str], has_time: bool, roles: Sequence[str]) -> str:
     """The message on columns that are missing beside those of these roles."""
-    missing = [role for role in _POSE_ROLES if role not in roles]
+    missing = [role for role in POSE_ROLES if role not in roles]
     if not missing:
         return (
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "

@@ -19,6 +19,7 @@ from contact_tracker.config.table_reading import AS_NAMED, TICK, TIME_UNITS_NS, 
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
+from contact_tracker.recording.c3d_file import C3DTable
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
     BLANKS,
@@ -289,11 +290,6 @@ _OTHERS: Final = {
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
 """First bytes of files that are not read, and how to get at what is in them."""
-_C3D: Final = (
-    "it is C3D, which has markers, not bodies: export bodies (6D) as text; or points = "
-    f"ezc3d.c3d({{name!r}})['data']['points'] (4, markers, N), of which scipy's Rotation.align_vectors finds "
-    f"rotations; {_ARRAYS}"
-)
 _SHOWN: Final = 8
 
 
@@ -301,8 +297,6 @@ def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
     format, or named as a table."""
     text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
-    if text is None and begin[1:2] == b"P" and path.lower().endswith(".c3d"):
-        text = _C3D
     if text is not None:
         arrays = _arrays_of_matlab(path) if "{arrays}" in text else ""
         raise UnreadableRecording(text.format(name=os.path.basename(path), arrays=arrays))
@@ -325,10 +319,14 @@ def _is_array_file(path: str, begin: bytes) -> bool:
     return begin.startswith(_NPY) or (begin.startswith(_NPZ) and path.lower().endswith(".npz"))
 
 
+def _is_c3d(path: str, begin: bytes) -> bool:
+    return begin[1:2] == b"P" and path.lower().endswith(".c3d")
+
+
 def is_table(path: str, begin: bytes) -> bool:
-    """Whether a file with these first bytes may be a table: Parquet, arrays of NumPy, or text without the
-    suffix ``.mcap``."""
-    if begin.startswith(_PARQUET) or _is_array_file(path, begin):
+    """Whether a file with these first bytes may be a table: Parquet, NumPy, C3D, or text without the suffix
+    ``.mcap``."""
+    if begin.startswith(_PARQUET) or _is_array_file(path, begin) or _is_c3d(path, begin):
         return True
     is_other = path.lower().endswith(_RECORDINGS) or begin.startswith(tuple(_OTHERS))
     return not is_other and is_text(begin, path)
@@ -376,7 +374,8 @@ def read_table(
             raise
         raise UnreadableRecording(
             f"it is neither a recording nor a table of poses ({error}). What is read: MCAP files, ROS bags "
-            "(.db3, .bag), tables (CSV, TUM, JSON lines, Parquet), and exports of Motive, Vicon and Qualisys"
+            "(.db3, .bag), tables (CSV, TUM, JSON, Parquet, NumPy), C3D with bodies, and exports of Motive, "
+            "Vicon and Qualisys"
         ) from error
     layout, topic = table.layout, os.path.basename(path)
     read_as = ReadAs(table=reading)
@@ -399,10 +398,14 @@ def read_table(
         report(damage)
 
 
-def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ParquetTable | ArrayTable":
+def _opened(
+    path: str, reading: TableReading, budget: WorkBudget
+) -> "TextTable | ParquetTable | ArrayTable | C3DTable":
     budget.bytes_read += os.path.getsize(path)
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
+    if _is_c3d(path, begin):
+        return C3DTable(path, reading, budget)
     if not begin.startswith(_PARQUET) and not _is_array_file(path, begin):
         return TextTable(path, begin, reading)
     from contact_tracker.recording.binary_tables import ArrayTable, ParquetTable
