@@ -198,9 +198,8 @@ class PlanFollower:
     def _entered(self, number: int) -> Array:
         """Shares (K,) of the steps that begin instead of a step: optional ones are left out half the time."""
         are_optional = np.array([one.is_optional for one in self.plan.steps[number:]], bool)
-        goes_past = np.cumprod(np.where(are_optional, 0.5, 0.0))
-        shares = np.append(1.0, goes_past[:-1]) * np.where(are_optional, 0.5, 1.0) if len(goes_past) else []
-        return np.concatenate([np.zeros(number), shares])
+        reached = np.cumprod(np.append(1.0, np.where(are_optional, 0.5, 0.0)))[: len(are_optional)]
+        return np.concatenate([np.zeros(number), reached * np.where(are_optional, 0.5, 1.0)])
 
     @property
     def news(self) -> str:
