@@ -422,7 +422,7 @@ def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Po
     assert (tmp_path / "OUT.RRD").read_bytes()[:3] == b"RRF"
     with (tmp_path / "OUT.MCAP").open("rb") as file:
         topics = {channel.topic for channel in reader.make_reader(file).get_summary().channels.values()}
-    assert topics == {"/contact/belief", "/contact/frames", "/contact/scene"}
+    assert topics == {"/contact/belief", "/contact/frames", "/contact/scene", "/contact/task_frame"}
     early = contact_tracker.Trajectory.from_arrays(
         stamps_s - 1.0, trajectory.position_m, trajectory.quat_xyzw
     )

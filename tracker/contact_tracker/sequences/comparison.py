@@ -23,8 +23,8 @@ from contact_tracker.states import STATES
 Array = NDArray[np.float64]
 
 TOLERANCE: Final = 0.25
-"""Share of a step's duration by which takes of one task differ: in 30 of 32 steps of nine takes of three
-everyday tasks (docs/assembly.md)."""
+"""Share of a step's duration by which takes of one task differ: 34 of 38 steps in nine pairs of takes of
+three everyday tasks (docs/assembly.md), and three of the others within what is known of their boundaries."""
 MOST_STEPS: Final = 300
 """Most segments of a recording that are aligned: 300 by 300 take half a minute."""
 

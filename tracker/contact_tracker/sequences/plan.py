@@ -161,7 +161,8 @@ class PlanFollower:
         self._weight = np.zeros((2, len(self._number)))
         """Of the stages, on the plan and after having left it."""
         self._left = 1.0 / (len(lengths) + 1)
-        self._weight[0] = self._entered(0) * (1.0 - self._left)
+        self._entries = np.array([self._entered(number) for number in range(len(lengths) + 1)])
+        self._weight[0, self._first] = self._entries[0] * (1.0 - self._left)
         self._belief: tuple[int, Array] | None = None
         self.has_left, self._told, self._news = False, -1, ""
 
@@ -187,21 +188,18 @@ class PlanFollower:
         goes_on = -np.expm1(-tick_s / self._stage_s) * self._weight
         after = self._weight - goes_on
         after[:, 1:] += np.where(np.diff(self._number) == 0, goes_on[:, :-1], 0.0)
-        for number, last in enumerate(self._last):
-            after += np.outer(goes_on[:, last], self._entered(number + 1, last))
+        ending, entries = goes_on[:, self._last], self._entries[1:]
+        after[:, self._first] += ending @ entries
+        after[:, self._last] += ending * (1.0 - entries.sum(axis=1))  # at the end of the plan
         self._weight = after * (1.0 - leaves)
         self._weight[1, self._first] += self._left * leaves / len(self._first)
         self._left = 1.0 - float(self._weight.sum())
 
-    def _entered(self, number: int, instead: int = -1) -> Array:
-        """Shares of the stages in which a step begins: it is left out half the time if it is optional. The
-        rest stays ``instead`` in the last stage of the plan."""
-        shares, rest = np.zeros(len(self._number)), 1.0
-        for first, one in zip(self._first[number:], self.plan.steps[number:], strict=True):
-            shares[first] = rest * (0.5 if one.is_optional else 1.0)
-            rest -= shares[first]
-        shares[instead] += rest
-        return shares
+    def _entered(self, number: int) -> Array:
+        """Shares (K,) of the steps that begin instead of a step: optional ones are left out half the time."""
+        are_optional = np.array([one.is_optional for one in self.plan.steps[number:]], bool)
+        reached = np.cumprod(np.append(1.0, np.where(are_optional, 0.5, 0.0)))[: len(are_optional)]
+        return np.concatenate([np.zeros(number), reached * np.where(are_optional, 0.5, 1.0)])
 
     @property
     def news(self) -> str:
