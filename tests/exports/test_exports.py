@@ -20,7 +20,7 @@ import contact_tracker
 from contact_tracker import Trajectory, saved_state
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
-from contact_tracker.exports.formats import ROWS, rows_of, write_outcome
+from contact_tracker.exports.formats import ROWS, _tex, rows_of, write_outcome
 from contact_tracker.exports.saved_result import RESULT
 from contact_tracker.exports.summary_html import ribbon_html
 from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
@@ -451,6 +451,12 @@ def test_a_saved_result_is_loaded_whole(
     ):
         with pytest.raises(StateError, match=message):
             contact_tracker.Result.load(tmp_path / f"{name}.contacts")
+
+
+def test_names_of_elements_are_no_units_in_latex() -> None:
+    assert (
+        _tex("at 0.04 m +/- 6 mm, 2 deg on x_mm degree") == r"at 0.04~m~$\pm$~6~mm, 2$^\circ$ on x\_mm degree"
+    )
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

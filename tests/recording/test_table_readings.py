@@ -11,6 +11,7 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
+import pandas
 import pyarrow
 import pytest
 from pyarrow import feather, parquet
@@ -470,6 +471,8 @@ def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:
         Trajectory.from_arrays(SINCE_NS // 100, 1e3 * P, angles, **given),
         Trajectory.from_dataframe(table, **given),
         Trajectory.from_dataframe(pyarrow.table(table), columns={"time": "t"}, **given),
+        Trajectory.from_dataframe(pandas.DataFrame(table).set_index("t"), **given),
+        Trajectory.from_dataframe(pandas.DataFrame(POSE, pandas.to_timedelta(SINCE_NS), NAMES.split(","))),
         Trajectory.from_arrays(T, P, TURN),
         Trajectory.from_arrays(T, P, MATRICES),
         Trajectory.from_arrays(T, P, VECTORS, rotation_vector=True),

@@ -224,7 +224,8 @@ def _tex_line(row: "Row") -> str:
 def _tex(text: str) -> str:
     """Geometry in words as LaTeX; names of elements may have any letters."""
     escaped = "".join(_TEX.get(sign, sign) for sign in printable(text))
-    with_units = re.sub(r" (m|mm)\b", r"~\1", escaped).replace(" deg", r"$^\circ$")
+    with_units = re.sub(r"(?<=[\d)]) (m|mm)\b", r"~\1", escaped)
+    with_units = re.sub(r"(?<=\d) deg\b(?!\\_)", r"$^\\circ$", with_units)
     return with_units.replace(" +/- ", r"~$\pm$~")
 
 

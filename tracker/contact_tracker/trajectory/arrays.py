@@ -151,6 +151,16 @@ def is_table(value: Any) -> bool:
     return hasattr(value, "columns") or isinstance(value, Mapping)
 
 
+def with_index(table: Any) -> Any:
+    """A DataFrame with its index as a column, if that has a name or times."""
+    index = getattr(table, "index", None)
+    name, kind = getattr(index, "name", None), getattr(getattr(index, "dtype", None), "kind", "")
+    if not hasattr(table, "rename_axis") or (name is None and kind not in ("m", "M")):
+        return table
+    named = table.rename_axis("time") if name is None else table
+    return table if str(named.index.name) in names_in(table) else named.reset_index()
+
+
 def names_in(table: Any) -> list[str]:
     """Names of the columns of a table: a DataFrame, a table of Arrow or a mapping."""
     if not is_table(table):

@@ -28,6 +28,7 @@ from contact_tracker.trajectory.arrays import (
     positions_and_quaternions,
     stated,
     with_columns,
+    with_index,
 )
 
 Order = Literal["xyzw", "wxyz"]
@@ -157,7 +158,7 @@ class Trajectory:
         Parameters
         ----------
         stamp, position_m, quat_xyzw : names of the columns; those of the quaternion in the order xyzw. By
-            default they are found by their names, as in files.
+            default they are found by their names, as in files; an index with a name or times is a column.
         unit, time_unit : of positions and stamps; by default those of their names (``x [mm]``, ``x_mm``,
             ``time [ms]``, ``stamp_ns``), else metres and seconds. Columns of dates have their own.
         euler, rotation_vector, matrix, columns, rate : what the columns are, as of ``read``.
@@ -175,6 +176,7 @@ class Trajectory:
             As ``from_arrays``.
         """
         kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
+        table = with_index(table)
         reading = with_columns(
             table, stated(unit, time_unit, columns=columns, **kind), stamp, position_m, quat_xyzw
         )
