@@ -58,7 +58,7 @@ _TUM: Final = tuple(range(1, 8))
 _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
-_DOCUMENT: Final = 2**28
+_DOCUMENT: Final = 2**26
 """Longest JSON document (characters), which is held in memory."""
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, between which there may be the separator of the cells."""
@@ -215,7 +215,7 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
     text = file.read(_DOCUMENT + 1)
     if len(text) > _DOCUMENT:
         raise UnreadableRecording(
-            "it is JSON of more than 256 MB: write one object a line, as jq -c '.[]' does"
+            "it is JSON of more than 64 MB: write one object a line, as jq -c '.[]' does"
         )
     try:
         given = json.loads(text, parse_float=str, parse_int=str)
