@@ -516,8 +516,8 @@ def _check_bodies(rows: Sequence[str], layout: TableLayout, names: Sequence[str]
             rule = f"NR <= {layout.skip} || ${place + 1} == {json.dumps(body)}"
             awk = shlex.join(["awk", "-F", mark, rule, path])
             raise UnreadableRecording(
-                f"its rows are of several bodies, by the column {name!r}: write those of one to a file of its "
-                f"own, as by {awk} > body.csv"
+                f"its rows are of several bodies, by the column {name!r}: write those of one to a file of "
+                f"its own, as by {awk} > body.csv"
             )
 
 
