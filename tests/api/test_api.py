@@ -148,9 +148,9 @@ def test_names_of_columns_have_units_as_in_files(poses: Poses) -> None:
     assert "they look like seconds" in seconds.notes[0]
     with pytest.raises(UsageError, match=r"no column 'x'; did you mean 'x \[mm\]'"):
         Trajectory.from_dataframe(columns, "time [ms]", ("x", "y", "z"))
-    columns["x [inch]"] = columns["x [mm]"]
-    with pytest.raises(UsageError, match=r"the unit 'inch' of column 'x \[inch\]' is not known"):
-        Trajectory.from_dataframe(columns, "time [ms]", ["x [inch]", *names[1:]])
+    columns["x [ft]"] = columns["x [mm]"]
+    with pytest.raises(UsageError, match=r"the unit 'ft' of column 'x \[ft\]' is not known"):
+        Trajectory.from_dataframe(columns, "time [ms]", ["x [ft]", *names[1:]])
 
 
 def test_a_result_has_the_true_contacts(result: contact_tracker.Result) -> None:

@@ -459,6 +459,7 @@ def test_names_of_elements_are_no_units_in_latex() -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_forged_result_is_refused_or_can_be_used(result: contact_tracker.Result, tmp_path: Path) -> None:
     """Whatever one of its values is."""

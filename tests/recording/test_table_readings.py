@@ -3,6 +3,7 @@
 import json
 import pickle
 import shlex
+import subprocess
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -284,7 +285,29 @@ def test_the_command_that_is_proposed_reads_the_columns(tmp_path: Path, system: 
     names, lines, options = PROPOSALS[system]
     path = write(tmp_path / "a.csv", [names] if names else [], lines)
     assert sorted(proposed(path)) == sorted(options)
+    with pytest.raises(UnreadableRecording, match="by contact-tracker info"):
+        Poses.collect(open_log(str(path), table=reading_of(verb="info")))
     assert_read(path, *(option.replace("100Hz", "200Hz") for option in options))
+
+
+def test_rows_of_several_bodies_are_refused_with_what_takes_one(tmp_path: Path) -> None:
+    twice = [
+        row
+        for pair in zip(rows(T, ["cup"] * 120, POSE), rows(T, ["table"] * 120, POSE + 1), strict=True)
+        for row in pair
+    ]
+    path = write(tmp_path / "a b.csv", [f"t,name,{NAMES}"], twice)
+    with pytest.raises(
+        UnreadableRecording, match="its rows are of several bodies, by the column 'name'"
+    ) as raised:
+        open_log(str(path))
+    command = (
+        str(raised.value)
+        .partition(", as by ")[2]
+        .replace("body.csv", shlex.quote(str(tmp_path / "body.csv")))
+    )
+    subprocess.run(command, shell=True, check=True)
+    assert_read(tmp_path / "body.csv")
 
 
 def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -300,6 +300,7 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
         (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
         ("t,x,y,z,qx,qy,qz,qw\n" + "1," * 400_000, "its rows have 5000 values or more"),
         ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
+        ("t,[0],[1],[2]\n1,2,3,4\n", r"no columns of a pose among t, \[0\]"),
         ("0, 1, 2, 3, 0, 0, 0, 1\n", r"time=c0,position=c\[1:4\],quaternion=c\[4:8\]"),
         ("0,5;1,5;2;3;0;0;0;1\n", "no names: if they are meant so, read them by contact"),
     ],

@@ -151,6 +151,7 @@ class TableReading:
     def with_(self, other: "TableReading") -> "TableReading":
         """This reading, with what another one states in addition or instead."""
         stated = {f.name: value for f in _options() if (value := getattr(other, f.name))}
+        stated["verb"] = self.verb if other.verb == TableReading.verb else other.verb
         if other.columns:
             stated["columns"] = tuple({**dict(self.columns), **dict(other.columns)}.items())
         own = replace(self, euler=None, rotation_vector=False, matrix=None) if other.kind else self

@@ -10,6 +10,7 @@ angles or a helical vector, which most exports do not distinguish. Names are rea
 import csv
 import json
 import re
+import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -58,12 +59,13 @@ _TUM: Final = tuple(range(1, 8))
 _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
-_DOCUMENT: Final = 2**28
+_DOCUMENT: Final = 2**26
 """Longest JSON document (characters), which is held in memory."""
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, between which there may be the separator of the cells."""
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
+_OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:id|name|body|object|tracker|device|child_frame_id)")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
 """How Qualisys writes the columns of a body."""
@@ -215,7 +217,7 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
     text = file.read(_DOCUMENT + 1)
     if len(text) > _DOCUMENT:
         raise UnreadableRecording(
-            "it is JSON of more than 256 MB: write one object a line, as jq -c '.[]' does"
+            "it is JSON of more than 64 MB: write one object a line, as jq -c '.[]' does"
         )
     try:
         given = json.loads(text, parse_float=str, parse_int=str)
@@ -427,6 +429,7 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
         if inner:
             return replace(layout, names=tuple(inner), heads=tuple(named))
         _check_widths(following[bool(units) :], layout, len(names))
+        _check_bodies(following[bool(units) :], layout, named, path)
         if len(lines) < _HEAD_LINES and len(following) <= bool(units):
             raise UnreadableRecording("it has a header but no rows")
         return layout
@@ -497,6 +500,25 @@ def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
             f"row 1 has {many} {'value' if many == 1 else 'values'}, the header has {names}: separate the "
             f"values of all rows by {SEPARATORS[layout.separator or ' ']}, as the names in the header"
         )
+
+
+def _check_bodies(rows: Sequence[str], layout: TableLayout, names: Sequence[str], path: str) -> None:
+    """Raise UnreadableRecording if rows of one time are of different bodies, which a column names."""
+    cells = [row for row in (_cells_of(row, layout.separator) for row in rows) if len(row) == len(names)]
+    pairs = [(a, b) for a, b in pairwise(cells) if layout.time >= 0 and a[layout.time] == b[layout.time]]
+    for place, name in enumerate(names):
+        if (
+            _OF_BODY.fullmatch(name.strip().lower())
+            and len(pairs) > 1
+            and all(a[place] != b[place] for a, b in pairs)
+        ):
+            body, mark = pairs[0][0][place].strip(BLANKS), layout.separator or " "
+            rule = f"NR <= {layout.skip} || ${place + 1} == {json.dumps(body)}"
+            awk = shlex.join(["awk", "-F", mark, rule, path])
+            raise UnreadableRecording(
+                f"its rows are of several bodies, by the column {name!r}: write those of one to a file of "
+                f"its own, as by {awk} > body.csv"
+            )
 
 
 _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]
