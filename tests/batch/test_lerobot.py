@@ -130,12 +130,20 @@ def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
         LeRobot.open(folder, columns={"place": "x"})
     with pytest.raises(UsageError, match="no episode 5"):
         LeRobot.open(folder).trajectory(5)
+    for time in (
+        {"time_unit": "ms"},
+        {"columns": {"time": "timestamp", "position": "observation.state[0:3]"}},
+    ):
+        with pytest.raises(UsageError, match="timestamp, in seconds"):
+            LeRobot.open(folder, **time)
     (tmp_path / "copy").mkdir()
     for arguments, words in (
         (["data", "-o", "data/copy"], "new folder"),
         (["data", "-o", "copy"], "new folder"),
         (["data", "x.mcap", "-o", "new"], "alone"),
         (["data", "-o", "new", "--ticks"], "--ticks"),
+        (["data", "-o", "new", "--mass", "0.5"], "--mass"),
+        (["data", "-o", "new", "--time-unit", "ms"], "in seconds"),
     ):
         done = run("batch", *arguments, "--processes", "1", cwd=tmp_path)
         assert (done.returncode, words in done.stderr) == (2, True), done.stderr
@@ -145,6 +153,7 @@ def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
     for text, words in (
         ("{}", "not of None"),
         ("[", "cannot be read"),
+        ("[" * 100_000, "cannot be read"),
         ('{"codebase_version": "v1.6"}', "v1"),
     ):
         (folder / "meta" / "info.json").write_text(text)

@@ -593,6 +593,24 @@ def test_dates_count_from_their_time_zone(tmp_path: Path) -> None:
     assert log.damage.startswith("2 rows have no time that is a number or a date")
 
 
+def test_times_of_a_day_go_on_after_midnight(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    times = ["23:59:58.5", "23:59:59.5", "0:00:00.5", "0:00:01.5"]
+    rows = "".join(f"{one},0,0,{i},0,0,0,1\n" for i, one in enumerate(times))
+    path.write_text(f"time,x,y,z,qx,qy,qz,qw\n{rows}")
+    found = Poses.collect(open_log(str(path)))
+    assert (np.diff(found.stamp_ns) / 1e9).tolist() == [1.0, 1.0, 1.0]
+
+
+def test_days_and_months_that_cannot_be_told_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    times = [f"{day}/03/2026 {time}" for day, time in ((12, "23:59:59"), (13, "00:00:00"), (13, "00:00:01"))]
+    rows = "".join(f"{one},0,0,{i},0,0,0,1\n" for i, one in enumerate(times))
+    path.write_text(f"time,x,y,z,qx,qy,qz,qw\n{rows}")
+    with pytest.raises(ChoiceError, match=r"day or the month comes first .* write them as 2026-03-31"):
+        Poses.collect(open_log(str(path)))
+
+
 @pytest.mark.parametrize("zone", [None, "UTC", "Europe/Berlin"])
 def test_dates_in_parquet(tmp_path: Path, zone: str | None) -> None:
     time = pyarrow.array(POSES.stamp_ns).cast(pyarrow.timestamp("ns", zone))

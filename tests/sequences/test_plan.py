@@ -2,6 +2,7 @@
 
 import json
 from itertools import pairwise
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,8 +12,9 @@ import contact_tracker
 from command_line import run
 from contact_tracker.errors import DIFFERENT, UsageError
 from contact_tracker.recording import write_recording
-from contact_tracker.sequences.plan import Plan, PlanFollower
-from contact_tracker.states import Contact
+from contact_tracker.sequences import plan as plan_module
+from contact_tracker.sequences.plan import Plan, PlanFollower, PlannedStep
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief
 from short_recordings import FACE_TO_EDGE, recorded
 
@@ -73,6 +75,37 @@ def test_a_stream_on_the_plan_is_followed(plan: Plan, steps) -> None:
     assert found[-1].following is None
     certain = [one.step for one in found if one.probability > 0.9]
     assert all(before <= after for before, after in pairwise(certain))
+
+
+@pytest.mark.parametrize("tolerance", [0.05, 0.25])
+@pytest.mark.parametrize("tick_s", [0.1, 2.0])
+def test_time_passes_as_planned_whatever_the_ticks(tolerance: float, tick_s: float) -> None:
+    """Also with steps that are short beside the tolerance, and over gaps."""
+    short = [PlannedStep((Contact(name),), 1.0) for name in ("f-f", "e-f", "free", "v-f")]
+    follower = PlanFollower(Plan((*short, PlannedStep(STATES)), tolerance))
+    flat = np.full(7, 1.0 / 7)  # that say nothing
+    for tick in range(round(2.0 / tick_s) + 1):
+        found = follower.update(Belief(round(tick * tick_s * 1e9), Contact.FREE, flat, 0, None, flat))
+    assert found.step in (2, 3)
+    for more in range(1, round(4.0 / tick_s) + 1):
+        stamp_ns = round((tick + more) * tick_s * 1e9)
+        found = follower.update(Belief(stamp_ns, Contact.FREE, flat, 0, None, flat))
+    assert found.step == 5
+
+
+def test_parts_of_one_contact_are_one_step_that_has_to_come(monkeypatch) -> None:
+    def step(duration_s: float, is_open: bool) -> SimpleNamespace:
+        kept = {"probability": np.eye(7)[0], "segment": SimpleNamespace(inseparable=())}
+        return SimpleNamespace(contact=Contact.FF, is_open=is_open, start_s=0.0, end_s=duration_s, **kept)
+
+    for parts, is_optional in (
+        ([(3.0, False), (0.5, False)], False),
+        ([(0.4, False), (0.5, False)], True),
+        ([(0.6, False), (0.6, False)], False),
+    ):
+        monkeypatch.setattr(plan_module, "steps_of", lambda _, parts=parts: [step(*one) for one in parts])
+        (found,) = Plan.of(None).steps
+        assert (found.is_optional, found.duration_s) == (is_optional, sum(one for one, _ in parts))
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def compare(first: Any, second: Any, tolerance: float = TOLERANCE) -> Comparison
     Parameters
     ----------
     first, second : results of ``segment``, or what it takes; of one object in one place.
-    tolerance : share of its duration by which a step may differ.
+    tolerance : share of the longer duration by which a step may differ.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def compare(first: Any, second: Any, tolerance: float = TOLERANCE) -> Comparison
     ContactTrackerWarning
         Places are not compared, as nothing that touched is where it was.
     """
-    tolerance = number_from(tolerance, "tolerance", "above zero", lambda share: share > 0.0)
+    tolerance = number_from(tolerance, "tolerance", "between 0 and 1", lambda share: 0.0 < share < 1.0)
     one, other = (take if isinstance(take, Result) else segment(take) for take in (first, second))
     found = compare_outcomes(one, other, tolerance)
     warn_of(found.notes)

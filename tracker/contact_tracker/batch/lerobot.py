@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -25,6 +26,7 @@ from pyarrow.parquet import ParquetFile, write_table
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.table_reading import AS_NAMED, TableReading, reading_of
 from contact_tracker.errors import ContactTrackerError, UnreadableRecording, UsageError
+from contact_tracker.files import read_regular
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.states import STATES
@@ -37,6 +39,8 @@ SUBTASK, PROBABILITY = "subtask_index", "contact_probability"
 NAMES: Final = (*(state.value for state in STATES), "open", "unknown")
 """Of the subtasks: a contact, ``open`` where the motion leaves it open, ``unknown`` in an episode that cannot
 be used."""
+_MOST_BYTES: Final = 20_000_000
+"""Of ``info.json``, which has some kilobytes."""
 _ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
 
 
@@ -86,8 +90,8 @@ class LeRobot:
         """
         path = Path(folder)
         try:
-            info = json.loads((path / INFO).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+            info = json.loads(read_regular(path / INFO, _MOST_BYTES))
+        except (OSError, ValueError, RecursionError) as error:
             raise UnreadableRecording(f"{path / INFO} cannot be read: {error}") from error
         version = info.get("codebase_version") if isinstance(info, dict) else None
         if version not in VERSIONS or not isinstance(info.get("features"), dict):
@@ -99,9 +103,16 @@ class LeRobot:
         if not files:
             raise UnreadableRecording(f"{path}: there are no frames, data/*/*.parquet")
         try:
-            return cls(path, info, tuple(files), reading_of(**reading))
+            return cls(path, info, tuple(files)).read_as(reading_of(**reading))
         except (TypeError, ValueError) as error:
             raise UsageError(f"{path}: {error}") from error
+
+    def read_as(self, reading: TableReading) -> "LeRobot":
+        """The data set with another reading of the features; raises UsageError if that has a time, which is
+        ``timestamp``, in seconds."""
+        if reading.time_unit is not None or "time" in dict(reading.columns):
+            raise UsageError(f"{self.folder}: the time of a LeRobot data set is timestamp, in seconds")
+        return replace(self, reading=reading)
 
     def episodes(self) -> Iterator[tuple[int, str]]:
         """The number of each episode, and the file with its frames."""
@@ -143,7 +154,7 @@ class LeRobot:
             found = Trajectory.from_dataframe(
                 table,
                 unit=how.unit,
-                time_unit=how.time_unit or "s",
+                time_unit="s",
                 euler=how.euler,
                 rotation_vector=how.rotation_vector,
                 matrix=how.matrix,
@@ -266,10 +277,11 @@ def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_num
     if isinstance(names, dict):
         lists = [one for one in names.values() if isinstance(one, list)]
         names = lists[0] if lists else list(names)
-    if is_by_number or not isinstance(names, list) or len(names) != count:
+    is_named = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if is_by_number or not is_named or len(names) != count:
         return [f"{feature}[{i}]" for i in range(count)]
-    doubled = {name for name in names if names.count(name) > 1}
-    return [f"{feature}.{name}{i if name in doubled else ''}" for i, name in enumerate(names)]
+    often = Counter(names)
+    return [f"{feature}.{name}{i if often[name] > 1 else ''}" for i, name in enumerate(names)]
 
 
 def _labels_of(job: tuple[LeRobot, int, str, Model, Map]) -> _Labels:

@@ -432,6 +432,14 @@ def positive(text: str) -> float:
     return value
 
 
+def share(text: str) -> float:
+    """A number between 0 and 1."""
+    value = positive(text)
+    if value >= 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not between 0 and 1")
+    return value
+
+
 def whole_number(text: str, least: int, most: int) -> int:
     """A whole number in a range."""
     if not text.isdecimal() or not least <= int(text) <= most:

@@ -4,7 +4,6 @@ import argparse
 import os
 import sys
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -120,10 +119,11 @@ def _annotate(args: argparse.Namespace) -> int:
 
     unused = {"--wrench": args.wrench, "--topic": args.topic, "--frame": args.frame, "--ticks": args.ticks}
     unused |= {"--relative-to": args.relative_to, "--scheduler": args.scheduler, "--rehash": args.rehash}
-    given = next((name for name, value in unused.items() if value), None)
+    unused |= {"--mass": args.mass}
+    given = next((name for name, value in unused.items() if value not in (None, False)), None)
     if len(args.logs) > 1 or given is not None:
         raise UsageError(f"a LeRobot data set is taken alone, without {given or 'others beside it'}")
-    data = replace(LeRobot.open(args.logs[0]), reading=args.table)
+    data = LeRobot.open(args.logs[0]).read_as(args.table)
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
         bad = data.annotate(args.output, model, known_map, warn, executor)

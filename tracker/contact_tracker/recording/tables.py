@@ -59,6 +59,9 @@ _DATE: Final = re.compile(
 _YEARS: Final = range(1900, 2110)
 """Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_DAY_NS: Final = 86_400 * 10**9
+_MOST_DAYS: Final = 20
+"""Between two rows: days and months that are confused make steps of a month."""
 
 
 def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
@@ -140,6 +143,8 @@ class TableTimes:
         self._scale = layout.time_ns if layout.rest is not None else reading.time_ns or layout.time_ns
         self._is_certain = reading.time_unit is not None or layout.has_own_unit or layout.rest is not None
         self._are_dates: bool | None = None
+        self._last_date_ns: int | None = None
+        self._days = 0  # midnights so far, where times have no date
         self._epoch_ns = 0
 
     def stamps_ns(self, times: Sequence[str], rests: Sequence[str] | None = None) -> NDArray[np.int64]:
@@ -149,7 +154,7 @@ class TableTimes:
         Raises
         ------
         ChoiceError
-            The user gives a unit, but they are dates.
+            The user gives a unit, but they are dates; or the order of days and months is not known.
         UnreadableRecording
             They are ticks since another year than 1970.
         """
@@ -168,8 +173,7 @@ class TableTimes:
                     "times are numbers"
                 )
         if self._are_dates:
-            dated = map(stamp_of_date, times)
-            return np.array([NEVER if stamp is None else stamp for stamp in dated], np.int64)
+            return self._stamps_of_dates(times)
         assert self._scale is not None
         known &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
         if self._scale == round(self._scale):  # exact to the written nanosecond
@@ -184,6 +188,27 @@ class TableTimes:
             has_rest = (more_ns >= 0) & (more_ns < 1e9)
             stamps[has_rest & known] += more_ns[has_rest & known].astype(np.int64)
             stamps[~has_rest] = NEVER
+        return stamps
+
+    def _stamps_of_dates(self, times: Sequence[str]) -> NDArray[np.int64]:
+        """Stamps of dates; times of a day go on after midnight."""
+        dated = map(stamp_of_date, times)
+        stamps = np.array([NEVER if stamp is None else stamp for stamp in dated], np.int64)
+        rows = np.flatnonzero(stamps != NEVER)
+        if not len(rows):
+            return stamps
+        last_ns = stamps[rows[0]] if self._last_date_ns is None else self._last_date_ns
+        steps = np.diff(stamps[rows], prepend=last_ns)
+        self._last_date_ns = int(stamps[rows[-1]])
+        if (far := np.flatnonzero(np.abs(steps) > _MOST_DAYS * _DAY_NS)).size:
+            raise ChoiceError(
+                f"{self._path}: whether the day or the month comes first in its dates is not known "
+                f"({times[rows[far[0]]].strip()}): write them as 2026-03-31"
+            )
+        if np.abs(stamps[rows]).max() < 2 * _DAY_NS:  # there are no dates
+            days = self._days + np.cumsum(steps < -_DAY_NS // 2)
+            self._days = int(days[-1])
+            stamps[rows] += days * _DAY_NS
         return stamps
 
     def _find_unit(self, times: NDArray[np.float64]) -> None:
@@ -221,8 +246,8 @@ def exact_ns(time: str, unit_ns: int) -> int:
 def stamp_of_date(text: str) -> int | None:
     """Nanoseconds since 1970 of a date, or since midnight of a time of a day; None for other text.
 
-    Without a time zone it is taken as UTC, since only differences matter. ``3/4/2026`` is of April, unless
-    the first number is above 12, as dates in the US; ``3.4.2026`` of April.
+    Without a time zone it is taken as UTC, since only differences matter. ``3/4/2026`` is of March, as in the
+    US, unless the first number is above 12; ``3.4.2026`` of April.
     """
     match = _DATE.fullmatch(text)
     if match is None:

@@ -31,7 +31,18 @@ ANY: Final = "any"
 MOST_STEPS: Final = 1000
 _LONGEST_S: Final = 1e6
 _LEAST_TOLERANCE: Final = 0.05
-_MOST_STAGES: Final = 400
+STAGE_S: Final = 0.1
+"""Least duration of a stage: that of a usual tick."""
+PARTS_PER_STAGE: Final = 4
+"""The standard deviation of a duration is then at least 0.87 of what it should be."""
+_MOST_PARTS: Final = 1000
+"""Of a gap, which is then longer than 25 s: any step may hold after it."""
+SHORTEST_S: Final = 1.0
+"""Shorter contacts are often missed (README.md, Accuracy)."""
+_LEAST_PROBABILITY: Final = 1e-4
+"""Of a contact in a belief: more than a hundred to one of a tick is not taken from it."""
+_USUAL_S: Final = 5.0
+"""Duration of steps where none is planned."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +85,8 @@ class Plan:
     @classmethod
     def of(cls, outcome: Outcome) -> "Plan":
         """The plan of a recording: of a step that is not sure, all contacts that may have been, without a
-        duration. Steps that are open or as short as the tracker may miss are optional."""
+        duration. Steps that are open or as short as the tracker may miss are optional. Raises UsageError
+        where there are too many steps."""
         steps = list[PlannedStep]()
         for one in steps_of(outcome):
             fits = [one.probability[state.column] > 1.0 - SURE_PROBABILITY for state in STATES]
@@ -82,10 +94,15 @@ class Plan:
             contacts = tuple(state for state in STATES if state in may_be)
             duration_s = one.end_s - one.start_s
             planned_s = round(duration_s, 2) if len(contacts) == 1 else None
+            is_optional = one.is_open or duration_s < SHORTEST_S
             if steps and steps[-1].contacts == contacts:
-                before_s = steps.pop().duration_s
-                planned_s = None if planned_s is None or before_s is None else planned_s + before_s
-            steps.append(PlannedStep(contacts, planned_s, one.is_open or duration_s < SHORTEST_S))
+                before = steps.pop()
+                whole_s = (before.duration_s or 0.0) + duration_s
+                planned_s = None if planned_s is None or before.duration_s is None else round(whole_s, 2)
+                is_optional = is_optional and before.is_optional and (one.is_open or whole_s < SHORTEST_S)
+            steps.append(PlannedStep(contacts, planned_s, is_optional))
+        if len(steps) > MOST_STEPS:
+            raise UsageError(f"a plan has at most {MOST_STEPS} steps, not {len(steps)}: cut the recording")
         return cls(tuple(steps))
 
     @property
@@ -98,10 +115,6 @@ class Plan:
             lines += [] if one.duration_s is None else [f"duration_s = {one.duration_s:.2f}"]
             lines += ["optional = true"] if one.is_optional else []
         return "\n".join(lines) + "\n"
-
-
-SHORTEST_S: Final = 1.0
-"""Shorter contacts are often missed (README.md, Accuracy)."""
 
 
 def _planned(keys: Keys) -> PlannedStep:
@@ -143,13 +156,14 @@ class PlanFollower:
     """Follows a plan: ``update`` with each belief of a tracker says where in it the stream is.
 
     A step with a duration d and tolerance s is a chain of 1 / s^2 stages, after which its duration has this
-    standard deviation (Erlang's distribution); one without has any duration.
+    standard deviation (Erlang's distribution), or of fewer where that is less exact than ticks are; one
+    without has any duration.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        count = min(ceil(plan.tolerance**-2), _MOST_STAGES)
-        lengths = [1 if one.duration_s is None else count for one in plan.steps]
+        count = ceil(plan.tolerance**-2)
+        lengths = [int(min(max((one.duration_s or 0.0) / STAGE_S, 1.0), count)) for one in plan.steps]
         self._last = np.cumsum(lengths) - 1
         self._first = self._last + 1 - lengths
         self._number = np.repeat(np.arange(len(lengths)), lengths)
@@ -184,14 +198,23 @@ class PlanFollower:
         return self._progress()
 
     def _advance(self, tick_s: float, leaves: float) -> None:
-        """Let time pass; of the weight of the plan a share ``leaves``."""
-        goes_on = -np.expm1(-tick_s / self._stage_s) * self._weight
-        after = self._weight - goes_on
-        after[:, 1:] += np.where(np.diff(self._number) == 0, goes_on[:, :-1], 0.0)
-        ending, entries = goes_on[:, self._last], self._entries[1:]
-        after[:, self._first] += ending @ entries
-        after[:, self._last] += ending * (1.0 - entries.sum(axis=1))  # at the end of the plan
-        self._weight = after * (1.0 - leaves)
+        """Let time pass; of the weight of the plan a share ``leaves``.
+
+        It passes in parts that are short beside the stages, each of which passes a stage at most. Mean
+        durations are exact.
+        """
+        parts = int(min(max(ceil(PARTS_PER_STAGE * tick_s / self._stage_s.min()), 1), _MOST_PARTS))
+        share = np.minimum(tick_s / parts / self._stage_s, 1.0)
+        entries = self._entries[1:]
+        for _ in range(parts):
+            goes_on = share * self._weight
+            after = self._weight - goes_on
+            after[:, 1:] += np.where(np.diff(self._number) == 0, goes_on[:, :-1], 0.0)
+            ending = goes_on[:, self._last]
+            after[:, self._first] += ending @ entries
+            after[:, self._last] += ending * (1.0 - entries.sum(axis=1))  # at the end of the plan
+            self._weight = after
+        self._weight *= 1.0 - leaves
         self._weight[1, self._first] += self._left * leaves / len(self._first)
         self._left = 1.0 - float(self._weight.sum())
 
@@ -224,9 +247,3 @@ class PlanFollower:
 
     def _named(self, number: int) -> str:
         return f"{number} ({self.plan.steps[number - 1].name})"
-
-
-_LEAST_PROBABILITY: Final = 1e-4
-"""Of a contact in a belief: more than a hundred to one of a tick is not taken from it."""
-_USUAL_S: Final = 5.0
-"""Duration of steps where none is planned."""
