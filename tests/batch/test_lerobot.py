@@ -147,6 +147,10 @@ def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
     ):
         done = run("batch", *arguments, "--processes", "1", cwd=tmp_path)
         assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+    (folder / "elsewhere").symlink_to(tmp_path)
+    done = run("batch", "data", "-o", "new", "--processes", "1", cwd=tmp_path)
+    assert (done.returncode, "elsewhere is a link to a folder" in done.stderr) == (2, True), done.stderr
+    (folder / "elsewhere").unlink()
     (folder / "data" / "chunk-000" / "episode_000000.parquet").write_bytes(b"PAR1")
     with pytest.raises(UnreadableRecording, match="cannot be read"):
         LeRobot.open(folder).trajectory(0)

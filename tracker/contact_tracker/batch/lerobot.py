@@ -214,6 +214,9 @@ class LeRobot:
         found = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
         with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
             copy = Path(folder) / target.name
+            for one in self.folder.rglob("*"):
+                if one.is_symlink() and one.is_dir():
+                    raise UsageError(f"{one} is a link to a folder, of which no copy is made: remove it")
             shutil.copytree(self.folder, copy, ignore=self._frames_among)
             labels = dict[str, list[_Labels]]()
             for (_, number, file, *_), one in zip(jobs, found, strict=True):

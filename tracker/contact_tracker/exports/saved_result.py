@@ -46,6 +46,9 @@ def _use(outcome: Any) -> None:
     for entries, (_, columns_of) in zip((outcome.beliefs, outcome.segments), TABLES.values(), strict=True):
         columns_of(entries)
     texts = (*outcome.warnings, outcome.noise, outcome.trajectory.name, outcome.log or "")
-    _ = " ".join((*texts, *table(outcome.segments, outcome.origin_ns, outcome.with_wrenches)))
-    _ = known_parts(outcome), outcome.counts, [*outcome.segmentation.filtered]
-    _ = outcome.labels and outcome.labels.to_json(), outcome.touched and outcome.touched.learned
+    " ".join((*texts, *table(outcome.segments, outcome.origin_ns, outcome.with_wrenches)))
+    known_parts(outcome), outcome.counts, [*outcome.segmentation.filtered]
+    if outcome.labels is not None:
+        outcome.labels.to_json()
+    if outcome.touched is not None:
+        _ = outcome.touched.learned

@@ -140,5 +140,7 @@ def write_drawn(draw: Callable[[], Figure], path: Path, check: Callable[[], None
     """Write a figure in the format of the suffix, atomically; raises OSError."""
     with whole_file(path, check) as temporary:
         figure = draw()
-        figure.savefig(temporary, format=path.suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH)
-        pyplot.close(figure)
+        try:
+            figure.savefig(temporary, format=path.suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH)
+        finally:
+            pyplot.close(figure)

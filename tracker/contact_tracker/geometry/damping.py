@@ -9,6 +9,7 @@ DAMPING_DECREASE: Final = 0.2
 DAMPING_INCREASE: Final = 8.0
 LEAST_DAMPING: Final = 1e-12
 MOST_DAMPING: Final = 1e12
+"""Usual values: in fits of hypotheses half and double of both factors change one label in 32 s of motion."""
 
 
 def adapted(damping: NDArray[np.float64], better: ArrayLike) -> NDArray[np.float64]:

@@ -73,9 +73,10 @@ _LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
     4: ("quaternion={0}", reading_of()),
     3: ("position={0}", reading_of()),
 }
+"""What as many numbered columns usually are."""
 _VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
 _TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
-"""What as many numbered columns usually are."""
+"""Names of three columns that are a rotation vector."""
 
 
 def layout_of_names(

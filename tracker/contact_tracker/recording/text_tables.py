@@ -229,7 +229,7 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
         longest = max(map(len, lists.values()), default=0)
         rows = {name: value for name, value in lists.items() if len(value) == longest}
         by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
-        given = objects[0] if len(objects) == 1 else by_row
+        given = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
     for one in given:
         yield json.dumps(one if isinstance(one, dict) else {UNNAMED: one}) + "\n"
 
@@ -503,7 +503,8 @@ def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
 
 
 def _check_bodies(rows: Sequence[str], layout: TableLayout, names: Sequence[str], path: str) -> None:
-    """Raise UnreadableRecording if rows of one time are of different bodies, which a column names."""
+    """Raise UnreadableRecording if rows of one time are of different bodies, which a column names again at
+    other times: numbers of rows differ everywhere."""
     cells = [row for row in (_cells_of(row, layout.separator) for row in rows) if len(row) == len(names)]
     pairs = [(a, b) for a, b in pairwise(cells) if layout.time >= 0 and a[layout.time] == b[layout.time]]
     for place, name in enumerate(names):
@@ -511,6 +512,7 @@ def _check_bodies(rows: Sequence[str], layout: TableLayout, names: Sequence[str]
             _OF_BODY.fullmatch(name.strip().lower())
             and len(pairs) > 1
             and all(a[place] != b[place] for a, b in pairs)
+            and len({(row[layout.time], row[place]) for row in cells}) > len({row[place] for row in cells})
         ):
             body, mark = pairs[0][0][place].strip(BLANKS), layout.separator or " "
             rule = f"NR <= {layout.skip} || ${place + 1} == {json.dumps(body)}"
