@@ -214,9 +214,9 @@ class LeRobot:
         found = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
         with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
             copy = Path(folder) / target.name
-            for one in self.folder.rglob("*"):
-                if one.is_symlink() and one.is_dir():
-                    raise UsageError(f"{one} is a link to a folder, of which no copy is made: remove it")
+            for path in self.folder.rglob("*"):
+                if path.is_symlink() and path.is_dir():
+                    raise UsageError(f"{path} is a link to a folder, of which no copy is made: remove it")
             shutil.copytree(self.folder, copy, ignore=self._frames_among)
             labels = dict[str, list[_Labels]]()
             for (_, number, file, *_), one in zip(jobs, found, strict=True):
@@ -280,8 +280,9 @@ def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_num
     if isinstance(names, dict):
         lists = [one for one in names.values() if isinstance(one, list)]
         names = lists[0] if lists else list(names)
-    is_named = isinstance(names, list) and all(isinstance(name, str) for name in names)
-    if is_by_number or not is_named or len(names) != count:
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        names = []
+    if is_by_number or len(names) != count:
         return [f"{feature}[{i}]" for i in range(count)]
     often = Counter(names)
     return [f"{feature}.{name}{i if often[name] > 1 else ''}" for i, name in enumerate(names)]
