@@ -274,7 +274,8 @@ class TickGrid:
 
     @property
     def _end_ns(self) -> int:
-        return self.begin_ns + self.model.tick_ns
+        assert self.origin_ns is not None
+        return self.origin_ns + (self.number + 1) * self.model.tick_ns
 
     def is_late(self, stamp_ns: int) -> bool:
         """Whether a pose is more than a tick before the current one, or before its end if it was closed
