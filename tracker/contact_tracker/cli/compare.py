@@ -17,7 +17,9 @@ HELP: Final = "which steps of a take are missing, new, longer or elsewhere in an
 DESCRIPTION: Final = f"""\
 Align two takes of one task, with one object in one place, by their contacts and by what touched, and
 say of each step whether it is the same, missing or new in B, longer or shorter, elsewhere, or open,
-where the motion does not tell. The exit code is {DIFFERENT} if a step differs."""
+where the motion does not tell. In the table ? marks a contact that the motion leaves open, p is the
+probability that the segments are of one step, or that it is in one take only, and "by" is how much it
+differs (docs/assembly.md). The exit code is {DIFFERENT} if a step differs."""
 EXAMPLE: Final = "contact-tracker compare recordings/mug_first_take.mcap recordings/mug_second_take.mcap"
 
 
