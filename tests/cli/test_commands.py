@@ -411,6 +411,23 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
     assert (read(columns=True)[-1] == 0) == (start > 1.0)
 
 
+def test_a_suspicion_that_lasts_is_said_once(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    args = argparse.Namespace(log=str(log), start=0.0, duration=None, table=AS_NAMED)
+    source = Source(open_log(str(log)), args.log, args)
+    for seconds, is_suspected, said in (
+        (0, True, 0),
+        (2, True, 0),
+        (3, False, 0),
+        (4, True, 0),
+        (8, True, 1),
+        (9, False, 0),
+        (10, True, 0),
+        (20, True, 0),
+    ):
+        source.say_of_suspicion(seconds * 10**9, is_suspected)
+        assert capsys.readouterr().err.count("no label is certain for now") == said
+
+
 def test_info_reads_a_file_once_however_many_sources_it_has(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

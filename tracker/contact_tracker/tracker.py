@@ -229,6 +229,11 @@ class Tracker:
         return self.checks.is_likely(self.stream) or self.is_in_doubt
 
     @property
+    def suspects_mistake(self) -> bool:
+        """Whether no label is certain since a mistake is likely, which is not found yet."""
+        return self._doubt and not self.is_in_doubt
+
+    @property
     def outliers(self) -> int:
         """Poses left out of their ticks so far."""
         return self.filters.outliers

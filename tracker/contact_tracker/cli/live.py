@@ -149,6 +149,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         def report(beliefs: "list[Belief]") -> None:
             if beliefs:
                 source.warn_of_news(tracker.report_so_far)
+                source.say_of_suspicion(beliefs[-1].stamp_ns, tracker.suspects_mistake)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     found = suggested() if belief is beliefs[-1] else ()  # it is of the newest belief
