@@ -35,7 +35,11 @@ if TYPE_CHECKING:
 _LONGEST_SLEEP_S: Final = 0.1
 """Longest sleep at a time (s) between looks at whether the stream has to end."""
 _SUSPECTED_NS: Final = 3_000_000_000
-"""Time after which a suspicion is said: most in right recordings are shorter."""
+"""Time after which a suspicion is said; ``live`` of the seven shipped recordings says none."""
+_SUSPICION: Final = (
+    "no label is certain for now: the poses may not be what they are read as, or the map may be wrong, which "
+    "more motion decides"
+)
 _POSES_PER_LOOK: Final = 100
 """A stream is looked at each time that so many poses have come, whether most are dropped."""
 
@@ -66,7 +70,6 @@ class Source:
         self._read_ns: int | None = None  # until when, after the first pose
         self._warned = set[str]()
         self._suspected_since_ns: int | None = None
-        self._has_said_of_suspicion = False
 
     def __iter__(self) -> Iterator[Pose]:
         return (pose for poses in self.batches() for pose in poses)
@@ -204,17 +207,13 @@ class Source:
 
     def say_of_suspicion(self, stamp_ns: int, is_suspected: bool) -> None:
         """Say once why labels are not certain, if a mistake has been suspected for a while."""
-        since_ns = self._suspected_since_ns
         if not is_suspected:
             self._suspected_since_ns = None
-        elif since_ns is None:
+        elif self._suspected_since_ns is None:
             self._suspected_since_ns = stamp_ns
-        elif stamp_ns - since_ns >= _SUSPECTED_NS and not self._has_said_of_suspicion:
-            self._has_said_of_suspicion = True
-            say(
-                "no label is certain for now: the poses may not be what they are read as, or the map may be "
-                "wrong, which more motion decides"
-            )
+        elif stamp_ns - self._suspected_since_ns >= _SUSPECTED_NS:
+            for line in not_given([_SUSPICION], self._warned):
+                say(line)
 
     def _noted(self) -> str:
         counts = ", ".join(f"{kind} {count}" for kind, count in self.counts.items())
