@@ -145,7 +145,7 @@ def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
     )
 
     def at(tick: int) -> MapView:
-        return world.without(world.near(tick, 0.1))
+        return world.without(world.shown_after(tick, 0.1))
 
     corners = {
         tick: [key for key, one in at(tick).elements.items() if one.kind == "v"] for tick in (10, 60, 110)
@@ -153,7 +153,10 @@ def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
     assert corners[10] == [world.pairs[100][0]]
     assert corners[110] == [world.pairs[0][0]]
     assert len(corners[60]) == 2
-    assert len(at(20 + round(MARGIN_S / 0.1) - 1).counts) == 2  # the same contact may end later
+    first = world.sightings[0]
+    assert len(at(first.end - 1).counts) == len(at(100 - round(MARGIN_S / 0.1) + 1).counts) == 2
+    assert world.latest_before(first.end) == world.pairs[0]  # and what it has shown is of earlier data
+    assert world.latest_before(first.end - 1) is None
     table = world.pairs[0][1]
     assert at(10).counts[table] == 1
     assert at(60).counts[table] == 2

@@ -42,7 +42,7 @@ DROPPED_NATS: Final = 15.0
 """Evidence against a prior by which it is dropped: each contact that it does not explain costs the price of
 two new elements, 10 nats with ten contacts known and 5 with two, and one that it explains gains tens."""
 MARGIN_S: Final = 1.0
-"""Time before and after a contact in which the next pass may begin or end the same contact."""
+"""Time before a contact in which the next pass may begin the same contact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,14 +177,19 @@ class GrowingMap:
         """Time from which each contact in the map is due again, by its onset."""
         return {one.onset_ns: one.due_ns for one in self.sightings}
 
-    def near(self, tick: int, tick_s: float) -> tuple[int, ...]:
+    def shown_after(self, tick: int, tick_s: float) -> tuple[int, ...]:
         """The sightings, by their first ticks, that may be of a contact which begins in this tick.
 
         A contact does not use what it has itself shown: an element that no other contact touched is new to
-        it. So a wrong estimate does not confirm itself.
+        it. So a wrong estimate does not confirm itself. What ended before is of other data.
         """
-        margin = round(MARGIN_S / tick_s)
-        return tuple(s.first for s in self.sightings if s.first < tick + margin and s.end > tick - margin)
+        first = tick + round(MARGIN_S / tick_s)
+        return tuple(s.first for s in self.sightings if s.first < first and s.end > tick)
+
+    def latest_before(self, tick: int) -> tuple[Key, Key] | None:
+        """The pair that touched in the last contact that had ended before this tick."""
+        ended = [s.first for s in self.sightings if s.end <= tick]
+        return self.pairs[max(ended)] if ended else None
 
     @cached_property
     def whole(self) -> MapView:

@@ -12,12 +12,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.curved_contact import curved_evidence, fit_curved
 from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
 from contact_tracker.hypotheses.global_search import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
 from contact_tracker.map.map import Map
+from contact_tracker.motion.free_motion import NOW_TICKS
+from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, STATES, Contact
 
@@ -50,6 +53,12 @@ LEAST_SHARE: Final = 1e-300
 """Share of a state that wrenches rule out: above zero, as it still has a share in what is divided."""
 CONTAINS: Final = np.array([[one.contains(other) for other in STATES] for one in STATES])
 """(7, 7) whether the state of the row contains that of the column."""
+FLUSH_S: Final = 1.0
+"""Time in which the face of a contact has turned if it is not flush with the other element's..."""
+FLUSH_RAD: Final = float(np.radians(0.3))
+"""... by more than this standard deviation, beyond that of the noise: faces that touch rock by as much. On 32
+recordings it has not turned in 5.0 of 6.2 s of f-f that is surely taken for another contact, and in 5.4 of 326 s
+that are surely right; with 0.2 deg in 2.8 and 3.2 s, with 0.5 deg in 5.2 and 12.3 s."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""
@@ -284,6 +293,35 @@ def others_at_rest(label: Contact, known_map: Map) -> tuple[Contact, ...]:
     if known_map.object and known_map.environment:
         return ()
     return tuple(state for state in STATES if state is not label and known_map.allows(state))
+
+
+def may_be_flush(
+    label: Contact, geometry: ContactGeometry, window: Window, tick_s: float
+) -> NDArray[np.bool_]:
+    """In which ticks (W,) of a segment f-f is as possible as the ``label``: the face does not turn relative to
+    the other element for ``FLUSH_S``, or as long as the segment lasts.
+
+    A segment as a whole may show a turn that parts of it do not show.
+    """
+    flush = np.zeros(len(window), bool)
+    one, other = geometry.environment, geometry.object
+    if label is Contact.FF or not (isinstance(one, Plane) or isinstance(other, Plane)):
+        return flush
+    assert window.frames is not None
+    rows = np.flatnonzero(window.frames)
+    R_world_body = window.zeta[rows][:, R].reshape(-1, 3, 3)
+    # the normal of the environment's face in the body frame, or that of the object's in the world frame
+    normal = one.normal @ R_world_body if isinstance(one, Plane) else R_world_body @ other.normal
+    count = min(round(FLUSH_S / tick_s) + 1, len(rows))
+    if count < NOW_TICKS:
+        return flush
+    spans = np.arange(len(rows) - count + 1)[:, None] + np.arange(count)
+    turn = normal[spans] - normal[spans].mean(axis=1, keepdims=True)
+    largest_rad2 = np.linalg.eigvalsh(turn.swapaxes(1, 2) @ turn / count)[:, -1]
+    keeps = largest_rad2 < FLUSH_RAD**2 + window.variance[rows][spans, 1].mean(axis=1)
+    for first in np.flatnonzero(keeps):
+        flush[rows[first] : rows[first + count - 1] + 1] = True
+    return flush
 
 
 def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:

@@ -99,14 +99,15 @@ def predict_transitions(
 
 def _proposals(state: FilterState, frame: Frame) -> tuple[CachedProposals, ...]:
     """Birth proposals of each contact by the map as it is."""
-    left_out = state.map.near(state.ticks, state.model.tick_s) if state.uses_later_contacts else ()
-    current = None if state.uses_later_contacts else state.current_pair
+    left_out, current = (), state.current_pair
+    if state.uses_later_contacts:
+        left_out, current = state.map.shown_after(state.ticks, state.model.tick_s), None
     before = state.cached_proposals
     if before[0].map is state.map and before[0][1:-1] == (left_out, current, frame):
         return before
     view = state.map.without(left_out) if left_out else state.map.whole
-    view = replace(view, current=current)
-    share = 0.0 if state.uses_later_contacts else state.model.geometry.revisit_prior
+    latest = state.map.latest_before(state.ticks) if state.uses_later_contacts else view.latest
+    view, share = replace(view, current=current, latest=latest), state.model.geometry.revisit_prior
     proposals = [propose_births(contact, state.known_map, view, share, frame) for contact in CONTACT_MODELS]
     return tuple(CachedProposals(state.map, left_out, current, frame, begins) for begins in proposals)
 

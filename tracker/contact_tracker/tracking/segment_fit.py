@@ -90,6 +90,11 @@ class SegmentFit:
         return self.formation.is_open or more
 
     @property
+    def with_flush(self) -> tuple[Contact, ...]:
+        """The inseparable states where the motion is also that of f-f."""
+        return tuple(one for one in STATES if one is Contact.FF or one in self.inseparable)
+
+    @property
     def constraints(self) -> int:
         """Number of constraints of the reported contacts."""
         return max(self.formation.constraints, self.contact.codimension)
@@ -237,10 +242,12 @@ class FinishedSegment(NamedTuple):
         p_restricted, possible = np.maximum(fit.p_restricted, curved), known_map.allowed
         is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
         others = [possible if one else fit.inseparable for one in is_open]
-        open_at_rest = ambiguity.others_at_rest(contact, known_map)
+        open_at_rest, flush = ambiguity.others_at_rest(contact, known_map), resting
         if open_at_rest and fit.share is None:
             resting = self._rests()
+            flush = self._flush(fit) & ~resting
             p_restricted[resting] = ambiguity.CHANGED_AT_REST
+            others = [fit.with_flush if one else states for one, states in zip(flush, others, strict=True)]
             others = [open_at_rest if rests else one for rests, one in zip(resting, others, strict=True)]
         for belief, given, states, p in zip(beliefs, self.posterior, others, p_restricted, strict=True):
             how = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
@@ -254,7 +261,7 @@ class FinishedSegment(NamedTuple):
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
         contacts = tuple(one for _, one in further)
-        changes = [*np.flatnonzero(np.diff(resting)) + 1, len(resting)]
+        changes = [*np.flatnonzero(np.diff(resting) | np.diff(flush)) + 1, len(resting)]
         at_contact = self._at_contact(fit.contact, fit.geometry)
         segments = tuple(
             Segment(
@@ -262,7 +269,7 @@ class FinishedSegment(NamedTuple):
                 contact,
                 float(beliefs["probability"][first:end, column].mean()),
                 fit.geometry,
-                open_at_rest if resting[first] else fit.inseparable,
+                open_at_rest if resting[first] else fit.with_flush if flush[first] else fit.inseparable,
                 _within(contacts, *self._span(first, end)),
                 None if resting[first] else fit.joint,
                 *at_contact(first, end),
@@ -307,12 +314,15 @@ class FinishedSegment(NamedTuple):
 
     def _rests(self) -> NDArray[np.bool_]:
         """Which ticks (n,) are at rest; motion too short to be told from the end of a rest belongs to it."""
-        resting = at_rest(self.ticks.window, self.ticks.model.tick_s)
-        edges = np.flatnonzero(np.diff(resting, prepend=False, append=False))
-        for first, end in pairwise([0, *edges, len(resting)]):
-            if end - first < NOW_TICKS and resting.any():
-                resting[first:end] = True
-        return resting
+        return _without_short_gaps(at_rest(self.ticks.window, self.ticks.model.tick_s))
+
+    def _flush(self, fit: SegmentFit) -> NDArray[np.bool_]:
+        """In which ticks (n,) that do not rest the motion is also that of f-f."""
+        ticks = self.ticks
+        if fit.geometry is None or not ticks.known_map.allows(Contact.FF):
+            return np.zeros(len(self.rows), bool)
+        flush = ambiguity.may_be_flush(fit.contact, fit.geometry, ticks.window, ticks.model.tick_s)
+        return _without_short_gaps(flush)
 
     def _span(self, first: int, end: int) -> tuple[int, int]:
         """Start and end (ns) of the ticks ``first`` to ``end`` (excluded)."""
@@ -338,6 +348,16 @@ class FinishedSegment(NamedTuple):
             for run in one.runs
         ]
         return sorted(found, key=lambda one: one[1].start_ns)
+
+
+def _without_short_gaps(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The ticks (n,) with those that lie between ends less than ``NOW_TICKS`` apart."""
+    within = within.copy()
+    edges = np.flatnonzero(np.diff(within, prepend=False, append=False))
+    for first, end in pairwise([0, *edges, len(within)]):
+        if end - first < NOW_TICKS and within.any():
+            within[first:end] = True
+    return within
 
 
 def joined_by_wrenches(
