@@ -57,8 +57,8 @@ FLUSH_S: Final = 1.0
 """Time in which the face of a contact has turned if it is not flush with the other element's..."""
 FLUSH_RAD: Final = float(np.radians(0.3))
 """... by more than this standard deviation, beyond that of the noise: faces that touch rock by as much. On 32
-recordings it has not turned in 5.0 of 6.2 s of f-f that is surely taken for another contact, and in 5.4 of 326 s
-that are surely right; with 0.2 deg in 2.8 and 3.2 s, with 0.5 deg in 5.2 and 12.3 s."""
+recordings it has not turned in 5.0 of 6.2 s of f-f that is surely taken for another contact, and in 5.4 of
+326 s that are surely right; with 0.2 deg in 2.8 and 3.2 s, with 0.5 deg in 5.2 and 12.3 s."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""
@@ -298,8 +298,8 @@ def others_at_rest(label: Contact, known_map: Map) -> tuple[Contact, ...]:
 def may_be_flush(
     label: Contact, geometry: ContactGeometry, window: Window, tick_s: float
 ) -> NDArray[np.bool_]:
-    """In which ticks (W,) of a segment f-f is as possible as the ``label``: the face does not turn relative to
-    the other element for ``FLUSH_S``, or as long as the segment lasts.
+    """In which ticks (W,) of a segment f-f is as possible as the ``label``: the face does not turn relative
+    to the other element for ``FLUSH_S``, or as long as the segment lasts.
 
     A segment as a whole may show a turn that parts of it do not show.
     """
