@@ -14,7 +14,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import gauss_newton, global_search, observability
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import Frame, propose_births
+from contact_tracker.hypotheses.births import propose_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import prune, residual
@@ -22,6 +22,7 @@ from contact_tracker.hypotheses.proximity_prior import weigh_births
 from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
 from contact_tracker.map.file import map_from
+from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import batches
 from contact_tracker.motion.window import Window

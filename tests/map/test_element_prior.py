@@ -22,10 +22,10 @@ from contact_tracker.geometry.elements import (
     numbers,
 )
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import Birth, Frame, add, propose_births
+from contact_tracker.hypotheses.births import Birth, add, propose_births
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, known_to
-from contact_tracker.map.pairs import UNLISTED, PairPrior, named_pairs, pair_priors
+from contact_tracker.map.pairs import UNLISTED, Frame, PairPrior, named_pairs, pair_priors
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.simulate import Scenario, simulate
@@ -185,7 +185,7 @@ def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
     (pair,) = named_pairs(Map(up=up), v_f)
-    known = pair_priors(v_f, [pair.pair((5.0, 6.0, 7.0), (0.0, 0.0, 0.0))])
+    known = pair_priors(v_f, [pair.pair(Frame((5.0, 6.0, 7.0), (0.0,) * 3, (0.0,) * 3))])
     mean, information = known.mean[0], known.information[0]
     np.testing.assert_allclose(mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])

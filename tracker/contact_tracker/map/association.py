@@ -9,9 +9,9 @@ of the recording.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from contact_tracker.geometry.elements import Array, Element, Pair
 from contact_tracker.geometry.incidence import incident
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.map.elements import (
+    SHIFTS,
+    TURNS,
+    WIDTHS,
     Key,
     MapElement,
     kinds_of,
@@ -150,6 +153,21 @@ class Sighting:
         return np.array(senses if self.estimate.model.body_in_1 else senses[::-1])
 
 
+class Side(NamedTuple):
+    """The elements (K) of one side and kind that a contact may touch, the first of which is new (None).
+
+    ``log_p`` (K,) are their log probabilities, ``elements`` have covariances as they differ from one touch to
+    the next, ``by_free`` (K, w, p) are the derivatives of their parameters by their free coordinates, and
+    ``rows`` (K, p) the rows of these in the covariance of the map; zero for a new one.
+    """
+
+    keys: list[Key | None]
+    log_p: Array
+    elements: list[Element | None]
+    by_free: Array
+    rows: NDArray[np.int64]
+
+
 @dataclass(frozen=True, eq=False)
 class MapView:
     """The map without some of its contacts: ``elements`` that others touched, how often (``counts``), and the
@@ -167,6 +185,33 @@ class MapView:
     log_p_new: tuple[float, float]
     latest: tuple[Key, Key] | None
     current: tuple[Key, Key] | None = None
+    sides: dict[tuple[object, ...], Side] = field(default_factory=dict)
+    """Those asked for so far."""
+
+    def side(self, side: int, kind: str, near_m: Array) -> Side:
+        """The elements of a side and kind, edges with their points nearest to ``near_m`` (3,)."""
+        asked = side, kind, *near_m.tolist()
+        if asked not in self.sides:
+            keys, log_p = zip(*self.choices(side, kind), strict=True)
+            known = [key for key in keys if key is not None]
+            nothing = np.zeros((WIDTHS[kind], TURNS[kind] + SHIFTS[kind]))
+            by_free = [nothing, *(self.elements[key].parameters(near_m)[1] for key in known)]
+            rows = np.array([self.rows(key, nothing.shape[1]) for key in keys])
+            elements = [None, *(self.element(key, near_m) for key in known)]
+            self.sides[asked] = Side([*keys], np.array(log_p), elements, np.array(by_free), rows)
+        return self.sides[asked]
+
+    def element(self, key: Key, near_m: Array | None = None) -> Element:
+        """An element as it differs from one touch to the next; an edge by its point nearest to ``near_m``."""
+        one, rows = self.elements[key], self.slots[key]
+        covariance = self.covariance[rows, rows] + np.diag(loose_variance(one.kind))
+        return one.with_covariance(covariance, near_m)
+
+    def cross_covariance(self, ours: Side, i: NDArray[np.int64], theirs: Side, j: NDArray[np.int64]) -> Array:
+        """Covariances (n, w, w') of the parameters of the i-th elements (n,) of the object with those of the
+        j-th (n,) of the environment; zero for new ones."""
+        free = self.covariance[ours.rows[i][:, :, None], theirs.rows[j][:, None]]
+        return ours.by_free[i] @ free @ theirs.by_free[j].swapaxes(1, 2)
 
     def choices(self, side: int, kind: str) -> list[tuple[Key | None, float]]:
         """Elements of a kind, None for a new one, with their log probabilities.
@@ -216,10 +261,8 @@ class MapView:
             return None
         kinds, pair = kinds_of(model), list[Element]()
         for key, kind, at_m in zip(self.latest, kinds, (np.zeros(3), near_m), strict=True):
-            one, rows = self.elements[key], self.slots[key]
-            loose = np.diag(loose_variance(one.kind))
-            known = one.with_covariance(self.covariance[rows, rows] + loose)
-            pair.append(known if one.kind == kind else incident(known, kind, at_m))
+            kept = self.elements[key].kind == kind
+            pair.append(self.element(key, at_m) if kept else incident(self.element(key), kind, at_m))
         if all(self.elements[key].kind == kind for key, kind in zip(self.latest, kinds, strict=True)):
             return None
         return pair[0], pair[1]

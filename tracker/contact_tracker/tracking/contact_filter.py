@@ -21,12 +21,12 @@ from contact_tracker.hypotheses.births import (
     BirthProposals,
     Births,
     CachedProposals,
-    Frame,
     TickInput,
     propose_births,
 )
 from contact_tracker.hypotheses.proximity_prior import reweight_transitions, weigh_births
 from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.tick_averaging import Tick, with_excess
@@ -57,8 +57,8 @@ class TransitionPrediction(NamedTuple):
 
     proposals: tuple[BirthProposals, ...]
     """Birth proposals of each contact."""
-    cached_proposals: tuple[CachedProposals, ...]
-    """The same with their keys, for reuse at the next tick."""
+    cached_proposals: CachedProposals
+    """The same before they are weighed, for reuse at the next tick."""
     hazard_exposure: float
     """Exposure to a change of state, in ticks of motion."""
     log_transition: Array
@@ -78,7 +78,7 @@ def predict_transitions(
     """
     model = state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
-    proposals, log_odds = tuple([one.proposals for one in cached]), np.zeros(len(STATES))
+    proposals, log_odds = cached.proposals, np.zeros(len(STATES))
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
     if state.known_map:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
@@ -97,18 +97,23 @@ def predict_transitions(
     return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
 
 
-def _proposals(state: FilterState, frame: Frame) -> tuple[CachedProposals, ...]:
-    """Birth proposals of each contact by the map as it is."""
+def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
+    """Birth proposals of each contact by the map as it is; those whose inputs are as before are kept."""
     left_out = state.map.near(state.ticks, state.model.tick_s) if state.uses_later_contacts else ()
     current = None if state.uses_later_contacts else state.current_pair
-    before = state.cached_proposals
-    if before[0].map is state.map and before[0][1:-1] == (left_out, current, frame):
+    before, now = state.cached_proposals, CachedProposals(state.map, left_out, current, frame, ())
+    if now[:-1] == before[:-1]:
         return before
-    view = state.map.without(left_out) if left_out else state.map.whole
-    view = replace(view, current=current)
+    view = replace(state.map.without(left_out) if left_out else state.map.whole, current=current)
     share = 0.0 if state.uses_later_contacts else state.model.geometry.revisit_prior
-    proposals = [propose_births(contact, state.known_map, view, share, frame) for contact in CONTACT_MODELS]
-    return tuple(CachedProposals(state.map, left_out, current, frame, begins) for begins in proposals)
+    return now._replace(
+        proposals=tuple(
+            kept
+            if now.inputs(contact) == before.inputs(contact)
+            else propose_births(contact, state.known_map, view, share, frame)
+            for contact, kept in zip(CONTACT_MODELS, before.proposals, strict=True)
+        )
+    )
 
 
 @dataclass(eq=False)

@@ -48,7 +48,7 @@ class FilterState(NamedTuple):
     """The hypothesis bank of each contact."""
     map: GrowingMap
     """Elements that contacts have touched."""
-    cached_proposals: tuple[CachedProposals, ...]
+    cached_proposals: CachedProposals
     """Birth proposals of each contact, as last computed."""
     log_state_weight: Array
     """(7,) log weight of each state at the last boundary, up to a constant."""
@@ -120,11 +120,8 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Filte
     length = lag + 1 if lag else 0
     banks = tuple(blank(contact, 0, length) for contact in CONTACT_MODELS)
     past = np.zeros((len(STATES), length, len(STATES)))
-    initial, states, empty = (
-        log_initial(model),
-        len(STATES),
-        GrowingMap(model.geometry.reach_m).with_prior(known_map.learned),
-    )
+    initial, states = log_initial(model), len(STATES)
+    empty = GrowingMap(model.geometry.reach_m).with_prior(known_map.learned)
     return FilterState(
         model=model,
         known_map=known_map,
@@ -134,8 +131,8 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Filte
         window=EMPTY_WINDOW,
         banks=banks,
         map=empty,
-        cached_proposals=tuple(
-            CachedProposals(empty, (), None, None, uninformed_proposal(contact)) for contact in CONTACT_MODELS
+        cached_proposals=CachedProposals(
+            empty, (), None, None, tuple(map(uninformed_proposal, CONTACT_MODELS))
         ),
         log_state_weight=initial,
         residual=np.full(len(CONTACT_MODELS), np.nan),
