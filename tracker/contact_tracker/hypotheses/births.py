@@ -35,6 +35,7 @@ from contact_tracker.map.pairs import (
     pair_priors,
 )
 from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
@@ -154,37 +155,6 @@ class Birth(NamedTuple):
     """(3, 3) orientation of the body."""
 
 
-class Births(NamedTuple):
-    """A ``Birth`` of each contact, numbered one contact after the other."""
-
-    proposals: tuple[BirthProposals, ...]
-    """Per contact."""
-    onset: int
-    onset_ns: int
-    number: int
-    """Number of the first hypothesis of the first contact."""
-    log_birth_weight: Array
-    """(7,) per state."""
-    lag_history: Array
-    """(7, L, 7) per state."""
-    turn: Array
-    """(3, 3) orientation of the body."""
-
-    @property
-    def total(self) -> int:
-        """Number of births of all contacts."""
-        return sum([len(begins.rows.words) for begins in self.proposals])
-
-    def of(self, column: int) -> Birth:
-        """The births of one contact."""
-        number = self.number + sum(begins.count for begins in self.proposals[:column])
-        when, own = (
-            (self.onset, self.onset_ns, number),
-            (float(self.log_birth_weight[column]), self.lag_history[column]),
-        )
-        return Birth(self.proposals[column], *when, *own, self.turn)
-
-
 def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     """The bank with the birth's hypotheses added."""
     begins, old = birth.proposals, len(bank)
@@ -217,19 +187,6 @@ def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
     return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
 
 
-class TickInput(NamedTuple):
-    """Input of the update by one tick."""
-
-    births: Births
-    """Hypotheses that begin with the tick."""
-    window: Window
-    """The latest ticks, this one included."""
-    before: Window
-    """The window before this tick."""
-    log_survival: Array
-    """(7,) log probabilities of staying in each state through it."""
-
-
 class CachedProposals(NamedTuple):
     """``proposals`` of each contact with what they were computed from: the map without the sightings
     ``left_out``, the pair that touches already, and the frame."""
@@ -247,6 +204,47 @@ class CachedProposals(NamedTuple):
         current = self.current if kinds == kinds_of(model) else None
         frame = None if self.frame is None else self.frame[: 2 if kinds_of(model)[1] == "f" else 3]
         return self.map, self.left_out, current, frame
+
+
+class TickInput(NamedTuple):
+    """The prediction for a tick before its evidence, with the hypotheses that begin in it, numbered one
+    contact after the other."""
+
+    proposals: tuple[BirthProposals, ...]
+    """Per contact."""
+    cached_proposals: CachedProposals
+    """The same before they are weighed, for reuse at the next tick."""
+    onset: int
+    """Index of the tick."""
+    onset_ns: int
+    """Time at which it began."""
+    number: int
+    """Number of the first hypothesis of the first contact."""
+    lag_history: Array
+    """(7, L, 7) per state: probabilities of the states before."""
+    window: Window
+    """The latest ticks, this one included."""
+    before: Window
+    """The window before this tick."""
+    hazard_exposure: float
+    """Exposure to a change of state, in ticks of motion."""
+    log_transition: Array
+    """(7, 7) log probabilities of a change before the tick, from row to column."""
+    log_survival: Array
+    """(7,) log probabilities of staying in each state through it."""
+    log_birth_weight: Array
+    """(7,) log birth weights."""
+
+    @property
+    def turn(self) -> Array:
+        """(3, 3) orientation of the body."""
+        return self.window.zeta[-1, R].reshape(3, 3)
+
+    def birth(self, column: int) -> Birth:
+        """The births of one contact."""
+        number = self.number + sum(begins.count for begins in self.proposals[:column])
+        own = float(self.log_birth_weight[column]), self.lag_history[column]
+        return Birth(self.proposals[column], self.onset, self.onset_ns, number, *own, self.turn)
 
 
 def propose_births(

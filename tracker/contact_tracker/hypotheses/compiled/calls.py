@@ -40,16 +40,15 @@ def update(
     margin: float,
 ) -> Update:
     """Update the rows of all banks and of their onsets by a tick; arguments as of ``bank_update.update``."""
-    births = one.births
     return kernels.update(
         models(scales.reach_m),
         [(bank.words, bank.onsets.words) for bank in banks],
-        [(begins.rows.words, begins.is_given) for begins in births.proposals],
-        births.turn,
-        births.onset,
-        births.onset_ns,
-        births.number,
-        births.log_birth_weight,
+        [(begins.rows.words, begins.is_given) for begins in one.proposals],
+        one.turn,
+        one.onset,
+        one.onset_ns,
+        one.number,
+        one.log_birth_weight,
         ticks_of(one.window),
         ticks_of(one.before) if len(one.before.index) else None,
         one.log_survival,
