@@ -129,7 +129,7 @@ def test_missing_entries_in_a_table_of_contacts_are_zero(tmp_path):
 
 
 CONTACTS_TABLES = [
-    ({"begins": {"f-g": 1.0}}, "begins.f-g", "known are f-f"),
+    ({"begins": {"f-g": 1.0}}, "begins.f-g", "did you mean f-"),
     ({"begins": {"f-f": -1.0}}, "begins.f-f", "zero or more"),
     ({"begins": {"f-f": float("nan")}}, "begins.f-f", "zero or more"),
     ({"begins": 3.0}, "begins", "table"),

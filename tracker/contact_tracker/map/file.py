@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from contact_tracker import __version__
+from contact_tracker.config.keys import FARTHEST_M, Keys
 from contact_tracker.config.loading import MOST_BYTES
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KnowledgeError
@@ -17,7 +19,6 @@ from contact_tracker.files import near_file, parse_toml, read_regular, whole_fil
 from contact_tracker.geometry.elements import Array, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.map.elements import ANYWHERE_M, KINDS, NOTHING_LEARNED, Key, LearnedElements, MapElement
-from contact_tracker.map.keys import FARTHEST_M, Keys
 from contact_tracker.map.map import (
     Accuracy,
     Map,
@@ -79,7 +80,7 @@ def files_named(path: str) -> list[Path]:
 
 def map_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> Map:
     """A map from the keys of a file; paths of meshes are relative to ``folder``."""
-    keys = Keys(dict(table), "")
+    keys = Keys(dict(table))
     up_keys, object_keys, environment_keys = map(keys.table, ("up", "object", "environment"))
     up = _up(up_keys) if "up" in keys else None
     learned = learned_from(keys.table("learned"))
@@ -171,7 +172,7 @@ def _point(keys: Keys, number: int) -> NamedElement:
 
 def _box(keys: Keys, solid: int) -> tuple[NamedElement, ...]:
     prefix, accuracy, size_m = _prefix(keys), _accuracy(keys), keys.lengths("size_m")
-    rotation, position_m = keys.pose()
+    rotation, position_m = _pose(keys)
     keys.finish()
     body = convex(0.5 * size_m * np.array(list(product((-1.0, 1.0), repeat=3))))
     return elements_of(body, axis_name, accuracy, rotation, position_m, prefix, solid)
@@ -181,13 +182,20 @@ def _mesh(keys: Keys, solid: int, folder: Path, note: Note) -> tuple[tuple[Named
     """The elements of a mesh's hull, and whether the mesh is convex."""
     prefix, accuracy, path = _prefix(keys), _accuracy(keys), folder / keys.text("path", None)
     unit_m = keys.number("unit_m", 1.0, 1e-6, 1e3)
-    rotation, position_m = keys.pose()
+    rotation, position_m = _pose(keys)
     keys.finish()
     body, is_convex = read_mesh(path, unit_m, keys.wrong)
     if not is_convex:
         note(f"{path} is not convex: its hull's elements are known, and others are looked for as well")
     placed = body, number_name, accuracy, rotation, position_m, prefix, solid, not is_convex
     return elements_of(*placed), is_convex
+
+
+def _pose(keys: Keys) -> tuple[Array, Array]:
+    """Rotation (3, 3) and position (3,) of ``quat_xyzw`` and ``position_m``; none if absent."""
+    quat = keys.direction("quat_xyzw", 4, [0.0, 0.0, 0.0, 1.0])
+    rotation: Array = Rotation.from_quat(quat).as_matrix()
+    return rotation, keys.vector("position_m", 3, [0.0, 0.0, 0.0])
 
 
 def _prefix(keys: Keys) -> str:

@@ -12,11 +12,11 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.keys import SIZES_M
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.files import read_regular
 from contact_tracker.geometry.elements import Array
 from contact_tracker.geometry.polyhedron import Polyhedron, TooManyFaces, convex
-from contact_tracker.map.keys import SIZES_M
 
 Ints = NDArray[np.int64]
 Number = TypeVar("Number", np.int64, np.float64)
