@@ -27,10 +27,9 @@ from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
-from contact_tracker.tracking import forward_pass
+from contact_tracker.tracking import contact_filter
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
 from pose_filter import after
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
@@ -160,7 +159,7 @@ def tracked_ticks(name="nothing known"):
     """A recording, tick by tick."""
     one = FILTERS[name]()
     ticks = ticks_of(batches(recorded(FACE_TO_EDGE).poses[:700]), one.state.model)
-    return list(forward_pass.forward(ticks, one, Detail.GEOMETRY))
+    return list(contact_filter.forward(ticks, one, Detail.GEOMETRY))
 
 
 def states():

@@ -25,8 +25,7 @@ from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.contact_filter import predict_transitions
-from contact_tracker.tracking.forward_pass import ticks_of
+from contact_tracker.tracking.contact_filter import predict_transitions, ticks_of
 from contact_tracker.tracking.transition_model import tick_transitions
 from cube_on_table import CUBE_M, CUBE_ON_TABLE, TABLE
 from pose_filter import PoseFilter

@@ -13,7 +13,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
 from contact_tracker.motion.window import rest_ticks
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.forward_pass import FilteredTick
+from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import REST_EXPOSURE
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass

@@ -1,7 +1,6 @@
 """Validated access to the keys of a TOML table; unknown keys are rejected."""
 
 import math
-from numbers import Real
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +19,8 @@ LARGEST: Final = 1e18
 LONGEST_TEXT: Final = 200
 UNIT_TOLERANCE: Final = 0.01
 """Largest deviation of a direction's length from 1."""
+
+_NUMBER: Final = int | float | np.integer | np.floating
 
 
 class Keys:
@@ -59,7 +60,7 @@ class Keys:
         """Any number, of those beyond the range of floats an infinite one; it is required if ``default`` is
         None."""
         value = self._take(key, default)
-        if isinstance(value, bool) or not isinstance(value, Real):
+        if isinstance(value, bool) or not isinstance(value, _NUMBER):
             raise self.wrong(key, f"must be a number, not {type(value).__name__}")
         try:
             return float(value)
@@ -144,4 +145,4 @@ class Keys:
 
 
 def _is_number(value: Any, largest: float) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and bool(abs(value) <= largest)
+    return isinstance(value, _NUMBER) and not isinstance(value, bool) and bool(abs(value) <= largest)

@@ -238,7 +238,7 @@ class TickInput(NamedTuple):
     @property
     def turn(self) -> Array:
         """(3, 3) orientation of the body."""
-        return self.window.zeta[-1, R].reshape(3, 3)
+        return np.asarray(self.window.zeta[-1, R].reshape(3, 3))
 
     def birth(self, column: int) -> Birth:
         """The births of one contact."""

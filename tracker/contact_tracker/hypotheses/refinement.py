@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.geometry.damping import adapted
+from contact_tracker.geometry.linalg import adapted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.hypotheses.gauss_newton import Prior

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.paper.batched import random_starts
-from contact_tracker.paper.kronecker import SIZE, Form, Kind, form
+from contact_tracker.paper.batched import SIZE, Form, Kind, form, random_starts
 from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]

@@ -3,9 +3,9 @@
 tick -> window -> births and transitions -> hypotheses (fit, evidence) -> weights of the states -> belief
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,24 +17,15 @@ from contact_tracker.hmm import fixed_lag
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import TickWeights
-from contact_tracker.hypotheses.births import (
-    CachedProposals,
-    TickInput,
-    propose_births,
-)
+from contact_tracker.hypotheses.births import CachedProposals, TickInput, propose_births
 from contact_tracker.hypotheses.proximity_prior import reweight_transitions, weigh_births
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import T
-from contact_tracker.motion.tick_averaging import Tick, with_excess
-from contact_tracker.motion.window import (
-    NewestRest,
-    Window,
-    advance_window,
-    newest_rest,
-    rest_ticks,
-)
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, with_excess
+from contact_tracker.motion.window import NewestRest, Window, advance_window, newest_rest, rest_ticks
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
@@ -265,3 +256,48 @@ def _with_longer_histories(banks: Sequence[Bank]) -> tuple[Bank, ...]:
         replace(bank, lag_history=fixed_lag.grown(bank.lag_history, column))
         for column, bank in enumerate(banks)
     )
+
+
+class FilteredTick(NamedTuple):
+    """One tick of the pass: the ``state`` after it, the ``tick``, and the ``belief``."""
+
+    state: FilterState
+    tick: Tick
+    belief: Belief
+
+    @property
+    def numbers(self) -> Index:
+        """Numbers (A,) that identify the active hypotheses in the whole recording."""
+        return np.append(Bank.of_all(self.state.banks, "number"), self.state.next_hypothesis_id - 1)
+
+
+def ticks_of(
+    parts: Iterable[Poses],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    body_m: Array = ORIGIN_M,
+) -> Iterator[Tick]:
+    """The ticks of a recording, each as soon as it is over.
+
+    Parameters
+    ----------
+    parts : validated poses in order of time, in batches.
+    progress : called after each batch of poses with the number of those read so far.
+    body_m : (3,) point of the body that is tracked, see ``sensor_noise.independent_point``.
+    """
+    grid, count = TickGrid(model, body_m), 0
+    for batch in parts:
+        yield from grid.add(batch) if len(batch) else ()
+        count += len(batch)
+        if progress is not None:
+            progress(count)
+    yield from grid.close()
+
+
+def forward(
+    ticks: Iterable[Tick], one: ContactFilter, detail: Detail = Detail.GEOMETRY
+) -> Iterator[FilteredTick]:
+    """Update a filter by ticks; the beliefs have this ``detail``."""
+    for tick in ticks:
+        belief = one.update(tick, detail)
+        yield FilteredTick(one.state, tick, belief)

@@ -28,8 +28,7 @@ from contact_tracker.hypotheses.bank_update import fit_windows
 from contact_tracker.hypotheses.births import named, propose_births, propose_measured
 from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
 from contact_tracker.hypotheses.refinement import refine
-from contact_tracker.joints.evidence import find_joint
-from contact_tracker.joints.geometry import Joint, joint_of
+from contact_tracker.joints.evidence import Joint, find_joint, joint_of
 from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, vertex_face
 from contact_tracker.contacts.family import Array
-from contact_tracker.geometry import damping
+from contact_tracker.geometry import linalg
 from contact_tracker.hypotheses import gauss_newton, schedule
 from contact_tracker.hypotheses.bank import Bank, Onsets, layout
 from contact_tracker.hypotheses.births import TickInput
@@ -151,7 +151,7 @@ def _settings() -> dict[str, object]:
     return {
         **{name.lower(): getattr(schedule, name) for name in names},
         **{name.lower(): getattr(gauss_newton, name) for name in fits},
-        **{name.lower(): getattr(damping, name) for name in shared},
+        **{name.lower(): getattr(linalg, name) for name in shared},
         "sine_sq_floor": edge_edge.SINE_SQ_FLOOR,
         "tiny": edge_edge.TINY,
         "edge_ridge": edge_edge.RIDGE,
