@@ -269,7 +269,8 @@ class MapView:
     latest: tuple[Key, Key] | None
     current: tuple[Key, Key] | None = None
     sides: dict[tuple[object, ...], Side] = field(default_factory=dict)
-    """Those asked for so far."""
+    asked: dict[tuple[object, ...], Element] = field(default_factory=dict)
+    """Those that were asked for so far; as the same objects, whose priors are known."""
 
     def side(self, side: int, kind: str, near_m: Array) -> Side:
         """The elements of a side and kind, edges with their points nearest to ``near_m`` (3,)."""
@@ -280,15 +281,20 @@ class MapView:
             nothing = np.zeros((WIDTHS[kind], TURNS[kind] + SHIFTS[kind]))
             by_free = [nothing, *(self.elements[key].parameters(near_m)[1] for key in known)]
             rows = np.array([self.rows(key, nothing.shape[1]) for key in keys])
-            elements = [None, *(self.element(key, near_m) for key in known)]
+            elements = [None, *(self.element(key, kind, near_m) for key in known)]
             self.sides[asked] = Side([*keys], np.array(log_p), elements, np.array(by_free), rows)
         return self.sides[asked]
 
-    def element(self, key: Key, near_m: Array | None = None) -> Element:
-        """An element as it differs from one touch to the next; an edge by its point nearest to ``near_m``."""
-        one, rows = self.elements[key], self.slots[key]
-        covariance = self.covariance[rows, rows] + np.diag(loose_variance(one.kind))
-        return one.with_covariance(covariance, near_m)
+    def element(self, key: Key, kind: str, near_m: Array) -> Element:
+        """An element as it differs from one touch to the next, an edge by its point nearest to ``near_m``
+        (3,); of another ``kind``, one that is incident with it there."""
+        asked = key, kind, *near_m.tolist()
+        if asked not in self.asked:
+            one, rows = self.elements[key], self.slots[key]
+            covariance = self.covariance[rows, rows] + np.diag(loose_variance(one.kind))
+            known = one.with_covariance(covariance, near_m if one.kind == kind else None)
+            self.asked[asked] = known if one.kind == kind else incident(known, kind, near_m)
+        return self.asked[asked]
 
     def cross_covariance(self, ours: Side, i: NDArray[np.int64], theirs: Side, j: NDArray[np.int64]) -> Array:
         """Covariances (n, w, w') of the parameters of the i-th elements (n,) of the object with those of the
@@ -340,15 +346,14 @@ class MapView:
 
         A contact that gains or loses a constraint keeps its elements or changes to incident ones.
         """
-        if self.latest is None:
+        kinds = kinds_of(model)
+        if self.latest is None or all(
+            self.elements[key].kind == kind for key, kind in zip(self.latest, kinds, strict=True)
+        ):
             return None
-        kinds, pair = kinds_of(model), list[Element]()
-        for key, kind, at_m in zip(self.latest, kinds, (np.zeros(3), near_m), strict=True):
-            kept = self.elements[key].kind == kind
-            pair.append(self.element(key, at_m) if kept else incident(self.element(key), kind, at_m))
-        if all(self.elements[key].kind == kind for key, kind in zip(self.latest, kinds, strict=True)):
-            return None
-        return pair[0], pair[1]
+        at_m = np.zeros(3), near_m
+        ours, theirs = (self.element(*one) for one in zip(self.latest, kinds, at_m, strict=True))
+        return ours, theirs
 
 
 CONCENTRATIONS: Final = np.logspace(-2.0, 1.0, 13)
