@@ -58,7 +58,9 @@ class OfflineTracker:
         self._wrenches = wrenches
         self._executor = executor
         self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
-        self._record = PassRecord() if uses_map and not known_map and wrenches is None else None
+        self._record = (
+            PassRecord() if uses_map and not known_map.lists_elements and wrenches is None else None
+        )
 
     def pieces(
         self,

@@ -167,7 +167,7 @@ class Tracker:
         """Update the inspection and the checks of the poses themselves by poses, which are tracked
         elsewhere."""
         stream = self.stream
-        for first in range(0, len(poses) if stream.map else 0, BATCH_POSES):
+        for first in range(0, len(poses) if stream.map.lists_elements else 0, BATCH_POSES):
             self.checks = self.checks.update(poses[first : first + BATCH_POSES], stream, *INSPECTED)
         self.inspection = inspect(self.inspection, poses)
 

@@ -130,7 +130,7 @@ class Tracker:
         with continued(self._restored):
             best = self._tracker.best
             learned = None if best is None else best.map.learned
-            return Map(learned) if learned else None
+            return Map(learned=learned) if learned else None
 
     @property
     def suggestions(self) -> tuple[InformativeMotion, ...]:

@@ -62,7 +62,7 @@ class Faces(NamedTuple):
 @lru_cache(maxsize=8)
 def vertices_of(known_map: Map) -> Vertices:
     """The known vertices of the object."""
-    known = [(one.name, one.element) for one in known_map.object if isinstance(one.element, Point)]
+    known = [(one.name, one.element) for one in known_map.listed_object if isinstance(one.element, Point)]
     place_m = np.array([point.point_m for _, point in known]).reshape(-1, 3)
     sigma_m = [0.0 if p.covariance is None else float(p.covariance.diagonal().max()) ** 0.5 for _, p in known]
     return Vertices(tuple(name for name, _ in known), place_m, np.array(sigma_m))
@@ -73,7 +73,7 @@ def faces_by_body(known_map: Map) -> tuple[Faces, ...]:
     """The known faces of the surroundings; without those of hulls, in which there may be room."""
     known = [
         (one, one.element)
-        for one in known_map.environment
+        for one in known_map.listed_environment
         if isinstance(one.element, Plane) and not one.is_hull
     ]
     found = list[Faces]()
@@ -162,7 +162,7 @@ class Clearance(Check):
         Not if other vertices of the object may have, nor if bodies are known, whose edges and vertices it may
         touch.
         """
-        bodies = any(one.solid is not None for one in known_map.environment)
+        bodies = any(one.solid is not None for one in known_map.listed_environment)
         gap_m, face = self.nearest
         if not known_map.object_complete or bodies or not 0.0 < gap_m < inf:
             return []
@@ -235,7 +235,9 @@ class Impacts(Check):
     def is_likely(self, stream: Stream) -> bool:
         if stream.model.tick_s <= LONGEST_TICK_S:
             return False
-        is_too_early = bool(stream.map.object and stream.map.environment) and not stream.inspection.blocks
+        is_too_early = (
+            bool(stream.map.listed_object and stream.map.listed_environment) and not stream.inspection.blocks
+        )
         return is_too_early or self.is_near
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:

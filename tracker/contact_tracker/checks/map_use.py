@@ -75,7 +75,7 @@ class MapUse(Check):
 
     def update_segments(self, segments: Iterable[Segment], stream: Stream) -> "MapUse":
         map = stream.map
-        if not map.object and not map.environment:
+        if not map.listed_object and not map.listed_environment:
             return self
         unknown, known, nearest, moved = self.unknown, self.known, self.nearest, self.moved
         parts: Iterator[Segment | FurtherContact] = chain.from_iterable(
@@ -103,7 +103,7 @@ class MapUse(Check):
         if any(one.kind == "knowledge" for one in earlier):
             return []
         texts = [self._moved_text] if self.moved[0] > SIGMAS else []
-        for side, listed in enumerate((stream.map.object, stream.map.environment)):
+        for side, listed in enumerate((stream.map.listed_object, stream.map.listed_environment)):
             if listed and self.unknown[side] and not self.confirmed[side]:
                 texts.append(self._untouched_text(side, listed))
         return [Finding("knowledge", text, False) for text in texts]
@@ -137,7 +137,7 @@ def _nearest(map: Map, geometry: ContactGeometry) -> tuple[float, str]:
     return min(
         (
             (distance_of_planes_m(face, one.element), one.name)
-            for one in map.environment
+            for one in map.listed_environment
             if isinstance(one.element, Plane) and not one.is_covered
             if abs(face.normal @ one.element.normal) >= PARALLEL
         ),
@@ -148,7 +148,10 @@ def _nearest(map: Map, geometry: ContactGeometry) -> tuple[float, str]:
 def _moved(map: Map, geometry: ContactGeometry) -> tuple[float, tuple[tuple[str, Difference], ...]]:
     """The named elements that a contact moves, as in ``MapUse``."""
     moved = list[tuple[str, Difference]]()
-    for element, listed in ((geometry.object, map.object), (geometry.environment, map.environment)):
+    for element, listed in (
+        (geometry.object, map.listed_object),
+        (geometry.environment, map.listed_environment),
+    ):
         known = next((one.element for one in listed if one.name == element.name), None)
         if known is not None and known.covariance is not None:
             exact = replace(element, covariance=np.zeros_like(known.covariance))
@@ -181,7 +184,7 @@ class FaceNameDelay:
     """
 
     def __init__(self, map: Map) -> None:
-        self._environment = map.environment
+        self._environment = map.listed_environment
         self._pieces: list[Segmentation] = []
 
     def release(self, piece: Segmentation, found: MapUse) -> Iterator[Segmentation]:

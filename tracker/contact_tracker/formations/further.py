@@ -416,7 +416,8 @@ def inseparable_kinds(
 def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
     """The geometry with the names of elements of the map that agree with it within their uncertainty."""
     return ContactGeometry(
-        _named(geometry.object, known_map.object), _named(geometry.environment, known_map.environment)
+        _named(geometry.object, known_map.listed_object),
+        _named(geometry.environment, known_map.listed_environment),
     )
 
 

@@ -212,8 +212,8 @@ def named_pairs(known: Map, model: ContactModel) -> tuple[NamedPair, ...]:
     up = known.up if kinds[1] == "f" else None
     return tuple(
         NamedPair(ours, theirs, our_share + their_share, up if theirs is None else None)
-        for ours, our_share in _choices(known.object, kinds[0], known.object_complete)
-        for theirs, their_share in _choices(known.environment, kinds[1], known.environment_complete)
+        for ours, our_share in _choices(known.listed_object, kinds[0], known.object_complete)
+        for theirs, their_share in _choices(known.listed_environment, kinds[1], known.environment_complete)
     )
 
 

@@ -52,7 +52,7 @@ def predict_transitions(
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
     proposals, log_odds = cached.proposals, np.zeros(len(STATES))
     exposed = max(window.latest_motion_ratio, REST_EXPOSURE) + state.deferred_exposure
-    if state.known_map:  # known elements come into contact by any displacement, however smooth
+    if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
     transition, survival = tick_transitions(model, exposed)
     if state.knows_elements:
@@ -164,7 +164,7 @@ def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: Newes
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
     the posterior. With known elements every tick is informative, since it shows whether they touch, and with
     those of the map each up to the one that completes a rest, except after a gap."""
-    if state.belief is None or state.known_map or tick.innovation_excess != NO_EXCESS:
+    if state.belief is None or state.known_map.lists_elements or tick.innovation_excess != NO_EXCESS:
         return False
     if state.window.innovation_excess[-1].any():
         return False

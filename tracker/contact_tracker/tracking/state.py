@@ -100,7 +100,7 @@ class FilterState(NamedTuple):
     @property
     def knows_elements(self) -> bool:
         """Whether a pose shows if known elements touch."""
-        return bool(self.known_map or self.map.elements or self.map.contacts)
+        return bool(self.known_map.lists_elements or self.map.elements or self.map.contacts)
 
     @property
     def current_pair(self) -> tuple[Key, Key] | None:
