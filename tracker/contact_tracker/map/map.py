@@ -55,8 +55,8 @@ class Up:
 
 @dataclass(frozen=True, eq=False)
 class Map:
-    """Elements that are listed with names, of the object in the body frame and of the environment in the world
-    frame, and those that were ``learned`` from another recording, with which the map of a recording
+    """Elements that are listed with names, of the object in the body frame and of the environment in the
+    world frame, and those that were ``learned`` from another recording, with which the map of a recording
     begins.
 
     Where a side is complete, hypotheses assume no element of it that is not listed. ``states`` are the
