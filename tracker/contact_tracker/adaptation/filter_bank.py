@@ -220,13 +220,6 @@ class LatestMotion(NamedTuple):
 NO_MOTION: Final = LatestMotion(np.zeros((0, 25)))
 
 
-class TrackedTick(NamedTuple):
-    """A tick by which a filter was updated: its ``evidence``, and the belief to report."""
-
-    evidence: TickEvidence
-    belief: Belief | None
-
-
 @dataclass(eq=False)
 class FilterBank:
     """The filters of one stream; bounded in size, however long the stream.
@@ -325,8 +318,11 @@ class FilterBank:
         last = self.grid.close()
         ended = list[list[Belief]]()
         for number, one in enumerate(self.filters):
-            found = [_observe(one, one.as_seen(tick) if number else tick) for tick in last]
-            ended.append([*(seen.belief for seen in found if seen.belief is not None), *one.finish()])
+            found = list[Belief]()
+            for tick in last:
+                one.update(one.as_seen(tick) if number else tick)
+                found += filter(None, [one.reported])
+            ended.append([*found, *one.finish()])
         return [*beliefs, *(self._mixture(some, self.log_weight) for some in zip(*ended, strict=True))]
 
     def _add(self, poses: Poses, detail: Detail) -> list[Belief]:
@@ -422,45 +418,38 @@ class FilterBank:
     def _update_all(self, tick: Tick, detail: Detail) -> list[Belief]:
         """Update all filters by a tick."""
         self.motion = self.motion.then(tick)
-        best, seen = int(self.log_weight.argmax()), list[TrackedTick]()
+        best, evidence = int(self.log_weight.argmax()), list[TickEvidence]()
         for number, one in enumerate(self.filters):  # only the best looks for further contacts and curvature
             own = detail if number == best else min(detail, Detail.GEOMETRY)
-            seen.append(_observe(one, one.as_seen(tick) if number else tick, own, number == best))
+            seen = one.as_seen(tick) if number else tick
+            before = one.state
+            one.update(seen, own, number == best)
+            evidence.append(tick_evidence(before, one.state))
         curved = self.filters[best].state.curved  # tested by one for all
         for one in self.filters:
             if one.state.label is Contact.FREE:
                 one.state = one.state._replace(curved=curved._replace(since=one.state.free_since))
-        tracked = [seen[i] for i in self._weigh(tick, seen, self.motion.moves)]
-        beliefs = [one.belief for one in tracked if one.belief is not None]
+        evidence = self._weigh(evidence)
+        beliefs = [belief for belief in (one.reported for one in self.filters) if belief is not None]
         if not beliefs:  # all have the same lag
             return []
-        activity = np.array([one.evidence.activity for one in tracked])
+        activity = np.array([one.activity for one in evidence])
         held_for_motion = 0.0 if self.motion.moves else REST_NATS * activity
         return [self._mixture(beliefs, self.log_weight - held_for_motion)]
 
     def _mixture(self, beliefs: Sequence[Belief], log_weight: Array) -> Belief:
         return mixture(beliefs, log_weight, self.known_map)
 
-    def _weigh(self, tick: Tick, now: Sequence[TrackedTick], moves: bool) -> NDArray[np.int64]:
-        """Weigh the filters by the evidence of a ``tick``, if the object ``moves`` in it; returns the indices
-        of those that are kept."""
-        every = np.arange(len(now))
-        if len(now) == 1 or not moves:
-            return every
+    def _weigh(self, evidence: list[TickEvidence]) -> list[TickEvidence]:
+        """Weigh the filters by their evidence of a tick, if the object moves in it; returns that of those
+        that are kept."""
+        if len(evidence) == 1 or not self.motion.moves:
+            return evidence
         model = self.filters[0].state.model
-        log_weight = self.log_weight + relative_evidence([one.evidence for one in now], model.motion)
+        log_weight = self.log_weight + relative_evidence(evidence, model.motion)
         self.moved_s += model.tick_s
-        kept = every[are_compared(log_weight, self.log_prior, self.moved_s)]
+        kept = np.flatnonzero(are_compared(log_weight, self.log_prior, self.moved_s))
         self.filters = [self.filters[i] for i in kept]
         self.log_weight = log_weight[kept] - log_weight.max()
         self.log_prior = self.log_prior[kept]
-        return kept
-
-
-def _observe(
-    one: ContactFilter, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True
-) -> TrackedTick:
-    """Update one filter by a tick."""
-    before = one.state
-    one.update(tick, detail, tests_curvature)
-    return TrackedTick(tick_evidence(before, one.state), one.reported)
+        return [evidence[i] for i in kept]

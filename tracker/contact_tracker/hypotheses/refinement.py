@@ -154,22 +154,17 @@ def refine(bank: Bank, model: ContactModel, window: Window, scales: EvidencePara
     The first and the last tick are left out if they do not fit the others: they may contain frames of the
     neighbouring segments. If no step improves the cost, x stays that of ``bank``.
     """
-    first = _refine_once(bank, model, window, scales)
-    if len(window) < FEW_TICKS or (first.begins and first.ends):
-        return first.refined
-    inner = window.cut(0 if first.begins else 1, None if first.ends else -1)
-    return _refine_once(first.refined.bank, model, inner, scales).refined
+    refined, begins, ends = _refine_once(bank, model, window, scales)
+    if len(window) < FEW_TICKS or (begins and ends):
+        return refined
+    inner = window.cut(0 if begins else 1, None if ends else -1)
+    return _refine_once(refined.bank, model, inner, scales)[0]
 
 
-class _RefinedOnce(NamedTuple):
+def _refine_once(
+    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters
+) -> tuple[Refined, bool, bool]:
     """A fit to all ticks of a window, and whether the first and the last tick are inliers."""
-
-    refined: Refined
-    begins: bool
-    ends: bool
-
-
-def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> _RefinedOnce:
     family = model.family
     anchors = anchors_of(bank, model)
     prior = prior_of(bank, model, anchors, scales.reach_m)
@@ -187,15 +182,8 @@ def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: Eviden
     row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1][0], axis=1)
     moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
     belong = _are_inlier_ticks(whitened, jacobian, errors.weight, information + prior_information)
-    begins, ends = bool(belong[0]), bool(belong[-1])
-    return _RefinedOnce(_refined(bank, x[0], row_weight, moments, information), begins, ends)
-
-
-def _refined(bank: Bank, x: Array, row_weight: Array, moments: Array, information: Array) -> Refined:
-    return Refined(
-        bank.replace_columns(x=x, row_weight=row_weight).replace_onset_columns(second_moment=moments),
-        information,
-    )
+    fitted = bank.replace_columns(x=x[0], row_weight=row_weight).replace_onset_columns(second_moment=moments)
+    return Refined(fitted, information), bool(belong[0]), bool(belong[-1])
 
 
 def _are_inlier_ticks(
