@@ -158,7 +158,7 @@ def test_toml_files_have_a_limit(tmp_path: Path, read) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs files without size")
 def test_a_file_that_hides_its_size_is_not_read_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("contact_tracker.config.loading.MOST_BYTES", 100)
+    monkeypatch.setattr("contact_tracker.config.keys.MOST_BYTES", 100)
     with pytest.raises(ModelError, match="larger than"):
         load_model("/proc/self/maps")
 

@@ -1,12 +1,14 @@
-"""Validated access to the keys of a TOML table; unknown keys are rejected."""
+"""TOML files, and validated access to the keys of their tables; unknown keys are rejected."""
 
 import math
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.errors import KeyFault, KnowledgeError
+from contact_tracker.files import near_file, parse_toml, read_regular
 from contact_tracker.suggestions import closest, suggestion
 
 Array = NDArray[np.float64]
@@ -20,7 +22,28 @@ LONGEST_TEXT: Final = 200
 UNIT_TOLERANCE: Final = 0.01
 """Largest deviation of a direction's length from 1."""
 
+MOST_BYTES: Final = 1_000_000
+"""Largest TOML file (bytes)."""
 _NUMBER: Final = int | float | np.integer | np.floating
+
+
+def read_toml(path: Path, fault: type[KeyFault], given: str, unreadable: str) -> dict[str, Any]:
+    """The keys of a TOML file, not validated.
+
+    Parameters
+    ----------
+    fault : is raised if the file, which was ``given`` by this name, cannot be read or parsed.
+    unreadable : the beginning of the text if it cannot be read.
+    """
+    try:
+        content = read_regular(path, MOST_BYTES)
+    except (OSError, ValueError) as error:  # names with a zero byte
+        reason = getattr(error, "strerror", None) or error
+        raise fault("", f"{unreadable}: {reason}{near_file(given)}") from error
+    try:
+        return parse_toml(content.decode("utf-8"))
+    except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
+        raise fault("", f"{given} is not TOML: {error}") from error
 
 
 class Keys:

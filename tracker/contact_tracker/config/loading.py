@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from contact_tracker.config import preset_names, shipped
-from contact_tracker.config.keys import Keys
+from contact_tracker.config.keys import Keys, read_toml
 from contact_tracker.config.parameters import ZERO, ByChange, ByState, Model
 from contact_tracker.errors import ModelError
-from contact_tracker.files import near_file, parse_toml, read_regular
 from contact_tracker.states import STATES, Contact
 from contact_tracker.suggestions import suggestion
 
@@ -35,8 +34,6 @@ MAY_BE_ZERO: Final = frozenset(
     }
 )
 _LEAST_WINDOW_TICKS: Final = 10
-MOST_BYTES: Final = 1_000_000
-"""Largest TOML file (bytes)."""
 
 
 def load_model(name_or_path: str = "default") -> Model:
@@ -46,11 +43,10 @@ def load_model(name_or_path: str = "default") -> Model:
     ------
     ModelError : names the key, if it is one, and the reason.
     """
-    text = _read(name_or_path)
-    try:
-        table = parse_toml(text)
-    except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
-        raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
+    names = preset_names()
+    unreadable = f"{name_or_path!r} is neither one of {', '.join(names)} nor a file that can be read"
+    near = suggestion(name_or_path, names)
+    table = read_toml(model_file(name_or_path), ModelError, name_or_path, unreadable + near)
     model: Model = _build(Model, Keys(table, fault=ModelError))
     if model.search.window_s < _LEAST_WINDOW_TICKS * model.tick_s:
         raise ModelError("search.window_s", f"must be {_LEAST_WINDOW_TICKS} ticks (tick_s) at least")
@@ -70,18 +66,6 @@ def limits(key: str) -> tuple[float, float]:
 def model_file(name_or_path: str) -> Path:
     """The file of a model, given as to ``load_model``."""
     return shipped() / f"{name_or_path}.toml" if name_or_path in preset_names() else Path(name_or_path)
-
-
-def _read(name_or_path: str) -> str:
-    try:
-        text = read_regular(model_file(name_or_path), MOST_BYTES).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
-    except (OSError, ValueError) as error:
-        reason = f"{name_or_path!r} is neither one of {', '.join(preset_names())} nor a file that can be read"
-        near = suggestion(name_or_path, preset_names()) or near_file(name_or_path)
-        raise ModelError("", f"{reason}: {getattr(error, 'strerror', None) or error}{near}") from error
-    return text
 
 
 def _build(kind: Any, keys: Keys) -> Any:

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import __version__
-from contact_tracker.config.keys import FARTHEST_M, SIZES_M, Keys
-from contact_tracker.config.loading import MOST_BYTES
+from contact_tracker.config.keys import FARTHEST_M, SIZES_M, Keys, read_toml
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KeyFault, KnowledgeError
-from contact_tracker.files import near_file, parse_toml, read_regular, whole_file
+from contact_tracker.files import read_regular, whole_file
 from contact_tracker.geometry.elements import Array, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Polyhedron, TooManyFaces, convex
 from contact_tracker.map.elements import ANYWHERE_M, KINDS, NOTHING_LEARNED, Key, LearnedElements, MapElement
@@ -57,12 +56,7 @@ def read_map(path: str, note: Note = lambda _: None) -> Map:
 
 def read_table(path: str) -> dict[str, Any]:
     """The keys of a TOML file, not validated."""
-    try:
-        return parse_toml(read_regular(Path(path), MOST_BYTES).decode("utf-8"))
-    except OSError as error:
-        raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}{near_file(path)}") from error
-    except (ValueError, RecursionError) as error:  # invalid UTF-8 or TOML, and names with a zero byte
-        raise KnowledgeError("", f"{path} is not TOML: {error}") from error
+    return read_toml(Path(path), KnowledgeError, path, f"cannot read {path}")
 
 
 def files_named(path: str) -> list[Path]:
