@@ -50,8 +50,12 @@ def estimate_ar1(
     estimate stays near ``errors``.
     """
     (weight, correlation), count = errors, whitened.shape[1]
-    sums = _Sums.of(np.concatenate([jacobian, whitened[..., None]], axis=2), index)
-    new = sums.new(correlation)
+    rows, follows = np.concatenate([jacobian, whitened[..., None]], axis=2), np.diff(index) == 1
+    paired = rows[:, np.append(follows, False) | np.append(False, follows)]  # others would only add scatter
+    across = _products(rows[:, 1:][:, follows], rows[:, :-1][:, follows])
+    product = 0.5 * (across + across.swapaxes(1, 2)) / max(int(np.count_nonzero(follows)), 1)
+    pairs = np.array([product, _products(paired, paired) / max(paired.shape[1], 1)])
+    new = _innovation_products(rows, correlation, index)
     for _ in range(LEARNING_STEPS):
         eigenvalues, eigenvectors = np.linalg.eigh(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
@@ -62,9 +66,9 @@ def estimate_ar1(
         taken[:-1, :-1] = (eigenvectors[:, determined] / eigenvalues[determined]) @ eigenvectors[
             :, determined
         ].T
-        product, square = np.einsum("ikpq,pq->ik", sums.pairs, taken)
+        product, square = np.einsum("ikpq,pq->ik", pairs, taken)
         correlation = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_CORRELATION)
-        new = sums.new(correlation)
+        new = _innovation_products(rows, correlation, index)
         variance = np.maximum(np.einsum("kpq,pq->k", new, taken) / count, LEAST_SCALE)
         weight = variance ** (-count / (count + PRIOR_TICKS))
     return Ar1Noise(weight, correlation)
@@ -78,47 +82,14 @@ def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
     return np.concatenate([rows[:, :1], later], axis=1)
 
 
-class _Sums(NamedTuple):
-    """Sufficient statistics of rows (K, W, Z) for any correlation: sums of their products over ticks."""
-
-    gaps: Array
-    """(G,) distances in ticks that occur between neighbours."""
-    first: Array
-    """(K, Z, Z) products of the first tick."""
-    later: Array
-    """(G, K, Z, Z) products of the later one of two neighbours with itself, per gap."""
-    earlier: Array
-    """(G, K, Z, Z) the same of the earlier one."""
-    both: Array
-    """(G, K, Z, Z) products of the two with each other, in either order."""
-    pairs: Array
-    """(2, K, Z, Z) mean product of adjacent ticks, and mean square of the same ticks. Ticks without an
-    adjacent one would only add scatter."""
-
-    @classmethod
-    def of(cls, rows: Array, index: Index) -> "_Sums":
-        gap = np.diff(index)
-        gaps, shape = np.unique(gap), (-1, len(rows), rows.shape[2], rows.shape[2])
-        pairs = [(rows[:, 1:][:, gap == one], rows[:, :-1][:, gap == one]) for one in gaps]
-        later = np.array([_products(after, after) for after, _ in pairs]).reshape(shape)
-        earlier = np.array([_products(before, before) for _, before in pairs]).reshape(shape)
-        across = np.array([_products(after, before) for after, before in pairs]).reshape(shape)
-        both, follows = across + across.swapaxes(2, 3), gap == 1
-        paired = np.append(follows, False) | np.append(False, follows)
-        product = 0.5 * both[gaps == 1].sum(axis=0) / max(int(np.count_nonzero(follows)), 1)
-        square = _products(rows[:, paired], rows[:, paired]) / max(int(np.count_nonzero(paired)), 1)
-        first = _products(rows[:, :1], rows[:, :1])
-        return cls(gaps.astype(float), first, later, earlier, both, np.array([product, square]))
-
-    def new(self, correlation: Array) -> Array:
-        """Sums (K, Z, Z) of products of the innovations (``whiten_ar1``)."""
-        left = (correlation ** self.gaps[:, None])[:, :, None, None]
-        later = (self.later - left * self.both + left**2 * self.earlier) / (1.0 - left**2)
-        return np.asarray(self.first + later.sum(axis=0))
+def _innovation_products(rows: Array, correlation: Array, index: Index) -> Array:
+    """Sums (K, Z, Z) over ticks of products of the innovations of rows (K, W, Z)."""
+    new = whiten_ar1(rows, correlation, index)
+    return _products(new, new)
 
 
 def _products(a: Array, b: Array) -> Array:
-    return a.swapaxes(1, 2) @ b
+    return np.asarray(a.swapaxes(1, 2) @ b)
 
 
 ROUNDS: Final = 3
