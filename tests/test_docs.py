@@ -119,7 +119,7 @@ def counted_kinds() -> set[str]:
     for name in (
         "motion/pose_validation.py",
         "motion/stamp_order.py",
-        "motion/default_poses.py",
+        "motion/excursions.py",
         "motion/excursions.py",
         "recording/log.py",
         "recording/transforms.py",

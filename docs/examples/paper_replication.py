@@ -24,7 +24,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import form, matrix, minimise_slsqp, motion
-from contact_tracker.paper.kronecker import Kind
+from contact_tracker.paper.batched import Kind
 from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment

@@ -15,14 +15,17 @@ from scipy.spatial.transform import Rotation
 import as_values
 from contact_tracker import hmm, segmenting
 from contact_tracker.adaptation.candidates import RATE_POSES, candidates, period_for_all_s, with_ticks_for
-from contact_tracker.adaptation.comparison import (
+from contact_tracker.adaptation.filter_bank import (
+    LASTING_TICKS,
+    RATIO_POSES,
+    SPAN_TICKS,
     TickEvidence,
     are_compared,
+    is_moving,
     mixed_with_uniform,
     mixture,
     relative_evidence,
 )
-from contact_tracker.adaptation.filter_bank import LASTING_TICKS, RATIO_POSES, SPAN_TICKS, is_moving
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.lifted_pose import T, lift

@@ -24,8 +24,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import forward, ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, forward, ticks_of
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
 from shared_recordings import ROOT

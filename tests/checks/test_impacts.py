@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from checked_stream import MODEL, stream_of
-from contact_tracker.checks import impacts
-from contact_tracker.checks.impacts import Impacts
+from contact_tracker.checks import clearance
+from contact_tracker.checks.clearance import Impacts
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -65,7 +65,7 @@ def test_a_dropped_object_is_reported(rate_hz: float, restitution: float) -> Non
     (finding,) = said(found, TICK_S)
     assert finding.doubts_labels
     assert "--model impacts" in finding.text
-    assert said(found, impacts.LONGEST_TICK_S) == [], "such ticks are short enough"
+    assert said(found, clearance.LONGEST_TICK_S) == [], "such ticks are short enough"
 
 
 def test_a_body_of_faces_is_hit_like_a_single_face() -> None:

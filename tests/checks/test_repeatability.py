@@ -8,8 +8,8 @@ import pytest
 from benchmarks.distortions import bent
 
 from checked_stream import MODEL, stream_of
-from contact_tracker.checks import repeatability
-from contact_tracker.checks.repeatability import Repeatability, difference
+from contact_tracker.checks import map_use
+from contact_tracker.checks.map_use import Repeatability, difference
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, shifted
 from contact_tracker.motion.pose_validation import gate
@@ -182,4 +182,4 @@ def test_larger_errors_are_asked_for_where_some_are_given():
 
 def test_only_the_latest_elements_are_kept():
     found = observed(segments(*[(point(), plane())] * 100))
-    assert len(found.latest) == repeatability.MOST_ELEMENTS
+    assert len(found.latest) == map_use.MOST_ELEMENTS

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from contact_tracker.config import preset_names
 from contact_tracker.config.loading import MAY_BE_ZERO, load_model
@@ -129,7 +127,7 @@ def test_missing_entries_in_a_table_of_contacts_are_zero(tmp_path):
 
 
 CONTACTS_TABLES = [
-    ({"begins": {"f-g": 1.0}}, "begins.f-g", "known are f-f"),
+    ({"begins": {"f-g": 1.0}}, "begins.f-g", "did you mean f-"),
     ({"begins": {"f-f": -1.0}}, "begins.f-f", "zero or more"),
     ({"begins": {"f-f": float("nan")}}, "begins.f-f", "zero or more"),
     ({"begins": 3.0}, "begins", "table"),
@@ -222,15 +220,6 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
         binary.chmod(0)
         with pytest.raises(ModelError, match=r"binary\.toml"):
             load_model(str(binary))
-
-
-@settings(max_examples=15, deadline=None)
-@given(text=st.text(max_size=200))
-def test_any_text_is_a_model_or_an_error_in_one_line(tmp_path_factory, text):
-    path = tmp_path_factory.mktemp("models") / "any.toml"
-    path.write_text(text, encoding="utf-8", errors="replace")
-    with pytest.raises(ModelError):
-        load_model(str(path))
 
 
 # --- errors of single contacts -----------------------------------------------------------------------------

@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
-from contact_tracker.formations.presence import AT_FIRST, most_probable
+from contact_tracker.formations.conditional import (
+    AT_FIRST,
+    ConditionalMotion,
+    coefficients,
+    count_constraints,
+    most_probable,
+)
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio
 from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
 from contact_tracker.motion.lifted_pose import lift

@@ -230,8 +230,8 @@ def test_further_contacts_are_searched_among_known_elements() -> None:
         ((first.environment,), {"face0"}),
     ):
         known_map = Map(
-            object=vertices,
-            environment=listed("face", *walls),
+            listed_object=vertices,
+            listed_environment=listed("face", *walls),
             object_complete=True,
             environment_complete=True,
         )
@@ -249,6 +249,6 @@ def test_known_elements_give_their_names() -> None:
     near = Plane(np.array([1.0, 0.0, 0.0]), 0.5005, 1e-6 * np.eye(4))
     far = Plane(np.array([0.0, 1.0, 0.0]), 0.5, 1e-6 * np.eye(4))
     corner = Point(np.zeros(3), 1e-6 * np.eye(3))
-    known_map = Map(environment=(wall,))
+    known_map = Map(listed_environment=(wall,))
     assert named_by(known_map, ContactGeometry(corner, near)).names == (None, "wall")
     assert named_by(known_map, ContactGeometry(corner, far)).names == (None, None)

@@ -14,7 +14,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import gauss_newton, global_search, observability
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import Frame, propose_births
+from contact_tracker.hypotheses.births import propose_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import prune, residual
@@ -22,14 +22,14 @@ from contact_tracker.hypotheses.proximity_prior import weigh_births
 from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
 from contact_tracker.map.file import map_from
+from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
-from contact_tracker.tracking import forward_pass
+from contact_tracker.tracking import contact_filter
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
 from pose_filter import after
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
@@ -159,7 +159,7 @@ def tracked_ticks(name="nothing known"):
     """A recording, tick by tick."""
     one = FILTERS[name]()
     ticks = ticks_of(batches(recorded(FACE_TO_EDGE).poses[:700]), one.state.model)
-    return list(forward_pass.forward(ticks, one, Detail.GEOMETRY))
+    return list(contact_filter.forward(ticks, one, Detail.GEOMETRY))
 
 
 def states():
@@ -193,7 +193,7 @@ def test_exchanged_geometries_agree(model):
         )
         donors = global_search.best_donors(bank, model, SCALES)
         compiled_ = kernels.best_donors(bank, model, REACH_M)
-        known, every = prior_at_anchors(bank, model, SCALES).prior, np.arange(len(bank))
+        known, every = prior_at_anchors(bank, model, SCALES)[0], np.arange(len(bank))
         cost = gauss_newton.every_cost(model.family, bank.second_moment, bank.row_weight, known, bank.x)
         np.testing.assert_array_equal(compiled_ == every, donors == every)
         np.testing.assert_allclose(cost[compiled_, every], cost[donors, every], rtol=1e-6)
@@ -289,9 +289,9 @@ def test_weighed_births_agree(away_m, count):
     frame = Frame.around(Origins.zero(), zeta[0, 9:12])
     begin = [propose_births(model, known_map, None, 0.0, frame) for model in CONTACT_MODELS]
     numpy, kernel = both(weigh_births, begin, window, EXTRA_VARIANCE, SCALES)
-    np.testing.assert_allclose(kernel.log_odds, numpy.log_odds, rtol=1e-9)
-    np.testing.assert_allclose(kernel.gain, numpy.gain, rtol=1e-9)
-    for reference, compiled_ in zip(numpy.proposals, kernel.proposals, strict=True):
+    np.testing.assert_allclose(kernel[1], numpy[1], rtol=1e-9)
+    np.testing.assert_allclose(kernel[2], numpy[2], rtol=1e-9)
+    for reference, compiled_ in zip(numpy[0], kernel[0], strict=True):
         np.testing.assert_array_equal(compiled_.rows.known_pair_index, reference.rows.known_pair_index)
         np.testing.assert_allclose(compiled_.log_share, reference.log_share, atol=1e-9)
         np.testing.assert_array_equal(compiled_.rows.log_prior, compiled_.log_share)

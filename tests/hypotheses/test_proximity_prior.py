@@ -10,7 +10,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
-from contact_tracker.hypotheses.births import Frame, propose_births
+from contact_tracker.hypotheses.births import propose_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.proximity_prior import (
     FREE,
@@ -20,12 +20,12 @@ from contact_tracker.hypotheses.proximity_prior import (
 )
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP
-from contact_tracker.map.pairs import named_pairs
+from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.motion.lifted_pose import lift
-from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.contact_filter import predict_transitions
+from contact_tracker.tracking.contact_filter import predict_transitions, ticks_of
 from contact_tracker.tracking.transition_model import tick_transitions
 from cube_on_table import CUBE_M, CUBE_ON_TABLE, TABLE
 from pose_filter import PoseFilter
@@ -77,8 +77,9 @@ def test_contacts_with_larger_errors_are_possible_at_larger_distances():
         one.update(pose)
     state = one.state
     loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
+    newest = next(ticks_of([Poses.collect(poses)], MODEL))
     before, after = (
-        predict_transitions(state._replace(model=model), state.window).log_transition[FREE]
+        predict_transitions(state._replace(model=model), newest, state.window).log_transition[FREE]
         for model in (MODEL, loose)
     )
     assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0

@@ -16,7 +16,7 @@ from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import compiled, global_search
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import fit_window
-from contact_tracker.hypotheses.births import Birth, Frame, add, propose_births, uninformed_proposal
+from contact_tracker.hypotheses.births import Birth, add, propose_births, uninformed_proposal
 from contact_tracker.hypotheses.global_search import is_due, prune, select_for_search, within_far_margin
 from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
 from contact_tracker.hypotheses.schedule import (
@@ -30,6 +30,7 @@ from contact_tracker.hypotheses.schedule import (
     burn_in_ticks,
 )
 from contact_tracker.map.file import map_from
+from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window

@@ -258,7 +258,7 @@ def test_ticks_that_represent_a_window_count_as_many_as_it_has():
     assert count.sum() == ticks
     assert len(some) <= MOST_TICKS
     assert (some.index < 100).sum() > 50
-    assert representatives(window.cut(0, 50)).window.index.tolist() == list(range(50))
+    assert representatives(window.cut(0, 50))[0].index.tolist() == list(range(50))
 
 
 def test_online_and_offline_deviations_agree():

@@ -17,8 +17,7 @@ from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
 from contact_tracker.hypotheses import compiled
-from contact_tracker.joints.evidence import find_joint
-from contact_tracker.joints.geometry import Joint, joint_of
+from contact_tracker.joints.evidence import Joint, find_joint, joint_of
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses

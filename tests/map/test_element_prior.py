@@ -22,10 +22,10 @@ from contact_tracker.geometry.elements import (
     numbers,
 )
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import Birth, Frame, add, propose_births
+from contact_tracker.hypotheses.births import Birth, add, propose_births
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, known_to
-from contact_tracker.map.pairs import UNLISTED, PairPrior, named_pairs, pair_priors
+from contact_tracker.map.pairs import UNLISTED, Frame, PairPrior, named_pairs, pair_priors
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.simulate import Scenario, simulate
@@ -70,7 +70,7 @@ def test_a_known_face_determines_the_normal_of_the_other(side):
     both, _ = prior(model)
     reversed_ = both.mean.copy()
     reversed_[face_face.M if side == "environment" else face_face.N] *= -1.0
-    known_map = Map(**{side: (NamedElement("table", elements[side == "environment"]),)})
+    known_map = Map(**{f"listed_{side}": (NamedElement("table", elements[side == "environment"]),)})
     begins = propose_births(model, known_map, None, 0.0, Frame.around(Origins.zero(), np.zeros(3)))
     turn = poses.rotation[0]
     bank = add(
@@ -133,7 +133,7 @@ def test_one_known_element_determines_its_part_of_x_only(model):
 def known_map(**changes):
     corners = [NamedElement(f"corner {i}", touching(CONTACTS[3])[1]) for i in range(4)]
     table = NamedElement("table", touching(CONTACTS[3])[2])
-    return Map(**({"object": tuple(corners), "environment": (table,)} | changes))
+    return Map(**({"listed_object": tuple(corners), "listed_environment": (table,)} | changes))
 
 
 def test_a_reversed_line_has_the_same_prior():
@@ -185,7 +185,7 @@ def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
     (pair,) = named_pairs(Map(up=up), v_f)
-    known = pair_priors(v_f, [pair.pair((5.0, 6.0, 7.0), (0.0, 0.0, 0.0))])
+    known = pair_priors(v_f, [pair.pair(Frame((5.0, 6.0, 7.0), (0.0,) * 3, (0.0,) * 3))])
     mean, information = known.mean[0], known.information[0]
     np.testing.assert_allclose(mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
@@ -198,7 +198,7 @@ def test_a_line_is_recognised_wherever_along_it_its_point_is():
     edge = simulated.truth.intervals[0].geometry.environment
     moved = known_to(replace(edge, point_m=edge.point_m + 3.0 * edge.direction), Accuracy())
     *_, last = forward(
-        simulated.poses, load_model(), known_map=Map(environment=(NamedElement("rail", moved),))
+        simulated.poses, load_model(), known_map=Map(listed_environment=(NamedElement("rail", moved),))
     )
     assert last.belief.geometry.environment.name == "rail"
 

@@ -37,7 +37,7 @@ def grown(body_m: NDArray[np.float64] | None = None) -> GrowingMap:
 def test_a_file_has_all_that_is_known(tmp_path: Path) -> None:
     learned = grown().learned
     path = tmp_path / "scene.toml"
-    ct.Map(learned).save(path)
+    ct.Map(learned=learned).save(path)
     again = ct.Map.load(path).learned
     assert dict(again.counts) == dict(zip(again.elements, learned.counts.values(), strict=True))
     np.testing.assert_allclose(again.information, learned.information, rtol=1e-9, atol=1e-4)
@@ -103,7 +103,8 @@ def test_a_file_with_a_mistake_is_refused(key: str, value: object) -> None:
 
 def test_a_map_of_many_elements_can_be_read_again(tmp_path: Path) -> None:
     """With what was touched most; also where most directions are hardly known."""
-    ct.Map(GrowingMap.learn(unshared(22, unknown=(0, 1)), REACH_M).learned).save(tmp_path / "scene.toml")
+    learned = GrowingMap.learn(unshared(22, unknown=(0, 1)), REACH_M).learned
+    ct.Map(learned=learned).save(tmp_path / "scene.toml")
     again = ct.Map.load(tmp_path / "scene.toml")
     assert len(again) == MOST_LEARNED
     assert (np.linalg.eigvalsh(again.learned.covariance()) > 0.0).all()

@@ -18,8 +18,8 @@ from contact_tracker.map.association import (
     log_prior_of_new,
     log_probabilities_of_new,
 )
-from contact_tracker.map.elements import MapElement, kinds_of, stacked
-from contact_tracker.map.pairs import learned_pairs
+from contact_tracker.map.elements import WIDTHS, MapElement, kinds_of, loose_variance, stacked
+from contact_tracker.map.pairs import known_entries, learned_pairs, pair_priors
 from contact_tracker.map.world_map import MARGIN_S, GrowingMap
 from contact_tracker.states import Contact
 
@@ -173,12 +173,42 @@ def test_priors_of_pairs(model: ContactModel) -> None:
     assert np.exp(log_p_new) + np.exp(found.log_share).sum() == pytest.approx(1.0)
     assert log_p_new == pytest.approx(sum(np.log(a / (2.0 + a)) for a in CONCENTRATION))
     row = int(found.are_both_known.argmax())
-    mean, information = found.prior.mean[row], found.prior.information[row]
+    prior = pair_priors(model, found.pairs, found.cross)
+    mean, information = prior.mean[row], prior.information[row]
     tangent = model.family.tangent(mean[None], model.anchors(np.zeros(3))[None])[0]
     values = np.linalg.eigvalsh(tangent.T @ information @ tangent)
     assert (values > 1.0).all()
     x, _ = stacked(model, pair, model.anchors(np.zeros(3)), np.ones(2), 1.0)
     np.testing.assert_allclose(np.abs(mean), np.abs(x), atol=2e-3)
+    given, cut = (
+        known_entries(model, prior.mean, prior.information),
+        WIDTHS[ours if model.body_in_1 else theirs],
+    )
+    cuts = (0, 3, 6) if model.contact is Contact.FF else (0, cut, None)
+    for own, entries in zip(found.pairs, given, strict=True):
+        for one, first, end in zip(own if model.body_in_1 else own[::-1], cuts[:2], cuts[1:], strict=True):
+            assert entries[first:end].any() == (one is not None)  # of a new element nothing is given
+
+
+@pytest.mark.parametrize("contact", [Contact.EF, Contact.FE, Contact.EE])
+def test_lines_of_the_map_are_as_certain_wherever_the_body_is(contact: Contact) -> None:
+    """Along the directions in which x can move, the information is that of the elements' free coordinates."""
+    model, near_m = BY_CONTACT[contact], np.array([0.4, -0.3, 0.2])
+    every = {"f": (BOTTOM, TABLE), "e": (EDGE, replace(EDGE, place_m=EDGE.place_m + 0.3))}
+    ours, theirs = kinds_of(model)
+    pair = every[ours][0], every[theirs][1]
+    view = GrowingMap.learn([seen(contact, pair, 0), seen(contact, pair, 100)], REACH_M).whole
+    found = learned_pairs(view, model, near_m)[1]
+    prior, row = pair_priors(model, found.pairs, found.cross), int(found.are_both_known.argmax())
+    keys = next(iter(view.elements)), [*view.elements][1]
+    anchors = np.where(np.isnan(prior.line_points_m[row]), 0.0, prior.line_points_m[row])
+    known = view.elements[keys[0]], view.elements[keys[1]]
+    x, by_free = stacked(model, known, anchors, np.ones(2), 1.0)
+    np.testing.assert_allclose(np.abs(prior.mean[row]), np.abs(x), atol=1e-9)
+    loose = np.concatenate([loose_variance(one.kind) for one in known])
+    expected = np.linalg.inv(view.covariance + np.diag(loose))
+    shown = by_free.T @ prior.information[row] @ by_free
+    np.testing.assert_allclose(shown, expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_new_elements_get_cheap_where_all_are_new_and_dear_where_they_return() -> None:
@@ -222,6 +252,7 @@ def test_many_contacts_that_share_nothing_take_seconds_not_minutes() -> None:
     view = world.whole
     begin_s = time.process_time()
     _, pairs = learned_pairs(view, BY_CONTACT[Contact.VF], np.zeros(3))
+    pair_priors(BY_CONTACT[Contact.VF], pairs.pairs, pairs.cross)
     assert time.process_time() - begin_s < 0.7  # of all threads of numpy
     assert len(pairs.log_share) == 41**2 - 1
 

@@ -73,13 +73,13 @@ def test_a_file_defines_a_map(tmp_path):
     known = loaded(tmp_path, ALL)
     assert known.up.direction.tolist() == [0, 0, 1]
     assert known.up.spread_rad == pytest.approx(math.radians(3))
-    environment = by_name(known.environment)
+    environment = by_name(known.listed_environment)
     assert list(environment) == ["table", "plane 2", "line 1", "pin"]
     assert environment["table"].offset_m == 0.7
     assert environment["plane 2"].offset_m == 1.0
     assert isinstance(environment["line 1"], Line)
     assert environment["pin"].point_m.tolist() == [0, 0, 1]
-    assert len(known.object) == 6 + 12 + 8
+    assert len(known.listed_object) == 6 + 12 + 8
     assert known.object_complete
     assert not known.environment_complete
     assert not loaded(tmp_path, "")
@@ -90,7 +90,7 @@ def test_a_file_defines_a_map(tmp_path):
     known = loaded(tmp_path, f"{told}[object]\ncomplete = false\n[object.box]\nsize_m = [1, 1, 1]")
     assert known.environment_complete
     assert not known.object_complete
-    assert loaded(tmp_path, "[up]\ndirection = [0, 0, 1]")
+    assert loaded(tmp_path, "[up]\ndirection = [0, 0, 1]").lists_elements
 
 
 def block(language):
@@ -103,21 +103,21 @@ def test_the_file_of_the_documentation_is_read(tmp_path):
     trimesh.creation.box((80, 60, 40)).export(tmp_path / "part.stl")
     known = loaded(tmp_path, block("toml"))
     assert known.up is not None
-    assert len(known.object) == 26
-    assert {k.name for k in known.environment} >= {"table", "line 1", "point 1", "block face +x"}
+    assert len(known.listed_object) == 26
+    assert {k.name for k in known.listed_environment} >= {"table", "line 1", "point 1", "block face +x"}
     assert (known.object_complete, known.environment_complete) == (True, False)
 
 
 def test_the_python_of_the_documentation_runs():
     names = {}
     exec(block("python"), names)
-    assert len(names["tracker"]._tracker.filters.known_map.object) == 26
+    assert len(names["tracker"]._tracker.filters.known_map.listed_object) == 26
 
 
 def test_elements_of_a_box_lie_where_their_names_say(tmp_path):
     quat, shift = [0.5, 0.5, 0.5, 0.5], np.array([1.0, 2.0, 3.0])
     text = f"[object.box]\nsize_m = {EXTENT_M.tolist()}\nquat_xyzw = {quat}\nposition_m = {shift.tolist()}"
-    elements = by_name(loaded(tmp_path, text).object)
+    elements = by_name(loaded(tmp_path, text).listed_object)
     turn = Rotation.from_quat(quat)
     for name, element in elements.items():
         kind, *faces = name.split()
@@ -141,7 +141,7 @@ def test_the_accuracy_of_a_plane_is_that_at_its_point(tmp_path):
     accuracy = "sigma_position_m = 0.001\nsigma_rotation_deg = 1.0"
     place, normal = np.array([1.0, -2.0, 0.5]), np.array([0.6, 0.0, 0.8])
     text = f"[[object.plane]]\nnormal = {normal.tolist()}\npoint_m = {place.tolist()}\n{accuracy}"
-    (known,) = loaded(tmp_path, text).object
+    (known,) = loaded(tmp_path, text).listed_object
     plane = known.element
     rng = np.random.default_rng(0)
     for point, sigma_m in (
@@ -171,13 +171,13 @@ def test_a_mesh_of_a_box_is_the_box(tmp_path, suffix):
     from_box = loaded(tmp_path, f"[object.box]\nsize_m = {EXTENT_M.tolist()}")
     assert from_mesh.object_complete
     assert not notes
-    for ours, theirs in zip(numbers(from_mesh.object), numbers(from_box.object), strict=True):
+    for ours, theirs in zip(numbers(from_mesh.listed_object), numbers(from_box.listed_object), strict=True):
         np.testing.assert_allclose(ours, theirs, atol=2e-6)
 
 
 def test_edges_and_vertices_of_a_mesh_are_called_after_their_faces(tmp_path):
     trimesh.creation.cone(0.05, 0.1, sections=8).export(tmp_path / "cone.stl")
-    elements = by_name(loaded(tmp_path, '[object.mesh]\npath = "cone.stl"').object)
+    elements = by_name(loaded(tmp_path, '[object.mesh]\npath = "cone.stl"').listed_object)
     assert len(elements) == 9 + 16 + 9
     for name, element in elements.items():
         kind, *faces = name.split()
@@ -318,7 +318,7 @@ UPPER = {"name": "upper", "size_m": [0.1, 0.1, 0.1], "position_m": [0.35, 0.05, 
 
 def names(**environment) -> set[str]:
     """Of all elements that can be touched."""
-    known = map_from({"environment": environment}).environment
+    known = map_from({"environment": environment}).listed_environment
     return {one.name for one in known if not one.is_covered}
 
 
@@ -373,7 +373,7 @@ def test_a_mesh_with_rounded_numbers_loses_all_of_its_underside(tmp_path: Path) 
     mesh.export(tmp_path / "block.stl")
     table = {"name": "table", "normal": turn.apply([0, 0, 1]).tolist(), "offset_m": -0.05}
     known = map_from({"environment": {"plane": [table], "mesh": [{"path": "block.stl"}]}}, tmp_path)
-    assert sum(one.is_covered for one in known.environment) == 1 + 4 + 4
+    assert sum(one.is_covered for one in known.listed_environment) == 1 + 4 + 4
 
 
 def test_the_hull_of_a_hollow_body_neither_covers_nor_is_covered(tmp_path: Path) -> None:
@@ -386,10 +386,10 @@ def test_the_hull_of_a_hollow_body_neither_covers_nor_is_covered(tmp_path: Path)
     tray.export(tmp_path / "tray.stl")
     table = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": -0.01}
     known = map_from({"environment": {"plane": [table], "mesh": [{"path": "tray.stl"}]}}, tmp_path)
-    assert not any(one.is_covered for one in known.environment)
+    assert not any(one.is_covered for one in known.listed_environment)
     known = map_from({"object": {"box": [BLOCK, UPPER]}})  # an object keeps all its elements
-    assert len(known.object) == 2 * (6 + 12 + 8)
-    assert not any(one.is_covered for one in known.object)
+    assert len(known.listed_object) == 2 * (6 + 12 + 8)
+    assert not any(one.is_covered for one in known.listed_object)
 
 
 @pytest.mark.long

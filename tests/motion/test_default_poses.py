@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.motion.default_poses import HELD, NEIGHBOURS
+from contact_tracker.motion.excursions import HELD, NEIGHBOURS
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from mcap_logs import smooth_poses

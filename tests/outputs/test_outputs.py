@@ -23,7 +23,7 @@ from contact_tracker.geometry.elements import (
     canonical,
     shifted,
 )
-from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.evidence import Joint
 from contact_tracker.joints.models import JointKind
 from contact_tracker.outputs.text import change_line, describe, status_text, table
 from contact_tracker.states import STATES, Contact

@@ -10,8 +10,7 @@ from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import direct, form, matrix, minimise_slsqp, motion, value
-from contact_tracker.paper.batched import minimise_batched, random_starts
-from contact_tracker.paper.kronecker import rows
+from contact_tracker.paper.batched import minimise_batched, random_starts, rows
 from contact_tracker.paper.window_curves import curves, minimise_windows
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.simulate import Phase, Scenario, simulate

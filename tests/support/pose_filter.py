@@ -6,10 +6,9 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.motion.tick_averaging import Tick, TickGrid
-from contact_tracker.tracking import forward_pass
+from contact_tracker.tracking import contact_filter
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import FilteredTick, ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, ticks_of
 from contact_tracker.tracking.state import FilterState
 
 
@@ -18,7 +17,7 @@ def forward(
 ) -> Iterator[FilteredTick]:
     """The ticks of a recording by one filter."""
     one = ContactFilter.start(model, known_map=known_map)
-    return forward_pass.forward(ticks_of(batches(poses), model), one, detail)
+    return contact_filter.forward(ticks_of(batches(poses), model), one, detail)
 
 
 def after(state: FilterState, tick: Tick) -> tuple[FilterState, Belief]:

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
+from contact_tracker.formations.conditional import Run
 from contact_tracker.formations.further import Formation, Further, KnownContact
-from contact_tracker.formations.presence import Run
 from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane, Point
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.lifted_pose import lift

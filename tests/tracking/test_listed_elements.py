@@ -102,7 +102,7 @@ def test_a_known_table_in_the_wrong_place_is_not_used(complete):
     wrong = known_to(
         Plane(normal, float(normal @ place) + plane.offset_m - plane.normal @ place - 0.03), ACCURACY
     )
-    known_map = known(wrong, object=(), object_complete=False, environment_complete=complete)
+    known_map = known(wrong, listed_object=(), object_complete=False, environment_complete=complete)
     found = segment(recorded().poses[:150], MODEL, known_map=known_map)
     assert found.filtered.probability.sum(axis=1) == pytest.approx(1.0)
     assert complete or found.filtered[-1].touching[1] is None

@@ -15,8 +15,7 @@ from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import FilteredTick, ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, ticks_of
 from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation

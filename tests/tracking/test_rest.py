@@ -13,9 +13,9 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
 from contact_tracker.motion.window import rest_ticks
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.forward_pass import FilteredTick
+from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.transition_model import hazard_exposure
+from contact_tracker.tracking.transition_model import REST_EXPOSURE
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from pose_filter import after as after_tick
 from pose_filter import forward
@@ -81,8 +81,8 @@ def test_time_at_rest_counts_once_the_object_moves_on():
     activity = [float(one.state.window.motion_ratio[-1]) for one in ticks]
     exposed = RecordedPass.over(ticks).exposure
     waited = still(ticks)
-    assert exposed[waited[-1] + 1] > len(waited) * hazard_exposure(0.0)
-    assert exposed.sum() == pytest.approx(sum(map(hazard_exposure, activity)))
+    assert exposed[waited[-1] + 1] > len(waited) * REST_EXPOSURE
+    assert exposed.sum() == pytest.approx(np.maximum(activity, REST_EXPOSURE).sum())
     assert ticks[-1].state.deferred_exposure == 0.0
 
 
@@ -93,7 +93,7 @@ def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
     contact = ticks[last].belief.contact
 
     def after(rest_s: float) -> float:
-        state = rested._replace(deferred_exposure=rest_s / MODEL.tick_s * hazard_exposure(0.0))
+        state = rested._replace(deferred_exposure=rest_s / MODEL.tick_s * REST_EXPOSURE)
         return float(after_tick(state, next_tick)[1].probability[contact.column])
 
     assert after(5.0) > 0.8 * ticks[MOVED // 20 + 5].belief.probability[contact.column] > 0.5

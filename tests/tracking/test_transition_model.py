@@ -13,7 +13,6 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.transition_model import (
     REST_EXPOSURE,
     destinations,
-    hazard_exposure,
     initial,
     leave_per_s,
     log_initial,
@@ -41,7 +40,7 @@ each_preset = pytest.mark.parametrize("name", preset_names())
 @pytest.mark.parametrize("activity", [0.0, 0.3, 1.0])
 def test_all_changes_have_positive_probabilities(name, activity):
     model = load_model(name)
-    exposed = hazard_exposure(activity)
+    exposed = max(activity, REST_EXPOSURE)
     leave = np.exp(tick_transitions(model, exposed).log_transition)
     assert np.isfinite(tick_transitions(model, exposed).log_transition).all()
     assert np.exp(log_initial(model)).sum() == pytest.approx(1.0)
@@ -81,7 +80,7 @@ def test_recordings_begin_and_states_last_as_the_model_says():
         tick_transitions(replace(MODEL, tick_s=tick_s), 1.0).log_survival for tick_s in (0.1, 1.0)
     )
     np.testing.assert_allclose(10 * fine, coarse)  # leaving within a second is as probable with ten ticks
-    at_rest, moving = (tick_transitions(MODEL, hazard_exposure(a)).log_survival for a in (0.0, 1.0))
+    at_rest, moving = (tick_transitions(MODEL, max(a, REST_EXPOSURE)).log_survival for a in (0.0, 1.0))
     np.testing.assert_allclose(at_rest, REST_EXPOSURE * moving)
     assert REST_EXPOSURE < 0.1
     nothing = tick_transitions(MODEL, 0.0)  # without exposure nothing changes

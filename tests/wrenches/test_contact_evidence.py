@@ -19,8 +19,7 @@ from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.with_wrenches import wrench_evidence
 from contact_tracker.wrenches.contact_evidence import WindowEvidence, WrenchEvidence
 from contact_tracker.wrenches.load import contact_wrenches, estimate_load
-from contact_tracker.wrenches.tick_wrench import average
-from contact_tracker.wrenches.wrenches import Wrenches, about_body
+from contact_tracker.wrenches.wrenches import Wrenches, about_body, average
 from contact_tracker_lab.evaluation.evaluate import evaluate
 
 DECISIVE = np.log(20.0)

@@ -10,8 +10,7 @@ from support.pressed_objects import CENTRE_M, MASS_KG, WEIGHT_N, Pressed, presse
 from contact_tracker.states import Contact
 from contact_tracker.with_wrenches import NoLoad, mass_doubt, require_load
 from contact_tracker.wrenches.load import Load, estimate_load
-from contact_tracker.wrenches.tick_wrench import average
-from contact_tracker.wrenches.wrenches import Wrenches, about_parent, reversed_wrenches
+from contact_tracker.wrenches.wrenches import Wrenches, about_parent, average, reversed_wrenches
 
 
 def load_of(made: Pressed, free: np.ndarray | None = None, mass_kg: float | None = None) -> Load | None:

@@ -15,8 +15,9 @@
         |-- ChoiceError           what it says of a recording does not fit that recording: others it may
         |   `-- AmbiguousSource       several pose sources: choose with --topic / --frame
         |-- MissingExtra          a format needs a library that is not installed
-        |-- ModelError            a model file with a missing or impossible value
-        `-- KnowledgeError        a map that is impossible or cannot be read
+        `-- KeyFault              a file with a missing or impossible value
+            |-- ModelError            of a model
+            `-- KnowledgeError        of a map
 
 An input cannot be used whatever the call; where another call would do, as one that names a topic or frame
 which the recording does have, the call is wrong. docs/conventions.md says the same to users.
@@ -111,12 +112,14 @@ class MissingExtra(UsageError):
     """An input or output needs a library of an extra of this package."""
 
 
-class ModelError(UsageError):
-    """A model parameter (``key``) or the model (no key) is missing, unknown, of the wrong type or out of
-    range."""
+class KeyFault(UsageError):
+    """A ``key`` of a file, or the file (no key), is missing, unknown, of the wrong type or out of range."""
+
+    NAMES = "{key}", "the file"
+    """How the text begins with a key, and without."""
 
     def __init__(self, key: str, reason: str) -> None:
-        super().__init__(f"model parameter {key}: {reason}" if key else f"model: {reason}")
+        super().__init__(f"{self.NAMES[0].format(key=key) if key else self.NAMES[1]}: {reason}")
         self.key = key
         self.reason = reason
 
@@ -124,17 +127,16 @@ class ModelError(UsageError):
         return type(self), (self.key, self.reason)  # it crosses from a worker process
 
 
-class KnowledgeError(UsageError):
-    """A ``key`` of a map is missing, unknown, of the wrong type or out of range; without a key,
-    it cannot be read."""
+class ModelError(KeyFault):
+    """A model, or a parameter of it, that is impossible."""
 
-    def __init__(self, key: str, reason: str) -> None:
-        super().__init__(f"known {key}: {reason}" if key else f"what is known: {reason}")
-        self.key = key
-        self.reason = reason
+    NAMES = "model parameter {key}", "model"
 
-    def __reduce__(self) -> tuple[type[ContactTrackerError], tuple[str, str]]:
-        return type(self), (self.key, self.reason)  # it crosses from a worker process
+
+class KnowledgeError(KeyFault):
+    """A map that is impossible or cannot be read."""
+
+    NAMES = "known {key}", "what is known"
 
 
 class ContactTrackerWarning(UserWarning):

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.adaptation.candidates import period_for_all_s
-from contact_tracker.adaptation.comparison import mixed_with_uniform
+from contact_tracker.adaptation.filter_bank import mixed_with_uniform
 from contact_tracker.adaptation.report import Report, map_findings, map_use
 from contact_tracker.checks.map_use import FaceNameDelay
 from contact_tracker.config.parameters import Model
@@ -22,8 +22,7 @@ from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import BATCH_POSES, Tracker
 from contact_tracker.tracking.belief import Belief, Detail, Segment
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
 from contact_tracker.tracking.map_passes import with_map
 from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
@@ -59,7 +58,9 @@ class OfflineTracker:
         self._wrenches = wrenches
         self._executor = executor
         self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
-        self._record = PassRecord() if uses_map and not known_map and wrenches is None else None
+        self._record = (
+            PassRecord() if uses_map and not known_map.lists_elements and wrenches is None else None
+        )
 
     def pieces(
         self,

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, replace
 from operator import is_not
 from typing import Final, Self
 
-from contact_tracker.adaptation.comparison import mixed_with_uniform
-from contact_tracker.adaptation.filter_bank import FilterBank
+from contact_tracker.adaptation.filter_bank import FilterBank, mixed_with_uniform
 from contact_tracker.adaptation.report import Report, map_findings, map_use, report_of
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import INSPECTED, TRACKED, Checks
@@ -168,7 +167,7 @@ class Tracker:
         """Update the inspection and the checks of the poses themselves by poses, which are tracked
         elsewhere."""
         stream = self.stream
-        for first in range(0, len(poses) if stream.map else 0, BATCH_POSES):
+        for first in range(0, len(poses) if stream.map.lists_elements else 0, BATCH_POSES):
             self.checks = self.checks.update(poses[first : first + BATCH_POSES], stream, *INSPECTED)
         self.inspection = inspect(self.inspection, poses)
 

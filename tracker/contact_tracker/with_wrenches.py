@@ -15,8 +15,14 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 from contact_tracker.wrenches.load import AGREES, FEWEST_TICKS, Load, contact_wrenches, estimate_load
-from contact_tracker.wrenches.tick_wrench import TickWrenches, average
-from contact_tracker.wrenches.wrenches import Wrenches, about_body, reversed_wrenches, turned_to_body
+from contact_tracker.wrenches.wrenches import (
+    TickWrenches,
+    Wrenches,
+    about_body,
+    average,
+    reversed_wrenches,
+    turned_to_body,
+)
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -7,7 +7,7 @@ but the best (``comparison``).
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -21,14 +21,8 @@ from contact_tracker.adaptation.candidates import (
     with_other_ticks,
     with_ticks_for,
 )
-from contact_tracker.adaptation.comparison import (
-    TickEvidence,
-    are_compared,
-    mixture,
-    relative_evidence,
-    tick_evidence,
-)
-from contact_tracker.config.parameters import Model
+from contact_tracker.config.parameters import Model, Motion
+from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS
@@ -36,12 +30,131 @@ from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid
-from contact_tracker.states import Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking.ambiguity import reported
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.state import FilterState
 
 Array = NDArray[np.float64]
+
+EARLY_DROP_AFTER_S: Final = 1.5
+EARLY_MARGIN_NATS: Final = 40.0
+"""After this much motion trackers this far behind the best are dropped: a large margin, since the first ticks
+mislead."""
+DROP_AFTER_S: Final = 5.0
+MARGIN_NATS: Final = 20.0
+"""The same later, with a smaller margin."""
+DECIDED_AFTER_S: Final = 10.0
+"""After this much motion the best tracker is chosen, if it is also the best by evidence alone."""
+LONGEST_S: Final = 30.0
+"""After this much motion the tracker with the largest evidence is chosen."""
+_DISTANCES: Final = np.array([*(1.0 for _ in CONTACT_MODELS), 0.0])
+_ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTACT_MODELS), 0.0])
+"""Number of constraints of each state (7,) on a distance and on angles."""
+
+
+class TickEvidence(NamedTuple):
+    """A tick as one tracker evaluates it: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after
+    it, the variances (2,) of free motion plus noise (m^2, rad^2), and the ``activity``."""
+
+    gain: float
+    posterior: Array
+    free_variance: Array
+    activity: float
+
+
+def tick_evidence(before: FilterState, after: FilterState) -> TickEvidence:
+    """The evidence of the tick between two states."""
+    weight = np.exp(after.log_state_weight - after.log_state_weight.max())
+    window = after.window
+    gain, free_variance = (
+        after.log_evidence - before.log_evidence,
+        window.innovation_excess[-1] + window.variance[-1],
+    )
+    return TickEvidence(gain, weight / weight.sum(), free_variance, window.latest_motion_ratio)
+
+
+def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
+    """Log evidence (K,) of one tick by K trackers, relative to the free motion of the first.
+
+    A constraint gains log S / 2, where S is the variance of free motion along it. A tracker with larger noise
+    has a smaller S, because it takes a part of the motion for noise; the difference is added here.
+    """
+    squared_lever_m2 = 2.0 * motion.body_radius_m**2
+    free = np.array([tick.free_variance for tick in ticks])
+    log_distance = np.log(free[:, 0] + squared_lever_m2 * free[:, 1])
+    log_angle = np.log(free[:, 1])
+    posterior = np.array([tick.posterior for tick in ticks])
+    difference = (posterior @ _DISTANCES) * (log_distance[0] - log_distance)
+    difference += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
+    gain = np.array([tick.gain for tick in ticks])
+    return np.asarray(gain + 0.5 * motion.likelihood_exponent * difference)
+
+
+def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray[np.bool_]:
+    """Which of K trackers are kept after ``moved_s`` seconds of motion: those near the best, and from
+    ``DECIDED_AFTER_S`` on the best alone.
+
+    Parameters
+    ----------
+    log_weight, log_prior : (K,), in nats; their difference is the evidence. Before ``LONGEST_S``, the best
+        by weight and the best by evidence alone are both kept if they differ.
+    """
+    if moved_s < EARLY_DROP_AFTER_S:
+        return np.ones(len(log_weight), np.bool_)
+    margin = MARGIN_NATS if moved_s >= DROP_AFTER_S else EARLY_MARGIN_NATS
+    scores = log_weight, log_weight - log_prior
+    best, best_by_evidence = (int(one.argmax()) for one in scores)
+    if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == best_by_evidence):
+        return np.asarray(np.arange(len(log_weight)) == best_by_evidence, np.bool_)
+    return np.asarray(np.any([one > one.max() - margin for one in scores], axis=0))
+
+
+DOUBT: Final = 0.5
+"""Weight of the uniform distribution while the stream is in doubt."""
+
+
+def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY_MAP) -> Belief:
+    """The belief of K trackers by their ``log_weight`` (K,): the mean posterior and its most probable state.
+
+    Onset, elements and alternatives are those of the most probable tracker with this label. Without one,
+    onset and elements are unknown, and the label is indistinguishable from all states that the trackers
+    report. ``known_map`` has the contacts that can occur.
+    """
+    if len(beliefs) == 1:
+        return beliefs[0]
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    probability = weight @ np.array([belief.probability for belief in beliefs])
+    label = STATES[int(probability.argmax())]
+    share = [w * b.probability[label.column] for w, b in zip(weight, beliefs, strict=True)]
+    ranked = sorted(zip(beliefs, share, strict=True), key=lambda one: (one[0].contact is label, one[1]))
+    source, _ = ranked[-1]
+    if source.contact is not label:
+        others = {one for belief in beliefs for one in (belief.contact, *belief.inseparable)} - {label}
+        source = replace(
+            source,
+            contact=label,
+            onset_ns=source.stamp_ns,
+            geometry=None,
+            inseparable=tuple(one for one in STATES if one in others),
+            p_restricted=0.0,
+            further=(),
+            is_open=False,
+        )
+    # as of the other trackers they may be rivals; only one of the trackers searches further contacts, and
+    # only its label is limited
+    probability = reported(probability, label, source.inseparable, known_map, is_open=source.is_open)
+    return replace(source, probability=probability)
+
+
+def mixed_with_uniform(probability: Array, possible: tuple[Contact, ...] = CONTACTS) -> Array:
+    """Posterior (..., 7) mixed with a uniform one over free motion and the ``possible`` contacts, while the
+    poses or the map may be wrong."""
+    uniform = np.array([one in (*possible, Contact.FREE) for one in STATES]) / (1 + len(possible))
+    return np.asarray((1.0 - DOUBT) * probability + DOUBT * uniform)
+
 
 RATIO_POSES: Final = 60
 """Number of poses from which the ratio of the noise of position and orientation is estimated."""
@@ -105,13 +218,6 @@ class LatestMotion(NamedTuple):
 
 
 NO_MOTION: Final = LatestMotion(np.zeros((0, 25)))
-
-
-class TrackedTick(NamedTuple):
-    """A tick by which a filter was updated: its ``evidence``, and the belief to report."""
-
-    evidence: TickEvidence
-    belief: Belief | None
 
 
 @dataclass(eq=False)
@@ -212,8 +318,11 @@ class FilterBank:
         last = self.grid.close()
         ended = list[list[Belief]]()
         for number, one in enumerate(self.filters):
-            found = [_observe(one, one.as_seen(tick) if number else tick) for tick in last]
-            ended.append([*(seen.belief for seen in found if seen.belief is not None), *one.finish()])
+            found = list[Belief]()
+            for tick in last:
+                one.update(one.as_seen(tick) if number else tick)
+                found += filter(None, [one.reported])
+            ended.append([*found, *one.finish()])
         return [*beliefs, *(self._mixture(some, self.log_weight) for some in zip(*ended, strict=True))]
 
     def _add(self, poses: Poses, detail: Detail) -> list[Belief]:
@@ -309,45 +418,38 @@ class FilterBank:
     def _update_all(self, tick: Tick, detail: Detail) -> list[Belief]:
         """Update all filters by a tick."""
         self.motion = self.motion.then(tick)
-        best, seen = int(self.log_weight.argmax()), list[TrackedTick]()
+        best, evidence = int(self.log_weight.argmax()), list[TickEvidence]()
         for number, one in enumerate(self.filters):  # only the best looks for further contacts and curvature
             own = detail if number == best else min(detail, Detail.GEOMETRY)
-            seen.append(_observe(one, one.as_seen(tick) if number else tick, own, number == best))
+            seen = one.as_seen(tick) if number else tick
+            before = one.state
+            one.update(seen, own, number == best)
+            evidence.append(tick_evidence(before, one.state))
         curved = self.filters[best].state.curved  # tested by one for all
         for one in self.filters:
             if one.state.label is Contact.FREE:
                 one.state = one.state._replace(curved=curved._replace(since=one.state.free_since))
-        tracked = [seen[i] for i in self._weigh(tick, seen, self.motion.moves)]
-        beliefs = [one.belief for one in tracked if one.belief is not None]
+        evidence = self._weigh(evidence)
+        beliefs = [belief for belief in (one.reported for one in self.filters) if belief is not None]
         if not beliefs:  # all have the same lag
             return []
-        activity = np.array([one.evidence.activity for one in tracked])
+        activity = np.array([one.activity for one in evidence])
         held_for_motion = 0.0 if self.motion.moves else REST_NATS * activity
         return [self._mixture(beliefs, self.log_weight - held_for_motion)]
 
     def _mixture(self, beliefs: Sequence[Belief], log_weight: Array) -> Belief:
         return mixture(beliefs, log_weight, self.known_map)
 
-    def _weigh(self, tick: Tick, now: Sequence[TrackedTick], moves: bool) -> NDArray[np.int64]:
-        """Weigh the filters by the evidence of a ``tick``, if the object ``moves`` in it; returns the indices
-        of those that are kept."""
-        every = np.arange(len(now))
-        if len(now) == 1 or not moves:
-            return every
+    def _weigh(self, evidence: list[TickEvidence]) -> list[TickEvidence]:
+        """Weigh the filters by their evidence of a tick, if the object moves in it; returns that of those
+        that are kept."""
+        if len(evidence) == 1 or not self.motion.moves:
+            return evidence
         model = self.filters[0].state.model
-        log_weight = self.log_weight + relative_evidence([one.evidence for one in now], model.motion)
+        log_weight = self.log_weight + relative_evidence(evidence, model.motion)
         self.moved_s += model.tick_s
-        kept = every[are_compared(log_weight, self.log_prior, self.moved_s)]
+        kept = np.flatnonzero(are_compared(log_weight, self.log_prior, self.moved_s))
         self.filters = [self.filters[i] for i in kept]
         self.log_weight = log_weight[kept] - log_weight.max()
         self.log_prior = self.log_prior[kept]
-        return kept
-
-
-def _observe(
-    one: ContactFilter, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True
-) -> TrackedTick:
-    """Update one filter by a tick."""
-    before = one.state
-    one.update(tick, detail, tests_curvature)
-    return TrackedTick(tick_evidence(before, one.state), one.reported)
+        return [evidence[i] for i in kept]

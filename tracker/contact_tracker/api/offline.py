@@ -66,7 +66,7 @@ class Result(Outcome):
         """What the contacts have touched, for ``known`` with the next recording; None where a map or wrenches
         are given, or if no contact is sure enough."""
         learned = None if self.touched is None else self.touched.learned
-        return Map(learned) if learned else None
+        return Map(learned=learned) if learned else None
 
     @property
     def parts(self) -> tuple[Part, ...]:

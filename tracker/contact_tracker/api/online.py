@@ -11,8 +11,7 @@ from contact_tracker.adaptation.report import Report
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
-from contact_tracker.motion.poses import Pose
-from contact_tracker.motion.real_numbers import real_number
+from contact_tracker.motion.poses import Pose, real_number
 from contact_tracker.outputs.adaptation import not_given, warnings
 from contact_tracker.saved_state import continued, load, save
 from contact_tracker.tracking.belief import Belief
@@ -131,7 +130,7 @@ class Tracker:
         with continued(self._restored):
             best = self._tracker.best
             learned = None if best is None else best.map.learned
-            return Map(learned) if learned else None
+            return Map(learned=learned) if learned else None
 
     @property
     def suggestions(self) -> tuple[InformativeMotion, ...]:

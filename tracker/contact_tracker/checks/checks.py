@@ -4,12 +4,10 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from contact_tracker.checks.check import Stream
-from contact_tracker.checks.clearance import Clearance
+from contact_tracker.checks.clearance import Clearance, Impacts
 from contact_tracker.checks.contradiction import Contradiction
 from contact_tracker.checks.conventions import Conventions
-from contact_tracker.checks.impacts import Impacts
-from contact_tracker.checks.map_use import MapUse
-from contact_tracker.checks.repeatability import Repeatability
+from contact_tracker.checks.map_use import MapUse, Repeatability
 from contact_tracker.inspection.stream_checks import Finding, findings
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment

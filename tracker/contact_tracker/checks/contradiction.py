@@ -93,7 +93,7 @@ class Contradiction(Check):
     is_found: bool = False
 
     def is_likely(self, stream: Stream) -> bool:
-        doubted = DOUBTED_NATS if stream.map else WRONG_NATS
+        doubted = DOUBTED_NATS if stream.map.lists_elements else WRONG_NATS
         return self.is_found or (not self.is_settled and self.lead > doubted)
 
     def update(self, poses: Poses, stream: Stream) -> "Contradiction":
@@ -108,7 +108,7 @@ class Contradiction(Check):
             return self
         if self.is_settled:
             return self
-        if not (stream.map or stream.map.states):
+        if not (stream.map.lists_elements or stream.map.states):
             return replace(self, is_settled=True)
         if not len(poses):
             return self
@@ -148,11 +148,11 @@ class Contradiction(Check):
         if not self.is_found or has_doubts(earlier, "impacts", "knowledge"):
             return []
         what = "--up" if stream.map.up is not None else "what is given"
-        if stream.map.up is not None and (stream.map.environment or stream.map.object):
+        if stream.map.up is not None and (stream.map.listed_environment or stream.map.listed_object):
             what = "--up or what else is given"
         others = ", ".join(one for one in CONTACTS if one not in stream.map.possible)
         if others:
-            given = f"{what}, or --states" if stream.map else "--states"
+            given = f"{what}, or --states" if stream.map.lists_elements else "--states"
             text = f"{given} without {others} does not fit the motion: other contacts explain more: check it"
             return [Finding("knowledge", text, True)]
         text = (
@@ -164,7 +164,7 @@ class Contradiction(Check):
 
 def _refutes(lead: float, lost: float, known_map: Map) -> bool:
     """Of right states alone the lead was up to 8 nats in everyday handling."""
-    return (bool(known_map) and lead > WRONG_NATS) or lost > LOST_NATS
+    return (known_map.lists_elements and lead > WRONG_NATS) or lost > LOST_NATS
 
 
 def _is_undecided(with_map: Belief, without_map: Belief) -> bool:

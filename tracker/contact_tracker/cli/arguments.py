@@ -249,7 +249,7 @@ def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
 
     if args.map_out is None:
         return
-    if known_map:
+    if known_map.lists_elements:
         raise UsageError("--map-out cannot be combined with --up, --plane, --box or elements in --known")
     if getattr(args, "wrench", None) is not None:
         raise UsageError("--map-out learns from the motion: without --wrench")

@@ -1,16 +1,14 @@
 """Models from TOML files, every key checked: shipped presets by name, others by path (docs/models.md)."""
 
-import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from contact_tracker.config import preset_names, shipped
+from contact_tracker.config.keys import Keys, read_toml
 from contact_tracker.config.parameters import ZERO, ByChange, ByState, Model
 from contact_tracker.errors import ModelError
-from contact_tracker.files import near_file, parse_toml, read_regular
 from contact_tracker.states import STATES, Contact
 from contact_tracker.suggestions import suggestion
 
@@ -36,8 +34,6 @@ MAY_BE_ZERO: Final = frozenset(
     }
 )
 _LEAST_WINDOW_TICKS: Final = 10
-MOST_BYTES: Final = 1_000_000
-"""Largest TOML file (bytes)."""
 
 
 def load_model(name_or_path: str = "default") -> Model:
@@ -47,12 +43,11 @@ def load_model(name_or_path: str = "default") -> Model:
     ------
     ModelError : names the key, if it is one, and the reason.
     """
-    text = _read(name_or_path)
-    try:
-        table = parse_toml(text)
-    except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
-        raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
-    model: Model = _build(Model, table, "")
+    names = preset_names()
+    unreadable = f"{name_or_path!r} is neither one of {', '.join(names)} nor a file that can be read"
+    near = suggestion(name_or_path, names)
+    table = read_toml(model_file(name_or_path), ModelError, name_or_path, unreadable + near)
+    model: Model = _build(Model, Keys(table, fault=ModelError))
     if model.search.window_s < _LEAST_WINDOW_TICKS * model.tick_s:
         raise ModelError("search.window_s", f"must be {_LEAST_WINDOW_TICKS} ticks (tick_s) at least")
     for name in ("contact_position_m", "contact_rotation_rad"):
@@ -73,83 +68,43 @@ def model_file(name_or_path: str) -> Path:
     return shipped() / f"{name_or_path}.toml" if name_or_path in preset_names() else Path(name_or_path)
 
 
-def _read(name_or_path: str) -> str:
-    try:
-        text = read_regular(model_file(name_or_path), MOST_BYTES).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
-    except (OSError, ValueError) as error:
-        reason = f"{name_or_path!r} is neither one of {', '.join(preset_names())} nor a file that can be read"
-        near = suggestion(name_or_path, preset_names()) or near_file(name_or_path)
-        raise ModelError("", f"{reason}: {getattr(error, 'strerror', None) or error}{near}") from error
-    return text
-
-
-def _build(kind: Any, table: Any, prefix: str) -> Any:
-    """A frozen value of type ``kind`` from a TOML table, every key checked."""
-    if not isinstance(table, dict):
-        raise ModelError(prefix or "model", "must be a table")
-    known = {f.name: f.type for f in fields(kind)}
-    optional = {f.name for f in fields(kind) if f.default is not MISSING}
-    for key in table:
-        if key not in known:
-            raise ModelError(f"{prefix}{key}", f"unknown; known are {', '.join(known)}")
-    values = {}
-    for key, wanted in known.items():
-        if key not in table and key in optional:
-            continue
-        if key not in table:
-            raise ModelError(f"{prefix}{key}", "missing")
-        values[key] = _value(wanted, table[key], f"{prefix}{key}")
+def _build(kind: Any, keys: Keys) -> Any:
+    """A frozen value of type ``kind`` from the keys of a table."""
+    given = [one for one in fields(kind) if one.name in keys or one.default is MISSING]
+    values = {one.name: _value(one.type, keys, one.name) for one in given}
+    keys.finish()
     return kind(**values)
 
 
-def _value(wanted: Any, value: Any, key: str) -> Any:
+def _value(wanted: Any, keys: Keys, key: str) -> Any:
     if wanted is str:
-        if not isinstance(value, str):
-            raise ModelError(key, f"must be a string, not {type(value).__name__}")
-        return value
+        return keys.text(key, None)
     if wanted is bool:
-        if not isinstance(value, bool):
-            raise ModelError(key, f"must be true or false, not {type(value).__name__}")
-        return value
+        return keys.flag(key, default=True)
     if wanted is float:
-        low, high = limits(key)
-        number = _number(value, key)
-        if not (low < number < high or (number == 0.0 and key in MAY_BE_ZERO)):
-            raise ModelError(key, f"must be more than {low:g} and less than {high:g}")
+        number, (low, high) = keys.real(key), limits(key)
+        if not (low < number < high or (number == 0.0 and keys.called(key) in MAY_BE_ZERO)):
+            raise keys.wrong(key, f"must be more than {low:g} and less than {high:g}")
         return number
     if wanted == ByState:
-        return _by_state(value, key, _count, 0.0)
+        return _by_state(keys, key)
     if wanted == ByChange:
-        return _by_state(value, key, partial(_by_state, entry=_count, absent=0.0), ZERO)
-    return _build(wanted, value, f"{key}.")
+        return _by_state(keys, key, _by_state, ZERO)
+    return _build(wanted, keys.table(key, is_required=True))
 
 
-def _number(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ModelError(key, f"must be a number, not {type(value).__name__}")
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
-
-
-def _count(value: Any, key: str) -> float:
-    number = _number(value, key)
+def _count(keys: Keys, key: str) -> float:
+    number = keys.real(key)
     if not 0.0 <= number < _POSITIVE[1]:
-        raise ModelError(key, f"must be zero or more, below {_POSITIVE[1]:g}")
+        raise keys.wrong(key, f"must be zero or more, below {_POSITIVE[1]:g}")
     return number
 
 
-def _by_state(table: Any, key: str, entry: Callable[[Any, str], Any], absent: Any) -> tuple[Any, ...]:
+def _by_state(
+    keys: Keys, key: str, entry: Callable[[Keys, str], Any] = _count, absent: Any = 0.0
+) -> tuple[Any, ...]:
     """Seven values from a table of the states' names, ``absent`` where one is not in it."""
-    if not isinstance(table, dict):
-        raise ModelError(key, "must be a table")
-    for name in table:
-        if name not in {state.value for state in STATES}:
-            raise ModelError(f"{key}.{name}", f"unknown; known are {', '.join(STATES)}")
-    return tuple(
-        entry(table[state.value], f"{key}.{state.value}") if state.value in table else absent
-        for state in STATES
-    )
+    own = keys.table(key)
+    values = tuple(entry(own, state.value) if state.value in own else absent for state in STATES)
+    own.finish()
+    return values

@@ -9,7 +9,7 @@ from contact_tracker.errors import extra
 from contact_tracker.geometry.contact_motion import MEANS, ContactMotion
 from contact_tracker.geometry.elements import NONE, VERTEX, ContactGeometry, flat
 from contact_tracker.geometry.task_frame import TaskFrame
-from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.evidence import Joint
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 

@@ -9,8 +9,15 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.formations.conditional import TINY, ConditionalMotion, coefficients, count_constraints
-from contact_tracker.formations.presence import Presence, Run, most_probable
+from contact_tracker.formations.conditional import (
+    TINY,
+    ConditionalMotion,
+    Presence,
+    Run,
+    coefficients,
+    count_constraints,
+    most_probable,
+)
 from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
 from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, canonical, opposite
 from contact_tracker.hypotheses import refinement
@@ -409,7 +416,8 @@ def inseparable_kinds(
 def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
     """The geometry with the names of elements of the map that agree with it within their uncertainty."""
     return ContactGeometry(
-        _named(geometry.object, known_map.object), _named(geometry.environment, known_map.environment)
+        _named(geometry.object, known_map.listed_object),
+        _named(geometry.environment, known_map.listed_environment),
     )
 
 

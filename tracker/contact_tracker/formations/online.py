@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import ConditionalMotion, count_constraints
+from contact_tracker.formations.conditional import ConditionalMotion, Presence, Run, count_constraints
 from contact_tracker.formations.further import (
     MAX_FURTHER,
     SURE_NATS,
@@ -27,7 +27,6 @@ from contact_tracker.formations.further import (
     refine,
     search_span,
 )
-from contact_tracker.formations.presence import Presence, Run
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.states import Contact

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import turns
 from contact_tracker.formations.conditional import ConditionalMotion
-from contact_tracker.geometry.damping import adapted
+from contact_tracker.geometry.linalg import adapted
 from contact_tracker.geometry.vectors import unit
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.evidence import weak_prior

@@ -1,7 +1,9 @@
 """Linear algebra of one small matrix by direct calls of LAPACK, whose wrappers take several times longer."""
 
+from typing import Final
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
@@ -36,3 +38,16 @@ def eigenvectors(symmetric: Array, against: Array | None = None) -> tuple[Array,
 
 def _failed(info: int) -> np.linalg.LinAlgError:
     return np.linalg.LinAlgError(f"LAPACK's info is {info}")
+
+
+DAMPING_DECREASE: Final = 0.2
+DAMPING_INCREASE: Final = 8.0
+LEAST_DAMPING: Final = 1e-12
+MOST_DAMPING: Final = 1e12
+"""Usual values: in fits of hypotheses half and double of both factors change one label in 32 s of motion."""
+
+
+def adapted(damping: NDArray[np.float64], better: ArrayLike) -> NDArray[np.float64]:
+    """The damping (...) of the next step, by whether this one was ``better`` (...) than none."""
+    factor = np.where(better, DAMPING_DECREASE, DAMPING_INCREASE)
+    return np.clip(damping * factor, LEAST_DAMPING, MOST_DAMPING)

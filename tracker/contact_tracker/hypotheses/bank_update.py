@@ -109,12 +109,12 @@ def update(
         return update_reference(banks, tick_input, extra_variance, scales, margin)
     from contact_tracker.hypotheses.compiled import calls
 
-    births, left = tick_input.births, list[Bank]()
+    left = list[Bank]()
     kept, kept_rows, weighed = calls.update(banks, tick_input, extra_variance, scales, margin)
     for column, (bank, (words, since), rows) in enumerate(zip(banks, kept, kept_rows, strict=True)):
         past = bank.lag_history
         if past.shape[1]:
-            past = joined(past, births.lag_history[column], births.proposals[column].count, rows)
+            past = joined(past, tick_input.lag_history[column], tick_input.proposals[column].count, rows)
         elif len(past) != len(rows):
             past = np.empty((len(rows), *past.shape[1:]))
         left.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
@@ -129,21 +129,20 @@ def update_reference(
     margin: float,
 ) -> tuple[list[Bank], TickWeights]:
     """``update`` in numpy: the reference of the compiled kernels."""
-    births, window, before, log_stay = tick_input
-    now = births.onset
-    updated, oldest = [], before.expired_by(window)
+    now, window = tick_input.onset, tick_input.window
+    updated, oldest = [], tick_input.before.expired_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         settled = marginalise_expired_ticks(bank, model, oldest.with_error(extra_variance[column]), scales)
-        own, survival = window.with_error(extra_variance[column]), float(log_stay[column])
-        updated.append(_update_contact(settled, model, births.of(column), own, scales, survival))
-    free = float(births.log_birth_weight[-1])
+        own, log_stay = window.with_error(extra_variance[column]), float(tick_input.log_survival[column])
+        updated.append(_update_contact(settled, model, tick_input.birth(column), own, scales, log_stay))
+    free = float(tick_input.log_birth_weight[-1])
     best = max(free, *(bank.best for bank in updated))
     kept = [
         prune(bank, now, best, margin if is_due(model, now) else np.inf)
         for bank, model in zip(updated, CONTACT_MODELS, strict=True)
     ]
     weighed = TickWeights(
-        births.log_birth_weight,
+        tick_input.log_birth_weight,
         np.array([*(bank.log_total_weight for bank in kept), free - best]),
         np.array([residual(bank) for bank in kept]),
         np.array([bank.best_row for bank in kept]),

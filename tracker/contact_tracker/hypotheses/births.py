@@ -6,7 +6,7 @@ Elements are those that are known, those of the map, or new ones.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from contact_tracker.contacts.family import directions
 from contact_tracker.geometry.elements import (
     ContactGeometry,
     Element,
-    Origins,
     Pair,
     Plane,
     canonical,
@@ -24,19 +23,19 @@ from contact_tracker.geometry.elements import (
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.map.association import MapView
-from contact_tracker.map.elements import Key
+from contact_tracker.map.elements import Key, kinds_of
 from contact_tracker.map.map import Map, NamedElement, Up
 from contact_tracker.map.pairs import (
-    LearnedPairs,
+    Frame,
     NamedPair,
     PairPrior,
-    by_feet,
     known_entries,
     learned_pairs,
     named_pairs,
     pair_priors,
 )
 from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
@@ -77,22 +76,21 @@ class BirthProposals:
 def make_proposals(
     model: ContactModel,
     pairs: Sequence[Pair],
-    near_m: Array | None,
     log_share: Sequence[float],
     known_pair_index: Sequence[int],
-    elements_known: Sequence[bool],
+    are_both_known: Sequence[bool],
+    elements_known: Sequence[bool] | None = None,
+    cross: Array | None = None,
 ) -> BirthProposals:
-    """One proposal for each of the ``pairs`` of elements.
+    """One proposal for each of the ``pairs`` of elements, whose covariances are ``cross`` (``pair_priors``).
 
-    Lines of the surroundings are parametrised by their points nearest to ``near_m`` (3,), so that the points
-    are not correlated with the directions. Proposals whose directions the prior leaves open may search, and
-    are protected from pruning during burn-in. The other parameters are columns of ``Bank``.
+    Proposals whose directions the prior leaves open may search, and are protected from pruning during
+    burn-in. The other parameters are columns of ``Bank``; by default elements are known as far as both are.
     """
-    prior = pair_priors(model, pairs)
-    if near_m is not None:
-        prior = by_feet(model, prior, near_m)
-    both = np.array(elements_known, bool)
-    return with_prior(model, prior, np.array(log_share), np.array(known_pair_index), both, both)
+    both = np.array(are_both_known, bool)
+    known = both if elements_known is None else np.array(elements_known, bool)
+    prior = pair_priors(model, pairs, cross)
+    return with_prior(model, prior, np.array(log_share), np.array(known_pair_index), both, known)
 
 
 def with_prior(
@@ -131,7 +129,7 @@ def with_prior(
 @lru_cache(maxsize=16)
 def uninformed_proposal(model: ContactModel) -> BirthProposals:
     """A proposal of elements that nothing is known of."""
-    return make_proposals(model, [(None, None)], None, [0.0], [0], [False])
+    return make_proposals(model, [(None, None)], [0.0], [0], [False])
 
 
 class Birth(NamedTuple):
@@ -155,37 +153,6 @@ class Birth(NamedTuple):
     """(L, 7) probabilities of the states before."""
     turn: Array
     """(3, 3) orientation of the body."""
-
-
-class Births(NamedTuple):
-    """A ``Birth`` of each contact, numbered one contact after the other."""
-
-    proposals: tuple[BirthProposals, ...]
-    """Per contact."""
-    onset: int
-    onset_ns: int
-    number: int
-    """Number of the first hypothesis of the first contact."""
-    log_birth_weight: Array
-    """(7,) per state."""
-    lag_history: Array
-    """(7, L, 7) per state."""
-    turn: Array
-    """(3, 3) orientation of the body."""
-
-    @property
-    def total(self) -> int:
-        """Number of births of all contacts."""
-        return sum([len(begins.rows.words) for begins in self.proposals])
-
-    def of(self, column: int) -> Birth:
-        """The births of one contact."""
-        number = self.number + sum(begins.count for begins in self.proposals[:column])
-        when, own = (
-            (self.onset, self.onset_ns, number),
-            (float(self.log_birth_weight[column]), self.lag_history[column]),
-        )
-        return Birth(self.proposals[column], *when, *own, self.turn)
 
 
 def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
@@ -220,47 +187,64 @@ def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
     return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
 
 
-class TickInput(NamedTuple):
-    """Input of the update by one tick."""
-
-    births: Births
-    """Hypotheses that begin with the tick."""
-    window: Window
-    """The latest ticks, this one included."""
-    before: Window
-    """The window before this tick."""
-    log_survival: Array
-    """(7,) log probabilities of staying in each state through it."""
-
-
-CELL_M: Final = 0.25
-"""Known lines are parametrised again when the body has moved to another cell of this size."""
-
-
-class Frame(NamedTuple):
-    """Origins of the hypotheses' coordinates in the world and in the body frame, and the cell in which the
-    body is from the first (m)."""
-
-    world_m: tuple[float, ...]
-    body_m: tuple[float, ...]
-    near_m: tuple[float, ...]
-
-    @classmethod
-    def around(cls, origins: Origins, place_m: Array) -> "Frame":
-        """The frame with the body at ``place_m`` from the origin."""
-        cell_m = (CELL_M * np.round(place_m / CELL_M)).tolist()
-        return cls(tuple(origins.world_m.tolist()), tuple(origins.body_m.tolist()), tuple(cell_m))
-
-
 class CachedProposals(NamedTuple):
-    """Proposals with what they were computed from: the map without the sightings ``left_out``, the pair that
-    touches already, and the frame."""
+    """``proposals`` of each contact with what they were computed from: the map without the sightings
+    ``left_out``, the pair that touches already, and the frame."""
 
     map: GrowingMap
     left_out: tuple[int, ...]
     current: tuple[Key, Key] | None
     frame: Frame | None
-    proposals: BirthProposals
+    proposals: tuple[BirthProposals, ...]
+
+    def inputs(self, model: ContactModel) -> tuple[object, ...]:
+        """Those on which the proposals of one contact depend: the pair that touches, if it is of its kinds,
+        and the place of the body, if edges or vertices of the surroundings may be given by it."""
+        kinds = None if self.current is None else tuple(self.map.elements[key].kind for key in self.current)
+        current = self.current if kinds == kinds_of(model) else None
+        frame = None if self.frame is None else self.frame[: 2 if kinds_of(model)[1] == "f" else 3]
+        return self.map, self.left_out, current, frame
+
+
+class TickInput(NamedTuple):
+    """The prediction for a tick before its evidence, with the hypotheses that begin in it, numbered one
+    contact after the other."""
+
+    proposals: tuple[BirthProposals, ...]
+    """Per contact."""
+    cached_proposals: CachedProposals
+    """The same before they are weighed, for reuse at the next tick."""
+    onset: int
+    """Index of the tick."""
+    onset_ns: int
+    """Time at which it began."""
+    number: int
+    """Number of the first hypothesis of the first contact."""
+    lag_history: Array
+    """(7, L, 7) per state: probabilities of the states before."""
+    window: Window
+    """The latest ticks, this one included."""
+    before: Window
+    """The window before this tick."""
+    hazard_exposure: float
+    """Exposure to a change of state, in ticks of motion."""
+    log_transition: Array
+    """(7, 7) log probabilities of a change before the tick, from row to column."""
+    log_survival: Array
+    """(7,) log probabilities of staying in each state through it."""
+    log_birth_weight: Array
+    """(7,) log birth weights."""
+
+    @property
+    def turn(self) -> Array:
+        """(3, 3) orientation of the body."""
+        return np.asarray(self.window.zeta[-1, R].reshape(3, 3))
+
+    def birth(self, column: int) -> Birth:
+        """The births of one contact."""
+        number = self.number + sum(begins.count for begins in self.proposals[:column])
+        own = float(self.log_birth_weight[column]), self.lag_history[column]
+        return Birth(self.proposals[column], self.onset, self.onset_ns, number, *own, self.turn)
 
 
 def propose_births(
@@ -273,44 +257,34 @@ def propose_births(
     as predictable as for a new contact. ``incident_share`` is the prior probability that they are those of
     the last contact, or incident with these, where the contact needs elements of other kinds.
     """
-    known, near = named_pairs(known_map, model), _near_lines(model, frame)
+    known = named_pairs(known_map, model)
     if not known:
         return uninformed_proposal(model).pick(np.zeros(0, np.int64))
-    near_m = np.array(frame.near_m)
-    pairs, log_share = (
-        [one.pair(frame.world_m, frame.body_m) for one in known],
-        [one.log_share for one in known],
+    pairs, near_m = [one.pair(frame) for one in known], np.array(frame.near_m)
+    log_share, number = [one.log_share for one in known], list(range(len(known)))
+    is_certain = [one.is_certain for one in known]
+    first = next((i for i, one in enumerate(known) if one.object is None and one.environment is None), None)
+    if view is None or first is None:
+        return make_proposals(model, pairs, log_share, number, is_certain)
+    whole, beside = log_share[first], view.incident_pair(model, near_m)
+    if beside is not None and incident_share:
+        pairs.append(beside)
+        is_certain.append(False)
+        log_share.append(whole + np.log(incident_share))
+        whole += np.log1p(-incident_share)
+    log_p_new, learned = learned_pairs(view, model, near_m)
+    log_share[first] = whole + log_p_new
+    independent = np.zeros((len(pairs), *learned.cross.shape[1:]))
+    pairs += learned.pairs
+    return make_proposals(
+        model,
+        pairs,
+        log_share + (whole + learned.log_share).tolist(),
+        number + [first] * (len(pairs) - len(known)),
+        is_certain + learned.are_both_known.tolist(),
+        is_certain + [False] * len(learned.pairs),
+        np.concatenate([independent, learned.cross]),
     )
-    number, is_known = list(range(len(known))), [one.is_certain for one in known]
-    found: LearnedPairs | None = None
-    is_open = [one.object is None and one.environment is None for one in known]
-    if view is not None and any(is_open):
-        whole, first = log_share[is_open.index(True)], is_open.index(True)
-        beside = view.incident_pair(model, near_m)
-        if beside is not None and incident_share:
-            pairs.append(beside)
-            number.append(first)
-            is_known.append(False)
-            log_share.append(whole + np.log(incident_share))
-            whole += np.log1p(-incident_share)
-        log_p_new, found = learned_pairs(view, model, near_m)
-        log_share[first] = whole + log_p_new
-        log_share += (whole + found.log_share).tolist()
-        number += [first] * len(found.log_share)
-    prior, elements_known = pair_priors(model, pairs), is_known
-    if near is not None:
-        prior = by_feet(model, prior, near_m)
-    if found is not None:
-        prior, is_known = prior.and_(found.prior), [*is_known, *found.are_both_known.tolist()]
-        elements_known = [*elements_known, *([False] * len(found.log_share))]
-    return with_prior(
-        model, prior, np.array(log_share), np.array(number), np.array(is_known), np.array(elements_known)
-    )
-
-
-def _near_lines(model: ContactModel, frame: Frame) -> tuple[float, ...] | None:
-    """Where lines of the surroundings are parametrised; None for contacts without one."""
-    return frame.near_m if model.contact.value[2] == "e" else None
 
 
 def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame: Frame) -> BirthProposals:
@@ -322,11 +296,10 @@ def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame:
     ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
     if known_map.up is not None and theirs is not None and not _is_surer_than_up(theirs, known_map.up):
         theirs = None
-    known, near_m = named_pairs(known_map, model), _near_lines(model, frame)
+    known = named_pairs(known_map, model)
     return make_proposals(
         model,
-        [_with(one, ours, theirs).pair(frame.world_m, frame.body_m) for one in known],
-        None if near_m is None else np.array(near_m),
+        [_with(one, ours, theirs).pair(frame) for one in known],
         [one.log_share for one in known],
         range(len(known)),
         [one.is_certain for one in known],

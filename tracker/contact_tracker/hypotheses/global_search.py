@@ -117,7 +117,7 @@ def best_donors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> 
     if not len(recipients) or not len(donors):
         return donor
     candidates = bank.pick(recipients)
-    known = prior_at_anchors(candidates, model, scales).prior
+    known = prior_at_anchors(candidates, model, scales)[0]
     costs = gauss_newton.every_cost(
         model.family, candidates.second_moment, candidates.row_weight, known, bank.x
     )

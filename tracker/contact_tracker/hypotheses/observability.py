@@ -257,13 +257,6 @@ LEAST_SHARE: Final = 1e-14
 """Eigenvalues below this share of the largest are rounding errors."""
 
 
-class Representatives(NamedTuple):
-    """Some ticks of a window, and how many ``ticks`` (N,) each stands for."""
-
-    window: Window
-    ticks: Array
-
-
 def systematic_covariance(
     one: Bank,
     model: ContactModel,
@@ -326,16 +319,17 @@ def _inverse(symmetric: Array) -> Array:
     return np.asarray((vectors / np.maximum(values, LEAST_SHARE * values[-1])) @ vectors.T)
 
 
-def representatives(window: Window) -> Representatives:
-    """All ticks of a window, or if it is long some of them, more of those in motion."""
+def representatives(window: Window) -> tuple[Window, Array]:
+    """All ticks of a window, or if it is long some of them, more of those in motion; and how many ticks (N,)
+    each stands for."""
     if len(window) <= MOST_TICKS:
-        return Representatives(window, np.ones(len(window)))
+        return window, np.ones(len(window))
     passed = np.cumsum(window.motion_ratio + SHARE_OF_REST)
     cuts = np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], MOST_TICKS + 1)[1:-1]))
     first, end = np.append(0, cuts), np.append(cuts, len(window))
     some = end > first
     first, end = first[some], end[some]
-    return Representatives(window.pick((first + end) // 2, window.before), (end - first).astype(float))
+    return window.pick((first + end) // 2, window.before), (end - first).astype(float)
 
 
 def _error_covariances(zeta: Array, errors: SystematicErrors) -> tuple[Array, Array]:

@@ -35,24 +35,14 @@ gigabytes."""
 FREE: Final = Contact.FREE.column
 
 
-class BirthWeights(NamedTuple):
-    """The birth proposals of all contacts, weighed by the newest tick."""
-
-    proposals: tuple[BirthProposals, ...]
-    """Per contact, see ``ProximityEvidence``."""
-    log_odds: Array
-    """(6,) per contact."""
-    gain: Array
-    """(6, 2) per contact."""
-
-
 def weigh_births(
     proposals: Sequence[BirthProposals],
     window: Window,
     extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
-) -> BirthWeights:
-    """Weigh the ``proposals`` of all contacts by the newest tick of the ``window``.
+) -> tuple[tuple[BirthProposals, ...], Array, Array]:
+    """Weigh the ``proposals`` of all contacts by the newest tick of the ``window``; returns them with the log
+    odds (6,) and gains (6, 2) of each contact, see ``ProximityEvidence``.
 
     ``extra_variance`` is the noise variance (m^2, rad^2) of each contact beyond that of the window.
     """
@@ -80,7 +70,7 @@ def weigh_births(
         own = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
         log_odds[column], gain[column] = own.log_odds, own.gain
         weighed.append(own.proposals)
-    return BirthWeights(tuple(weighed), log_odds, gain)
+    return tuple(weighed), log_odds, gain
 
 
 class ProximityEvidence(NamedTuple):
@@ -194,7 +184,7 @@ def _deviations(information: Array) -> Array:
 def reweight_transitions(change: Array, stay: Array, log_odds: Array, shown: Array) -> tuple[Array, Array]:
     """Log rates of change (7, 7) and of staying (7,), given the pose.
 
-    ``log_odds`` (6,) and the gains ``shown`` (6, 2) are those of ``BirthWeights``.
+    ``log_odds`` (6,) and the gains ``shown`` (6, 2) are those of ``weigh_births``.
 
     Constraints that the old and the new state share carry no new evidence. Each row together with its stay
     keeps its sum, so that leaving a state and coming back gains nothing.

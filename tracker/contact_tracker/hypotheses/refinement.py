@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.geometry.damping import adapted
+from contact_tracker.geometry.linalg import adapted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.hypotheses.gauss_newton import Prior
@@ -50,8 +50,12 @@ def estimate_ar1(
     estimate stays near ``errors``.
     """
     (weight, correlation), count = errors, whitened.shape[1]
-    sums = _Sums.of(np.concatenate([jacobian, whitened[..., None]], axis=2), index)
-    new = sums.new(correlation)
+    rows, follows = np.concatenate([jacobian, whitened[..., None]], axis=2), np.diff(index) == 1
+    paired = rows[:, np.append(follows, False) | np.append(False, follows)]  # others would only add scatter
+    across = _products(rows[:, 1:][:, follows], rows[:, :-1][:, follows])
+    product = 0.5 * (across + across.swapaxes(1, 2)) / max(int(np.count_nonzero(follows)), 1)
+    pairs = np.array([product, _products(paired, paired) / max(paired.shape[1], 1)])
+    new = _innovation_products(rows, correlation, index)
     for _ in range(LEARNING_STEPS):
         eigenvalues, eigenvectors = np.linalg.eigh(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
@@ -62,9 +66,9 @@ def estimate_ar1(
         taken[:-1, :-1] = (eigenvectors[:, determined] / eigenvalues[determined]) @ eigenvectors[
             :, determined
         ].T
-        product, square = np.einsum("ikpq,pq->ik", sums.pairs, taken)
+        product, square = np.einsum("ikpq,pq->ik", pairs, taken)
         correlation = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_CORRELATION)
-        new = sums.new(correlation)
+        new = _innovation_products(rows, correlation, index)
         variance = np.maximum(np.einsum("kpq,pq->k", new, taken) / count, LEAST_SCALE)
         weight = variance ** (-count / (count + PRIOR_TICKS))
     return Ar1Noise(weight, correlation)
@@ -78,47 +82,14 @@ def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
     return np.concatenate([rows[:, :1], later], axis=1)
 
 
-class _Sums(NamedTuple):
-    """Sufficient statistics of rows (K, W, Z) for any correlation: sums of their products over ticks."""
-
-    gaps: Array
-    """(G,) distances in ticks that occur between neighbours."""
-    first: Array
-    """(K, Z, Z) products of the first tick."""
-    later: Array
-    """(G, K, Z, Z) products of the later one of two neighbours with itself, per gap."""
-    earlier: Array
-    """(G, K, Z, Z) the same of the earlier one."""
-    both: Array
-    """(G, K, Z, Z) products of the two with each other, in either order."""
-    pairs: Array
-    """(2, K, Z, Z) mean product of adjacent ticks, and mean square of the same ticks. Ticks without an
-    adjacent one would only add scatter."""
-
-    @classmethod
-    def of(cls, rows: Array, index: Index) -> "_Sums":
-        gap = np.diff(index)
-        gaps, shape = np.unique(gap), (-1, len(rows), rows.shape[2], rows.shape[2])
-        pairs = [(rows[:, 1:][:, gap == one], rows[:, :-1][:, gap == one]) for one in gaps]
-        later = np.array([_products(after, after) for after, _ in pairs]).reshape(shape)
-        earlier = np.array([_products(before, before) for _, before in pairs]).reshape(shape)
-        across = np.array([_products(after, before) for after, before in pairs]).reshape(shape)
-        both, follows = across + across.swapaxes(2, 3), gap == 1
-        paired = np.append(follows, False) | np.append(False, follows)
-        product = 0.5 * both[gaps == 1].sum(axis=0) / max(int(np.count_nonzero(follows)), 1)
-        square = _products(rows[:, paired], rows[:, paired]) / max(int(np.count_nonzero(paired)), 1)
-        first = _products(rows[:, :1], rows[:, :1])
-        return cls(gaps.astype(float), first, later, earlier, both, np.array([product, square]))
-
-    def new(self, correlation: Array) -> Array:
-        """Sums (K, Z, Z) of products of the innovations (``whiten_ar1``)."""
-        left = (correlation ** self.gaps[:, None])[:, :, None, None]
-        later = (self.later - left * self.both + left**2 * self.earlier) / (1.0 - left**2)
-        return np.asarray(self.first + later.sum(axis=0))
+def _innovation_products(rows: Array, correlation: Array, index: Index) -> Array:
+    """Sums (K, Z, Z) over ticks of products of the innovations of rows (K, W, Z)."""
+    new = whiten_ar1(rows, correlation, index)
+    return _products(new, new)
 
 
 def _products(a: Array, b: Array) -> Array:
-    return a.swapaxes(1, 2) @ b
+    return np.asarray(a.swapaxes(1, 2) @ b)
 
 
 ROUNDS: Final = 3
@@ -154,22 +125,17 @@ def refine(bank: Bank, model: ContactModel, window: Window, scales: EvidencePara
     The first and the last tick are left out if they do not fit the others: they may contain frames of the
     neighbouring segments. If no step improves the cost, x stays that of ``bank``.
     """
-    first = _refine_once(bank, model, window, scales)
-    if len(window) < FEW_TICKS or (first.begins and first.ends):
-        return first.refined
-    inner = window.cut(0 if first.begins else 1, None if first.ends else -1)
-    return _refine_once(first.refined.bank, model, inner, scales).refined
+    refined, begins, ends = _refine_once(bank, model, window, scales)
+    if len(window) < FEW_TICKS or (begins and ends):
+        return refined
+    inner = window.cut(0 if begins else 1, None if ends else -1)
+    return _refine_once(refined.bank, model, inner, scales)[0]
 
 
-class _RefinedOnce(NamedTuple):
+def _refine_once(
+    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters
+) -> tuple[Refined, bool, bool]:
     """A fit to all ticks of a window, and whether the first and the last tick are inliers."""
-
-    refined: Refined
-    begins: bool
-    ends: bool
-
-
-def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> _RefinedOnce:
     family = model.family
     anchors = anchors_of(bank, model)
     prior = prior_of(bank, model, anchors, scales.reach_m)
@@ -187,15 +153,8 @@ def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: Eviden
     row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1][0], axis=1)
     moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
     belong = _are_inlier_ticks(whitened, jacobian, errors.weight, information + prior_information)
-    begins, ends = bool(belong[0]), bool(belong[-1])
-    return _RefinedOnce(_refined(bank, x[0], row_weight, moments, information), begins, ends)
-
-
-def _refined(bank: Bank, x: Array, row_weight: Array, moments: Array, information: Array) -> Refined:
-    return Refined(
-        bank.replace_columns(x=x, row_weight=row_weight).replace_onset_columns(second_moment=moments),
-        information,
-    )
+    fitted = bank.replace_columns(x=x[0], row_weight=row_weight).replace_onset_columns(second_moment=moments)
+    return Refined(fitted, information), bool(belong[0]), bool(belong[-1])
 
 
 def _are_inlier_ticks(

@@ -3,7 +3,7 @@ evaluate the evidence of all ticks since the onset.
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,16 +55,10 @@ def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) ->
     return weak + Prior.around(bank.prior_mean, bank.prior_information, weak.flat)
 
 
-class PriorAtAnchors(NamedTuple):
-    """The prior of each hypothesis, and the mean position of the body around which it is evaluated."""
-
-    prior: Prior
-    anchors: Array
-
-
-def prior_at_anchors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> PriorAtAnchors:
+def prior_at_anchors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> tuple[Prior, Array]:
+    """The prior of each hypothesis, and the anchors (H, 6) around which it is evaluated."""
     anchors = anchors_of(bank, model)
-    return PriorAtAnchors(prior_of(bank, model, anchors, scales.reach_m), anchors)
+    return prior_of(bank, model, anchors, scales.reach_m), anchors
 
 
 def accumulate(
@@ -172,15 +166,15 @@ def refit_in_windows(
     bank: Bank, of: Index, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
 ) -> Bank:
     """``refit`` with a window per hypothesis: ``of`` (H,) is its index in ``windows``, ascending."""
-    known = prior_at_anchors(bank, model, scales)
+    prior, anchors = prior_at_anchors(bank, model, scales)
     found = gauss_newton.minimise(
-        model.family, bank.second_moment, bank.row_weight, *known, bank.x, _steps_due(bank)
+        model.family, bank.second_moment, bank.row_weight, prior, anchors, bank.x, _steps_due(bank)
     )
     bank = bank.replace_columns(x=found.x)
     for i, window in enumerate(windows):
         rows = np.flatnonzero(of == i)
         if len(rows):
-            own = PriorAtAnchors(known.prior.pick(rows), known.anchors[rows])
+            own = prior.pick(rows), anchors[rows]
             weighed = _with_evidence(bank.pick(rows), model, window, scales, own, found.pick(rows))
             bank = bank.replace_rows(rows, weighed, np.arange(len(rows)))
     return bank
@@ -217,19 +211,18 @@ def _with_evidence(
     model: ContactModel,
     window: Window,
     scales: EvidenceParameters,
-    known: PriorAtAnchors,
+    known: tuple[Prior, Array],
     found: gauss_newton.Fit,
 ) -> Bank:
     """The bank with the evidence at x, which is that of the fit ``found``."""
     sums = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
+    prior, anchors = known
     first = bank.onset_row[:, :, None] * bank.onset_row[:, None]
     given = gauss_newton.information(
-        model.family, first, bank.row_weight, bank.second_moment, known.anchors, found.at
+        model.family, first, bank.row_weight, bank.second_moment, anchors, found.at
     )
     predicted_share = _prior_predictive_share(bank, model, scales, sums)
-    cost = complexity(
-        model.family, bank.x, found.at, known.anchors, found.hessian, given, predicted_share, known.prior
-    )
+    cost = complexity(model.family, bank.x, found.at, anchors, found.hessian, given, predicted_share, prior)
     gain = sums.gain.sum(axis=1) + bank.gain_before_window
     count = np.maximum(sums.ticks, 1)
     return bank.replace_columns(

@@ -5,19 +5,208 @@ batches. Repeated poses are left out.
 """
 
 from collections.abc import Sequence
-from math import inf, pi, sqrt
+from math import asin, inf, log, pi, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import between, rotation_vectors
-from contact_tracker.inspection.two_bodies import ALARM, BACK, is_of_two_bodies, page_sum, returned
-from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
+from contact_tracker.motion.excursions import ARM_M, FAR_M_PER_S2
 from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, independent_point
 
 Array = NDArray[np.float64]
+
+PIECE: Final = 10
+POWERS: Final = 4
+"""Powers of time in the cubic."""
+ROUNDS: Final = 4
+APART_M: Final = (0.002, 0.03)
+"""Range of offsets. Well calibrated cameras agree better than the first; ``returned`` finds more than the
+second."""
+APART_SIGMAS: Final = 9.0
+CHANGES: Final = 0.35
+"""Least share of the poses that follow one of the other body; in random order it is one half."""
+LEAST_SHARE: Final = 0.25
+"""Least share of the poses of the rarer body."""
+BACK: Final = 8
+"""How many poses back a return is looked for."""
+STEP_M: Final = 0.01
+FAR_STEPS: Final = 8.0
+RETURNED_SHARE: Final = 0.25
+"""Largest distance from the pose returned to, as a share of the step."""
+# Page's test: with returns in 13 % of the poses the sum drifts down, with 40 % it rises; the chance of a
+# false alarm is about exp(-ALARM) a pose.
+RETURN: Final = log(0.40 / 0.13)
+NO_RETURN: Final = log(0.60 / 0.87)
+ALARM: Final = 25.0
+
+
+def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
+    """(n,) which poses from the BACKth on are far from the last one and close to another of the last few."""
+    position, quat = poses.position_m, poses.quat_xyzw
+    step = _distance(position[BACK:], quat[BACK:], position[BACK - 1 : -1], quat[BACK - 1 : -1])
+    far = step > max(STEP_M, FAR_M_PER_S2 * interval_s**2)  # slower alternation is motion
+    if not far.any():
+        return far
+    rows = np.arange(len(poses) - BACK)[:, None] + np.arange(BACK)
+    distance = _distance(position[BACK:, None], quat[BACK:, None], position[rows], quat[rows])
+    nearest = distance.min(axis=1)
+    far &= step > FAR_STEPS * np.median(nearest)
+    return np.asarray(far & (nearest < RETURNED_SHARE * step) & (nearest > 0.0))
+
+
+def page_sum(page: float, returns: NDArray[np.bool_]) -> tuple[float, bool]:
+    """Page's cumulative sum (never below zero) after these poses, and whether it reached the alarm."""
+    if not page and not returns.any():
+        return 0.0, False
+    path = np.append(page, np.where(returns, RETURN, NO_RETURN)).cumsum()
+    above = path - np.minimum(np.minimum.accumulate(path), 0.0)
+    return float(above[-1]), bool(above.max() > ALARM)
+
+
+def _distance(position: Array, quat: Array, other_position: Array, other_quat: Array) -> Array:
+    """Distances in metres, rotations by their path on the lever arm."""
+    path, cosine = other_position - position, (other_quat * quat).sum(axis=-1)
+    turn_sq = 8.0 * np.maximum(1.0 - np.abs(cosine), 0.0)
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", path, path) + ARM_M**2 * turn_sq))
+
+
+def is_of_two_bodies(poses: Poses) -> bool:
+    """Whether these poses (a multiple of PIECE) alternate between two paths."""
+    shape = -1, PIECE
+    time = (poses.stamp_ns - poses.stamp_ns[0]).reshape(shape).astype(float)
+    time = 2.0 * (time - time[:, :1]) / (time[:, -1:] - time[:, :1]) - 1.0
+    smooth, _ = np.linalg.qr(time[:, :, None] ** np.arange(POWERS))
+    position = (poses.position_m - poses.position_m.mean(axis=0)).reshape(*shape, 3)
+    rest = _without(smooth, position)
+    aside = np.linalg.svd(rest.reshape(-1, 3), full_matrices=False)[2][0]
+    side, step, left = rest @ aside > 0.0, aside, rest
+    for _ in range(ROUNDS):
+        body = side - 0.5
+        own = _without(smooth, body[..., None])[..., 0]
+        if not own.any():
+            return False
+        step = (own[..., None] * rest).sum(axis=(0, 1)) / (own * own).sum()
+        left = rest - own[..., None] * step
+        side = (left + body[..., None] * step) @ step > 0.0
+    apart_m = float(np.linalg.norm(step))
+    sigma_m = float(np.sqrt((left * left).mean() * PIECE / (PIECE - POWERS)))
+    share, changes = float(side.mean()), float(np.mean(np.diff(side.ravel())))
+    are_mixed = min(share, 1.0 - share) > LEAST_SHARE and changes > CHANGES
+    return are_mixed and max(APART_M[0], APART_SIGMAS * sigma_m) < apart_m < APART_M[1]
+
+
+def _without(smooth: Array, values: Array) -> Array:
+    """Values (n, PIECE, k) minus their projection on smooth paths in each piece."""
+    return np.asarray(values - smooth @ (smooth.transpose(0, 2, 1) @ values))
+
+
+LAGS: Final = 3
+SIGNS_OF_WHITE: Final = np.array([2.0 / pi * asin(r) for r in (-15 / 20, 6 / 20, -1 / 20)])
+"""Mean product of the signs of two Gaussian variables with correlation r is 2/pi asin(r), whatever their
+variances: so it holds for noise that differs between axes and times, and single outliers count little."""
+STRIDES: Final[tuple[tuple[float, tuple[int, int, int], float], ...]] = (
+    (0.0026, (1, 8, 16), 1.0),
+    (0.0053, (1, 4, 8), 2.0),
+    (0.0105, (1, 2, 4), 8.0),
+    (0.035, (1, 2, 2), 40.0),
+)
+"""Longest interval (s), strides, and what oscillation may do.
+
+Hands and robots move slowly against the longest stride, 70 ms at most. Where a share of the poses moves, all
+mean products of signs depart towards 1 by this share; the last number times its square is the most by which
+oscillations of up to 5 Hz (2.5 Hz at 30 Hz) miss that, as INFORMATION measures it.
+"""
+REACH: Final = 2 * LAGS * 16
+"""Number of poses needed before a block."""
+OUTLIER_SQ: Final = 36.0
+"""Third differences longer than 6 times the median length are left out."""
+ENOUGH: Final = 256
+"""Least number of poses for the test."""
+INFORMATION: Final = np.array([[59.9, 40.1, 9.3], [40.1, 40.6, 16.7], [9.3, 16.7, 13.1]])
+"""Inverse covariance of the mean products of n poses of white noise, for n = 1: with it the squared departure
+times n is chi-squared with three degrees of freedom. From 4000 simulated streams of 505 poses."""
+TOWARDS_ONE: Final = 1.0 - SIGNS_OF_WHITE
+FULLY: Final = float(TOWARDS_ONE @ INFORMATION @ TOWARDS_ONE)
+CHI_SQ_THRESHOLD: Final = 30.0
+"""Threshold of that chi-squared."""
+SMALL: Final = 0.035
+"""Squared departures below this are not reported: dropping every second frame gives up to 0.02."""
+MOTION: Final = 1.3
+"""Motion departs from white at a longer stride by more than this factor more; on recordings twice or more."""
+NEAR_WHITE: Final = 0.6
+"""Noise-free motion departs by more than this at any stride."""
+
+
+class Whiteness(NamedTuple):
+    """Running sums over pairs of third differences.
+
+    ``products`` of their signs and ``pairs`` (3, 2, 3) are sums and the number of those that are not zero, by
+    stride, position or orientation, and lag. ``blocks`` were compared; ``oscillation`` is the sum of the last
+    column of STRIDES.
+    """
+
+    products: Array
+    pairs: Array
+    blocks: int
+    oscillation: float
+
+
+NOTHING_COMPARED: Final = Whiteness(np.zeros((3, 2, LAGS)), np.zeros((3, 2, LAGS)), 0, 0.0)
+
+
+def compare(whiteness: Whiteness, smooth: Array, new: int, interval_s: float) -> Whiteness:
+    """Add a block of poses, at stride 1 and, by turns, at one of the longer ones.
+
+    Parameters
+    ----------
+    smooth : (REACH + new, 6), position (m) and rotation integrated in the body's axes (rad), one pose a row.
+    new : so many rows at the end are new.
+    interval_s : typical interval of the block.
+    """
+    fitting = (row for row in STRIDES if interval_s <= row[0])
+    _, strides, oscillation = next(fitting, (0.0, None, 0.0))
+    if strides is None:
+        return whiteness
+    products, pairs = whiteness.products.copy(), whiteness.pairs.copy()
+    for row in (0, 1 + whiteness.blocks % 2):
+        stride = strides[row]
+        signs = _signs(smooth[-new - 2 * LAGS * stride :], stride)
+        shifted = np.stack([signs[(LAGS - lag) * stride :][:new] for lag in range(1, LAGS + 1)])
+        sums = (shifted * signs[LAGS * stride :]).sum(axis=1).reshape(LAGS, 4, 3).sum(axis=2).T
+        products[row] += sums[:2]
+        pairs[row] += sums[2:]
+    return Whiteness(products, pairs, whiteness.blocks + 1, whiteness.oscillation + oscillation)
+
+
+def is_filtered(whiteness: Whiteness) -> bool:
+    """Whether the errors are correlated in a way that motion cannot explain."""
+    products, pairs, blocks, oscillation = whiteness
+    count = float(pairs[0].sum()) / (6.0 * LAGS)
+    if count < ENOUGH:
+        return False
+    both = products[0].sum(axis=0) / np.maximum(pairs[0].sum(axis=0), 1.0) - SIGNS_OF_WHITE
+    moving = max(float(TOWARDS_ONE @ INFORMATION @ both) / FULLY, 0.0)
+    rest = both - moving * TOWARDS_ONE
+    if rest @ INFORMATION @ rest <= SMALL + CHI_SQ_THRESHOLD / count + oscillation / blocks * moving**2:
+        return False
+    departure = np.linalg.norm(products / np.maximum(pairs, 1.0) - SIGNS_OF_WHITE, axis=2)
+    nearer = departure[1:] < np.minimum(MOTION * departure[0], NEAR_WHITE)
+    return bool((nearer & (pairs.min(axis=(0, 2)) > ENOUGH)).any())
+
+
+def _signs(smooth: Array, stride: int) -> Array:
+    """Signs of third differences and their squares (n, 12), 0 for those of outliers."""
+    first = smooth[stride:] - smooth[:-stride]
+    second = first[stride:] - first[:-stride]
+    third = (second[stride:] - second[:-stride]).reshape(-1, 2, 3)
+    length_sq = np.einsum("nsi,nsi->ns", third, third)
+    middle = np.partition(length_sq, len(length_sq) // 2, axis=0)[len(length_sq) // 2]
+    signs = np.sign(third) * (length_sq < OUTLIER_SQ * middle)[:, :, None]
+    return np.concatenate([signs, np.abs(signs)], axis=1).reshape(-1, 12)
+
 
 BLOCK: Final = 50
 """Poses per block."""

@@ -8,20 +8,22 @@ of the recording.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, face_face
-from contact_tracker.geometry.elements import Array, Element, Pair
-from contact_tracker.geometry.incidence import incident
+from contact_tracker.geometry.elements import Array, Element, Line, Pair, Plane, Point
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.map.elements import (
+    SHIFTS,
+    TURNS,
+    WIDTHS,
     Key,
     MapElement,
     kinds_of,
@@ -32,6 +34,90 @@ from contact_tracker.map.elements import (
     with_offset,
 )
 from contact_tracker.states import Contact
+
+_FLAT: Final = 1e-12
+LENGTH_M: Final = 0.2
+"""Distance of the ends of an edge from its point nearest to the body."""
+ANYWHERE_M: Final = 10.0
+"""Standard deviation of an unknown position."""
+
+
+def incident(element: Element, kind: str, near_m: Array) -> Element:
+    """Prior of an element of another ``kind`` (f, e or v) that is incident with ``element`` near ``near_m``
+    (3,)."""
+    assert element.covariance is not None
+    return _INCIDENT[type(element), kind](element, element.covariance, near_m)
+
+
+def _vertex_on(edge: Line, covariance: Array, _: Array) -> Point:
+    along = np.outer(edge.direction, edge.direction)
+    return Point(edge.point_m, covariance[3:, 3:] + LENGTH_M**2 * (along + covariance[:3, :3]))
+
+
+def _edge_through(vertex: Point, covariance: Array, _: Array) -> Line:
+    """The direction is unknown, see ``ElementPrior.is_given``."""
+    whole = np.zeros((6, 6))
+    whole[3:, 3:] = covariance
+    return Line(np.zeros(3), vertex.point_m, whole)
+
+
+def _edge_in(face: Plane, covariance: Array, near_m: Array) -> Line:
+    across, tilt, height = _face_covariances(face, covariance)
+    whole = np.zeros((6, 6))
+    whole[:3, :3], whole[3:, 3:] = across + tilt, ANYWHERE_M**2 * across + height
+    return Line(np.zeros(3), _foot(face, near_m), whole)
+
+
+def _vertex_in(face: Plane, covariance: Array, near_m: Array) -> Point:
+    across, _, height = _face_covariances(face, covariance)
+    return Point(_foot(face, near_m), ANYWHERE_M**2 * across + height)
+
+
+def _foot(face: Plane, of_m: Array) -> Array:
+    return np.asarray(of_m + face.normal * (face.offset_m - face.normal @ of_m))
+
+
+def _face_covariances(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
+    """The projection onto a face, and the covariances along its normal of directions in the face and of
+    positions on it near the contact, each (3, 3)."""
+    out = np.outer(face.normal, face.normal)
+    turns, both = covariance[:3, :3], covariance[:3, 3]
+    tilt = 0.5 * float(turns.trace())
+    across, explained = np.eye(3) - out, 0.0
+    if tilt > 0.0:  # the added terms are in directions in which the normal cannot change, and have no effect
+        explained = float(both @ np.linalg.solve(turns + tilt * (out + _FLAT * across), both))
+    residual = covariance[3, 3] - explained
+    return across, tilt * out, (max(float(residual), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
+
+
+def _face_through_edge(edge: Line, covariance: Array, _: Array) -> Plane:
+    along = np.outer(edge.direction, edge.direction)
+    turn, shift = (0.5 * float(part.trace()) for part in (covariance[:3, :3], covariance[3:, 3:]))
+    return _face_through(edge.point_m, np.eye(3) - along + turn * along, shift)
+
+
+def _face_through_vertex(vertex: Point, covariance: Array, _: Array) -> Plane:
+    return _face_through(vertex.point_m, np.eye(3), float(covariance.trace()) / 3.0)
+
+
+def _face_through(place_m: Array, normal: Array, shift: float) -> Plane:
+    """A face with an unknown normal of covariance ``normal`` (3, 3), through ``place_m`` up to the variance
+    ``shift``."""
+    jacobian = np.concatenate([np.eye(3), place_m[None]])
+    whole = jacobian @ normal @ jacobian.T
+    whole[3, 3] += shift
+    return Plane(np.zeros(3), 0.0, whole)
+
+
+_INCIDENT: Final[dict[tuple[type[Element], str], Callable[..., Element]]] = {
+    (Line, "v"): _vertex_on,
+    (Point, "e"): _edge_through,
+    (Plane, "e"): _edge_in,
+    (Plane, "v"): _vertex_in,
+    (Line, "f"): _face_through_edge,
+    (Point, "f"): _face_through_vertex,
+}
+
 
 MapPair = tuple[MapElement, MapElement]
 """Elements of the object and of the environment."""
@@ -150,6 +236,21 @@ class Sighting:
         return np.array(senses if self.estimate.model.body_in_1 else senses[::-1])
 
 
+class Side(NamedTuple):
+    """The elements (K) of one side and kind that a contact may touch, the first of which is new (None).
+
+    ``log_p`` (K,) are their log probabilities, ``elements`` have covariances as they differ from one touch to
+    the next, ``by_free`` (K, w, p) are the derivatives of their parameters by their free coordinates, and
+    ``rows`` (K, p) the rows of these in the covariance of the map; zero for a new one.
+    """
+
+    keys: list[Key | None]
+    log_p: Array
+    elements: list[Element | None]
+    by_free: Array
+    rows: NDArray[np.int64]
+
+
 @dataclass(frozen=True, eq=False)
 class MapView:
     """The map without some of its contacts: ``elements`` that others touched, how often (``counts``), and the
@@ -167,6 +268,39 @@ class MapView:
     log_p_new: tuple[float, float]
     latest: tuple[Key, Key] | None
     current: tuple[Key, Key] | None = None
+    sides: dict[tuple[object, ...], Side] = field(default_factory=dict)
+    asked: dict[tuple[object, ...], Element] = field(default_factory=dict)
+    """Those that were asked for so far; as the same objects, whose priors are known."""
+
+    def side(self, side: int, kind: str, near_m: Array) -> Side:
+        """The elements of a side and kind, edges with their points nearest to ``near_m`` (3,)."""
+        asked = side, kind, *near_m.tolist()
+        if asked not in self.sides:
+            keys, log_p = zip(*self.choices(side, kind), strict=True)
+            known = [key for key in keys if key is not None]
+            nothing = np.zeros((WIDTHS[kind], TURNS[kind] + SHIFTS[kind]))
+            by_free = [nothing, *(self.elements[key].parameters(near_m)[1] for key in known)]
+            rows = np.array([self.rows(key, nothing.shape[1]) for key in keys])
+            elements = [None, *(self.element(key, kind, near_m) for key in known)]
+            self.sides[asked] = Side([*keys], np.array(log_p), elements, np.array(by_free), rows)
+        return self.sides[asked]
+
+    def element(self, key: Key, kind: str, near_m: Array) -> Element:
+        """An element as it differs from one touch to the next, an edge by its point nearest to ``near_m``
+        (3,); of another ``kind``, one that is incident with it there."""
+        asked = key, kind, *near_m.tolist()
+        if asked not in self.asked:
+            one, rows = self.elements[key], self.slots[key]
+            covariance = self.covariance[rows, rows] + np.diag(loose_variance(one.kind))
+            known = one.with_covariance(covariance, near_m if one.kind == kind else None)
+            self.asked[asked] = known if one.kind == kind else incident(known, kind, near_m)
+        return self.asked[asked]
+
+    def cross_covariance(self, ours: Side, i: NDArray[np.int64], theirs: Side, j: NDArray[np.int64]) -> Array:
+        """Covariances (n, w, w') of the parameters of the i-th elements (n,) of the object with those of the
+        j-th (n,) of the environment; zero for new ones."""
+        free = self.covariance[ours.rows[i][:, :, None], theirs.rows[j][:, None]]
+        return ours.by_free[i] @ free @ theirs.by_free[j].swapaxes(1, 2)
 
     def choices(self, side: int, kind: str) -> list[tuple[Key | None, float]]:
         """Elements of a kind, None for a new one, with their log probabilities.
@@ -212,17 +346,14 @@ class MapView:
 
         A contact that gains or loses a constraint keeps its elements or changes to incident ones.
         """
-        if self.latest is None:
+        kinds = kinds_of(model)
+        if self.latest is None or all(
+            self.elements[key].kind == kind for key, kind in zip(self.latest, kinds, strict=True)
+        ):
             return None
-        kinds, pair = kinds_of(model), list[Element]()
-        for key, kind, at_m in zip(self.latest, kinds, (np.zeros(3), near_m), strict=True):
-            one, rows = self.elements[key], self.slots[key]
-            loose = np.diag(loose_variance(one.kind))
-            known = one.with_covariance(self.covariance[rows, rows] + loose)
-            pair.append(known if one.kind == kind else incident(known, kind, at_m))
-        if all(self.elements[key].kind == kind for key, kind in zip(self.latest, kinds, strict=True)):
-            return None
-        return pair[0], pair[1]
+        at_m = np.zeros(3), near_m
+        ours, theirs = (self.element(*one) for one in zip(self.latest, kinds, at_m, strict=True))
+        return ours, theirs
 
 
 CONCENTRATIONS: Final = np.logspace(-2.0, 1.0, 13)

@@ -33,6 +33,8 @@ KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
 TURNS: Final = {"f": 2, "e": 2, "v": 0}
 SHIFTS: Final = {"f": 1, "e": 2, "v": 3}
 """Free coordinates of an element of each kind: angles (rad), then lengths (m)."""
+WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
+"""Number of the parameters of an element: three of a direction, if it has one, then lengths (m)."""
 LOOSE_M: Final = 0.3e-3
 LOOSE_RAD: Final = 2e-3
 """Standard deviations by which real elements differ from one touch to the next."""
@@ -85,15 +87,32 @@ class MapElement:
         apart = apart - other.direction * (other.direction @ apart)
         return np.concatenate([turn, across.T @ apart])
 
-    def with_covariance(self, covariance: Array) -> Element:
-        """The element with a covariance (P, P) of its free coordinates."""
+    def parameters(self, near_m: Array | None = None) -> tuple[Array, Array]:
+        """The parameters (w,), as of ``geometry.elements.numbers``, and their derivative (w, P) by the free
+        coordinates; of an edge with its point nearest to ``near_m``, which moves only across it."""
         if self.kind == "v":
-            return Point(self.place_m, covariance)
-        onto = free_directions(self.kind, self.direction)
+            return self.place_m, EYE
+        across, place_m = sphere_tangent(self.direction), self.place_m
+        by_free = np.zeros((3 + len(place_m), self.size))
+        by_free[:3, :2], by_free[3:, 2:] = across, across if self.kind == "e" else 1.0
+        if self.kind == "e" and near_m is not None:
+            arm = near_m - place_m
+            along = float(self.direction @ arm)
+            place_m = place_m + self.direction * along
+            by_free[3:, :2] = along * across + np.outer(self.direction, arm @ across)
+        return np.concatenate([self.direction, place_m]), by_free
+
+    def with_covariance(self, covariance: Array, near_m: Array | None = None) -> Element:
+        """The element with a covariance (P, P) of its free coordinates, of ``parameters``."""
+        values, onto = self.parameters(near_m)
         spread = onto @ covariance @ onto.T
-        if self.kind == "f":
-            return Plane(self.direction, float(self.place_m[0]), spread)
-        return Line(self.direction, self.place_m, spread)
+        if self.kind == "v":
+            return Point(values, spread)
+        return (
+            Plane(values[:3], float(values[3]), spread)
+            if self.kind == "f"
+            else Line(values[:3], values[3:], spread)
+        )
 
 
 def kind_of(element: Element) -> str:
@@ -105,16 +124,6 @@ def kind_of(element: Element) -> str:
             return "e"
         case Point():
             return "v"
-
-
-def free_directions(kind: str, direction: Array) -> Array:
-    """Derivative (S, P) of an element's parameters, as of ``geometry.elements.numbers``, by its free
-    coordinates: the point of a line moves only across it."""
-    if kind == "v":
-        return EYE
-    free, across = np.zeros((4 if kind == "f" else 6, TURNS[kind] + SHIFTS[kind])), sphere_tangent(direction)
-    free[:3, :2], free[3:, 2:] = across, across if kind == "e" else 1.0
-    return free
 
 
 def loose_variance(kind: str) -> Array:
@@ -165,23 +174,16 @@ def stacked(
     columns = [slice(0, pair[0].size), slice(pair[0].size, None)][:: 1 if model.body_in_1 else -1]
     places = (form.d1, form.q1), (form.d2, form.q2)
     for i, (one, (direction, point), column) in enumerate(zip(ordered, places, columns, strict=True)):
-        if one.kind == "v":
-            x[point : point + 3], derivative[point : point + 3, column] = one.place_m, EYE
-            continue
-        across = sphere_tangent(one.direction)
-        x[direction : direction + 3] = senses[i] * one.direction
-        by_x = derivative[:, column]
-        by_x[direction : direction + 3, :2] = senses[i] * across
-        if one.kind == "e":
-            arm = anchors[3 * i : 3 * i + 3] - one.place_m
-            along = float(one.direction @ arm)
-            x[point : point + 3] = one.place_m + one.direction * along
-            by_x[point : point + 3, :2] = along * across + np.outer(one.direction, arm @ across)
-            by_x[point : point + 3, 2:] = across
+        values, by_free = one.parameters(anchors[3 * i : 3 * i + 3])
+        if one.kind != "v":
+            x[direction : direction + 3] = senses[i] * values[:3]
+            derivative[direction : direction + 3, column] = senses[i] * by_free[:3]
+        if one.kind != "f":
+            x[point : point + 3], derivative[point : point + 3, column] = values[-3:], by_free[-3:]
         elif i == 1 or model.family is face_face:
             share = senses[i] * (1.0 if i == 1 else -turned)
-            x[form.h] += share * one.place_m[0]
-            by_x[form.h, 2] += share
+            x[form.h] += share * values[3]
+            derivative[form.h, column] += share * by_free[3]
     return x, derivative
 
 
@@ -311,11 +313,10 @@ def mahalanobis(first: Element, second: Element) -> float:
     if isinstance(first, Line) and isinstance(second, Line):
         second = _aligned(second, first)
     one, other = MapElement.of(first), MapElement.of(second)
-    free, off = free_directions(one.kind, one.direction), one.change_to(other)
+    free, off = one.parameters()[1], one.change_to(other)
     covariance = free.T @ (covariance_of(first) + covariance_of(second)) @ free
     sd = np.sqrt(covariance.diagonal())  # one coordinate may be known much better than another
-    off = off / sd
-    return sqrt(max(float(off @ information_of(covariance / (sd[:, None] * sd), 0) @ off), 0.0))
+    return float(np.linalg.norm(whitening(covariance / (sd[:, None] * sd), 0) @ (off / sd)))
 
 
 def distance_of_planes_m(first: Plane, second: Plane) -> float:
@@ -340,14 +341,16 @@ def covariance_of(element: Element) -> Array:
     return element.covariance
 
 
-def information_of(covariance: Array, lengths: int) -> Array:
-    """Pseudo-inverse on the directions with variance; the last ``lengths`` are in m, others in rad."""
+def whitening(covariance: Array, lengths: int) -> Array:
+    """Independent coordinates of variance one, as rows by the n given ones; zero for those without variance.
+    The last ``lengths`` of these are in m, others in rad."""
     variance, turns = covariance.diagonal().tolist(), len(covariance) - lengths
     weight = np.array([_unit(variance[:turns])] * turns + [_unit(variance[turns:])] * lengths)
     values, axes = linalg.eigenvectors(weight[:, None] * covariance * weight)
     good = values > _LOST * max(float(values[-1]), 0.0)
-    axes = weight[:, None] * axes[:, good]
-    return np.asarray((axes / values[good]) @ axes.T)
+    return np.asarray(
+        np.divide(1.0, values, out=np.zeros_like(values), where=good)[:, None] ** 0.5 * axes.T * weight
+    )
 
 
 def _unit(variance: Sequence[float]) -> float:

@@ -55,25 +55,49 @@ class Up:
 
 @dataclass(frozen=True, eq=False)
 class Map:
-    """Elements with names, ``object`` in the body frame and ``environment`` in the world frame, and those
-    that were ``learned`` from another recording, with which the map of a recording begins.
+    """Elements that are listed with names, of the object in the body frame and of the environment in the
+    world frame, and those that were ``learned`` from another recording, with which the map of a recording
+    begins.
 
     Where a side is complete, hypotheses assume no element of it that is not listed. ``states`` are the
     contacts that can occur, None for all; free motion always can.
     """
 
-    environment: tuple[NamedElement, ...] = ()
-    object: tuple[NamedElement, ...] = ()
+    listed_environment: tuple[NamedElement, ...] = ()
+    listed_object: tuple[NamedElement, ...] = ()
     up: Up | None = None
     environment_complete: bool = False
     object_complete: bool = False
     learned: LearnedElements = NOTHING_LEARNED
     states: tuple[Contact, ...] | None = None
 
-    def __bool__(self) -> bool:
-        """Whether it lists any element; what is learned, and ``states``, do not count."""
-        is_complete = self.environment_complete or self.object_complete
-        return bool(self.environment or self.object) or self.up is not None or is_complete
+    @property
+    def object(self) -> tuple[Element, ...]:
+        """Faces, edges and vertices of the object, in the body frame, with covariances."""
+        return self._elements(self.listed_object, 0)
+
+    @property
+    def environment(self) -> tuple[Element, ...]:
+        """Faces, edges and vertices of the surroundings, in the world frame, with covariances."""
+        return self._elements(self.listed_environment, 1)
+
+    def _elements(self, listed: tuple[NamedElement, ...], side: int) -> tuple[Element, ...]:
+        learned = (one for key, one in self.learned.known.items() if key[0] == side)
+        return *(replace(one.element, name=one.name) for one in listed), *learned
+
+    def __len__(self) -> int:
+        return len(self.listed_object) + len(self.listed_environment) + len(self.learned.elements)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Map of {len(self.object)} elements of the object, {len(self.environment)} of the surroundings>"
+        )
+
+    @cached_property
+    def lists_elements(self) -> bool:
+        """Whether it says anything of elements by name; what is learned, and ``states``, do not count."""
+        listed = bool(self.listed_object or self.listed_environment) or self.up is not None
+        return listed or self.environment_complete or self.object_complete
 
     def allows(self, contact: Contact) -> bool:
         """Whether ``contact`` can occur, and there may be elements of the kinds that it needs."""
@@ -87,7 +111,10 @@ class Map:
     @cached_property
     def allowed(self) -> tuple[Contact, ...]:
         """The contacts that can occur, if no elements are missing where a side is complete."""
-        sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
+        sides = (
+            (self.listed_object, self.object_complete),
+            (self.listed_environment, self.environment_complete),
+        )
         kinds = [{known.kind for known in listed} if complete else set(KINDS) for listed, complete in sides]
         return tuple(
             one

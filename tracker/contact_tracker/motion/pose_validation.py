@@ -45,8 +45,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
-from contact_tracker.motion.default_poses import DefaultPoseFilter
-from contact_tracker.motion.excursions import ExcursionFilter
+from contact_tracker.motion.excursions import DefaultPoseFilter, ExcursionFilter
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS, RESET_RUN, Ordered, StampOrder
 

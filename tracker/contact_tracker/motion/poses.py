@@ -6,12 +6,12 @@
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from math import radians, sin, sqrt
+from math import nan, radians, sin, sqrt
 from operator import attrgetter
-from typing import Final, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import InvalidPose
@@ -196,3 +196,26 @@ def step_between(a: Pose, b: Pose) -> Step:
     (ax, ay, az, aw), (bx, by, bz, bw) = a.quat_xyzw, b.quat_xyzw
     cosine = ax * bx + ay * by + az * bz + aw * bw
     return Step(sqrt(x * x + y * y + z * z), 2.0 * sqrt(max(1.0 - cosine * cosine, 0.0)))
+
+
+_NO_NUMBERS: Final = (bool, np.bool_, complex, np.complexfloating, str, bytes)
+
+
+def real_number(value: Any) -> float:
+    """``value`` as a float; raises TypeError, ValueError or OverflowError if it is no real number."""
+    if isinstance(value, _NO_NUMBERS):
+        raise TypeError(f"{value!r} is no real number")
+    return float(value)
+
+
+def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
+    """Numbers as floats, masked and absent ones as NaN; raises as ``real_number``."""
+    given: np.ma.MaskedArray[Any, Any] = np.ma.asanyarray(values)
+    if given.dtype.kind == "O":
+        hidden = np.ma.getmaskarray(given).flat
+        pairs = zip(np.ma.getdata(given).flat, hidden, strict=True)
+        floats = [nan if hides or one is None else real_number(one) for one, hides in pairs]
+        return np.array(floats, float).reshape(given.shape)
+    if given.dtype.kind not in "iuf":
+        raise TypeError(f"{given.dtype} is no type of real numbers")
+    return np.asarray(np.ma.filled(given.astype(float), nan))

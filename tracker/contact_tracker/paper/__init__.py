@@ -9,8 +9,7 @@ Elements are plain arrays: plane ``[n, h]`` (4,) with ``n . x = h``, line ``[d, 
 point ``[q, 1]`` (4,). Motions are the paper's pair: ``x_body = R x_world + p``.
 """
 
-from contact_tracker.paper.kronecker import Form, form, matrix, value
-from contact_tracker.paper.minimise import Minimum, minimise_slsqp
+from contact_tracker.paper.batched import Form, Minimum, form, matrix, minimise_slsqp, value
 from contact_tracker.paper.objectives import direct, motion
 
 __all__ = ["Form", "Minimum", "direct", "form", "matrix", "minimise_slsqp", "motion", "value"]

@@ -6,17 +6,152 @@ terms follow from K contracted with one factor. theta are minimal coordinates: u
 tangent planes and moments stay normal to their lines.
 """
 
-from typing import Final, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.damping import MOST_DAMPING, adapted
+from contact_tracker.geometry.linalg import MOST_DAMPING, adapted
 from contact_tracker.geometry.vectors import sphere_tangent
-from contact_tracker.paper.kronecker import Kind, form
+from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
+Kind = Literal["plane", "line", "point"]
+
+SIZE: Final[dict[Kind, int]] = {"plane": 4, "line": 6, "point": 4}
+
+
+@dataclass(frozen=True)
+class Form:
+    """Which elements the factors x and y are, in which order.
+
+    Parameters
+    ----------
+    x, y : kinds of the first and the second factor.
+    object_first : whether x is the object's element.
+    swapped : whether the frames are exchanged (f-e is e-f of the inverse motion).
+    """
+
+    x: Kind
+    y: Kind
+    object_first: bool
+    swapped: bool = False
+
+    @property
+    def size(self) -> int:
+        """Length of ``x (x) y``: 16, 24 or 36."""
+        return SIZE[self.x] * SIZE[self.y]
+
+    def factors(self, obj: Array, environment: Array) -> tuple[Array, Array]:
+        """Object and environment as (x, y); given (x, y) it returns (object, environment)."""
+        return (obj, environment) if self.object_first else (environment, obj)
+
+
+_FORMS: Final[dict[Contact, Form]] = {
+    Contact.FF: Form("plane", "plane", object_first=True),
+    Contact.EF: Form("line", "plane", object_first=True),
+    Contact.FE: Form("line", "plane", object_first=False, swapped=True),
+    Contact.VF: Form("point", "plane", object_first=True),
+    Contact.FV: Form("point", "plane", object_first=False, swapped=True),
+    Contact.EE: Form("line", "line", object_first=False),
+}
+
+
+def form(contact: Contact) -> Form:
+    """The factors of a contact's Kronecker product."""
+    return _FORMS[contact]
+
+
+def matrix(contact: Contact, rotation: Array, p: Array) -> Array:
+    """K (..., n, n), summed over the frames.
+
+    Parameters
+    ----------
+    rotation, p : (..., N, 3, 3) and (..., N, 3); leading axes are independent sums.
+    """
+    a = rows(contact, rotation, p)
+    a = a.reshape(*p.shape[:-2], -1, a.shape[-1])
+    k: Array = np.swapaxes(a, -1, -2) @ a
+    return k
+
+
+def value(contact: Contact, k: Array, obj: Array, environment: Array) -> float:
+    """The objective function, from K."""
+    v = np.kron(*form(contact).factors(obj, environment))
+    return float(v @ k @ v)
+
+
+def rows(contact: Contact, rotation: Array, p: Array) -> Array:
+    """Rows A (..., N, r, n) of each frame: its residuals are ``A @ kron(x, y)``."""
+    if form(contact).swapped:
+        flat = motion(rotation.reshape(-1, 3, 3), p.reshape(-1, 3))
+        rotation, p = flat[0].reshape(rotation.shape), flat[1].reshape(p.shape)
+    match contact:
+        case Contact.FF:
+            return _face_face(rotation, p)
+        case Contact.EF | Contact.FE:
+            return _edge_face(rotation, p)
+        case Contact.VF | Contact.FV:
+            return _vertex_face(rotation, p)
+        case _:
+            return _edge_edge(rotation, p)
+
+
+def _face_face(rotation: Array, p: Array) -> Array:
+    """(7) over (8), ``p_sb`` with its sign corrected: 6 rows on plane (x) plane."""
+    a = np.zeros((*p.shape[:-1], 6, 4, 4))
+    a[..., :3, :3, :] = _offsets(rotation, p)
+    a[..., :3, 3, :3] = -rotation
+    a[..., 3:, :3, :3] = _cross_rows(rotation)
+    return a.reshape(*p.shape[:-1], 6, 16)
+
+
+def _edge_face(rotation: Array, p: Array) -> Array:
+    """(12) with (13) negated, and ``vec(R.T)``: 4 rows on line (x) plane."""
+    a = np.zeros((*p.shape[:-1], 4, 6, 4))
+    a[..., :3, :3, :] = _offsets(rotation, p)
+    a[..., :3, 3:, :3] = -_cross_rows(rotation)
+    a[..., 3, :3, :3] = rotation
+    return a.reshape(*p.shape[:-1], 4, 24)
+
+
+def _vertex_face(rotation: Array, p: Array) -> Array:
+    """(17): 1 row on point (x) plane."""
+    a = np.zeros((*p.shape[:-1], 1, 4, 4))
+    a[..., 0, :3, :3] = rotation
+    a[..., 0, 3, :3] = -np.einsum("...ij,...i->...j", rotation, p)
+    a[..., 0, 3, 3] = -1.0
+    return a.reshape(*p.shape[:-1], 1, 16)
+
+
+def _edge_edge(rotation: Array, p: Array) -> Array:
+    """(21) with columns for rows of R: 1 row on environment's line (x) object's line."""
+    columns = np.swapaxes(rotation, -1, -2)
+    a = np.zeros((*p.shape[:-1], 1, 6, 6))
+    a[..., 0, :3, :3] = np.cross(p[..., None, :], columns)
+    a[..., 0, :3, 3:] = columns
+    a[..., 0, 3:, :3] = columns
+    return a.reshape(*p.shape[:-1], 1, 36)
+
+
+def _offsets(rotation: Array, p: Array) -> Array:
+    """(..., 3, 3, 4): row k takes ``v_k ((R n) . p + h)`` from ``v (x) [n, h]``."""
+    plane = np.concatenate([np.einsum("...ij,...i->...j", rotation, p), np.ones((*p.shape[:-1], 1))], axis=-1)
+    return np.asarray(np.einsum("kl,...j->...klj", np.eye(3), plane))
+
+
+def _cross_rows(rotation: Array) -> Array:
+    """(8), (..., 3, 3, 3): row k takes ``(v x R n)_k`` from ``v (x) n``."""
+    return np.asarray(np.einsum("klm,...mj->...klj", _LEVI_CIVITA, rotation))
+
+
+_LEVI_CIVITA: Final = np.zeros((3, 3, 3))
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
+
 
 FIRST_DAMPING: Final = 1e-3
 LEAST_SHARE: Final = 1e-11
@@ -179,3 +314,118 @@ def _random(kind: Kind, count: int, rng: np.random.Generator, offset_m: float) -
             return np.hstack([direction, np.cross(offset, direction)])
         case "point":
             return np.hstack([offset, np.ones((count, 1))])
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """The lowest minimum over all starts.
+
+    Parameters
+    ----------
+    value : the objective function, summed over the frames of K.
+    object, environment : its elements, as arrays (package docstring).
+    converged : how many of the starts the optimiser ended with success.
+    """
+
+    value: float
+    object: Array
+    environment: Array
+    converged: int
+
+
+def minimise_slsqp(
+    contact: Contact, k: Array, rng: np.random.Generator, starts: int = 3, offset_m: float = 0.5
+) -> Minimum:
+    """Minimise ``(x (x) y).T K (x (x) y)`` under ``|n| = 1``, ``|d| = 1``, ``d . m = 0``.
+
+    Parameters
+    ----------
+    k : (n, n), from ``matrix``.
+    starts : random starts; the paper takes 10 for one contact and 3 for each window.
+    offset_m : standard deviation of the starts' offsets and points.
+    """
+    from scipy.optimize import minimize  # who only loads the package does not wait for it
+
+    f = form(contact)
+    size = SIZE[f.x]
+    # A sum of 500 squares of metres is far above SLSQP's absolute tolerance; one frame's minimum is not.
+    scale = 1.0 / max(float(np.trace(k)) / f.size, np.finfo(float).tiny)
+    constraints = {"type": "eq", "fun": lambda z: _constraints(f, z), "jac": lambda z: _constraint_rows(f, z)}
+    best, converged = None, 0
+    for _ in range(starts):
+        z0 = np.concatenate(random_starts(contact, 1, rng, offset_m), axis=1)[0]
+        options = {"maxiter": 500, "ftol": 1e-15}
+        found = minimize(
+            _objective(k * scale, size),
+            z0,
+            jac=True,
+            method="SLSQP",
+            constraints=constraints,
+            options=options,
+        )
+        converged += int(found.success)
+        x, y = _onto_constraints(f.x, found.x[:size]), _onto_constraints(f.y, found.x[size:])
+        v = np.kron(x, y)
+        candidate = (float(v @ k @ v), x, y)
+        if best is None or candidate[0] < best[0]:
+            best = candidate
+    if best is None:
+        raise ValueError("at least one start is needed")
+    return Minimum(best[0], *f.factors(best[1], best[2]), converged)
+
+
+def _objective(k: Array, size: int) -> Callable[[Array], tuple[float, Array]]:
+    def objective(z: Array) -> tuple[float, Array]:
+        x, y = z[:size], z[size:]
+        v = np.kron(x, y)
+        kv = k @ v
+        slope = 2.0 * kv.reshape(size, -1)
+        return float(v @ kv), np.concatenate([slope @ y, x @ slope])
+
+    return objective
+
+
+def _constraints(f: Form, z: Array) -> Array:
+    size = SIZE[f.x]
+    return np.concatenate([_constraint(f.x, z[:size]), _constraint(f.y, z[size:])])
+
+
+def _constraint_rows(f: Form, z: Array) -> Array:
+    size = SIZE[f.x]
+    first, second = _constraint_row(f.x, z[:size]), _constraint_row(f.y, z[size:])
+    out = np.zeros((len(first) + len(second), len(z)))
+    out[: len(first), :size] = first
+    out[len(first) :, size:] = second
+    return out
+
+
+def _constraint(kind: Kind, e: Array) -> Array:
+    match kind:
+        case "plane":
+            return np.array([e[:3] @ e[:3] - 1.0])
+        case "line":
+            return np.array([e[:3] @ e[:3] - 1.0, e[:3] @ e[3:]])
+        case "point":
+            return np.array([e[3] - 1.0])
+
+
+def _constraint_row(kind: Kind, e: Array) -> Array:
+    match kind:
+        case "plane":
+            return np.array([[*(2.0 * e[:3]), 0.0]])
+        case "line":
+            return np.array([[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]])
+        case "point":
+            return np.array([[0.0, 0.0, 0.0, 1.0]])
+
+
+def _onto_constraints(kind: Kind, e: Array) -> Array:
+    """SLSQP meets its constraints to a tolerance only: make them exact before comparing minima."""
+    match kind:
+        case "plane":
+            return np.asarray(e / np.linalg.norm(e[:3]))
+        case "line":
+            e = e / np.linalg.norm(e[:3])
+            return np.concatenate([e[:3], e[3:] - e[:3] * (e[:3] @ e[3:])])
+        case "point":
+            return np.asarray(e / e[3])

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import __version__
+from contact_tracker.config.keys import Keys
 from contact_tracker.errors import KnowledgeError, UsageError
 from contact_tracker.map.file import read_table
-from contact_tracker.map.keys import Keys
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.sequences.comparison import TOLERANCE
@@ -71,7 +71,7 @@ class Plan:
     def read(cls, path: str) -> "Plan":
         """The plan in a TOML file (docs/assembly.md); raises UsageError."""
         try:
-            keys = Keys(read_table(path), "")
+            keys = Keys(read_table(path))
             tolerance = keys.number("tolerance", TOLERANCE, _LEAST_TOLERANCE, 1.0)
             rows = keys.tables("step")
             keys.finish()

@@ -290,7 +290,7 @@ def others_at_rest(label: Contact, known_map: Map) -> tuple[Contact, ...]:
 
     None if elements of both sides are known, since then a single pose shows whether they touch.
     """
-    if known_map.object and known_map.environment:
+    if known_map.listed_object and known_map.listed_environment:
         return ()
     return tuple(state for state in STATES if state is not label and known_map.allows(state))
 

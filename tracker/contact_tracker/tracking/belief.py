@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.contact_motion import ContactMotion
 from contact_tracker.geometry.elements import ContactGeometry, flat
 from contact_tracker.geometry.task_frame import TaskFrame
-from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.evidence import Joint
 from contact_tracker.states import STATES, Contact
 
 Array = NDArray[np.float64]

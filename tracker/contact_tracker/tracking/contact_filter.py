@@ -3,7 +3,7 @@
 tick -> window -> births and transitions -> hypotheses (fit, evidence) -> weights of the states -> belief
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
@@ -17,34 +17,23 @@ from contact_tracker.hmm import fixed_lag
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import TickWeights
-from contact_tracker.hypotheses.births import (
-    BirthProposals,
-    Births,
-    CachedProposals,
-    Frame,
-    TickInput,
-    propose_births,
-)
+from contact_tracker.hypotheses.births import CachedProposals, TickInput, propose_births
 from contact_tracker.hypotheses.proximity_prior import reweight_transitions, weigh_births
 from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.free_motion import NO_EXCESS
-from contact_tracker.motion.lifted_pose import R, T
-from contact_tracker.motion.tick_averaging import Tick, with_excess
-from contact_tracker.motion.window import (
-    NewestRest,
-    Window,
-    advance_window,
-    newest_rest,
-    rest_ticks,
-)
+from contact_tracker.motion.lifted_pose import T
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, with_excess
+from contact_tracker.motion.window import NewestRest, Window, advance_window, newest_rest, rest_ticks
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
 from contact_tracker.tracking.state import FilterState, start
 from contact_tracker.tracking.transition_model import (
     FREE,
+    REST_EXPOSURE,
     REST_LOG_LIKELIHOOD,
-    hazard_exposure,
     tick_transitions,
 )
 
@@ -52,35 +41,18 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-class TransitionPrediction(NamedTuple):
-    """Prediction for a tick, before its evidence."""
-
-    proposals: tuple[BirthProposals, ...]
-    """Birth proposals of each contact."""
-    cached_proposals: tuple[CachedProposals, ...]
-    """The same with their keys, for reuse at the next tick."""
-    hazard_exposure: float
-    """Exposure to a change of state, in ticks of motion."""
-    log_transition: Array
-    """(7, 7) log probabilities of a change before the tick, from row to column."""
-    log_survival: Array
-    """(7,) log probabilities of staying through it."""
-    log_birth_weight: Array
-    """(7,) log birth weights."""
-
-
 def predict_transitions(
-    state: FilterState, window: Window, completes_rest: bool = False
-) -> TransitionPrediction:
-    """The prediction for the newest tick of ``window``, by which ``state`` has not been updated.
+    state: FilterState, tick: Tick, window: Window, completes_rest: bool = False
+) -> TickInput:
+    """The prediction for a ``tick``, the newest of the ``window``, by which ``state`` has not been updated.
 
     If it completes a rest, the object has rested until now in the state: that counts once.
     """
     model = state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
-    proposals, log_odds = tuple([one.proposals for one in cached]), np.zeros(len(STATES))
-    exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
-    if state.known_map:  # known elements come into contact by any displacement, however smooth
+    proposals, log_odds = cached.proposals, np.zeros(len(STATES))
+    exposed = max(window.latest_motion_ratio, REST_EXPOSURE) + state.deferred_exposure
+    if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
     transition, survival = tick_transitions(model, exposed)
     if state.knows_elements:
@@ -94,22 +66,42 @@ def predict_transitions(
     else:
         birth_weight = state.log_state_weight + log_odds
         birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
-    return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
+    past = fixed_lag.inherited(state.lag_history, state.log_state_weight, transition)
+    return TickInput(
+        proposals,
+        cached,
+        state.ticks,
+        tick.start_ns,
+        state.next_hypothesis_id,
+        past,
+        window,
+        state.window,
+        exposed,
+        transition,
+        survival,
+        birth_weight,
+    )
 
 
-def _proposals(state: FilterState, frame: Frame) -> tuple[CachedProposals, ...]:
-    """Birth proposals of each contact by the map as it is."""
+def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
+    """Birth proposals of each contact by the map as it is; those whose inputs are as before are kept."""
     left_out, current = (), state.current_pair
     if state.uses_later_contacts:
         left_out, current = state.map.shown_after(state.ticks, state.model.tick_s), None
-    before = state.cached_proposals
-    if before[0].map is state.map and before[0][1:-1] == (left_out, current, frame):
+    before, now = state.cached_proposals, CachedProposals(state.map, left_out, current, frame, ())
+    if now[:-1] == before[:-1]:
         return before
     view = state.map.without(left_out) if left_out else state.map.whole
     latest = state.map.latest_before(state.ticks) if state.uses_later_contacts else view.latest
     view, share = replace(view, current=current, latest=latest), state.model.geometry.revisit_prior
-    proposals = [propose_births(contact, state.known_map, view, share, frame) for contact in CONTACT_MODELS]
-    return tuple(CachedProposals(state.map, left_out, current, frame, begins) for begins in proposals)
+    return now._replace(
+        proposals=tuple(
+            kept
+            if now.inputs(contact) == before.inputs(contact)
+            else propose_births(contact, state.known_map, view, share, frame)
+            for contact, kept in zip(CONTACT_MODELS, before.proposals, strict=True)
+        )
+    )
 
 
 @dataclass(eq=False)
@@ -134,10 +126,9 @@ class ContactFilter:
         if is_uninformative(state, tick, window, rest):  # in gaps, and at rest
             state, belief = pass_tick(state, tick, window)
         else:
-            transitions = predict_transitions(state, window, rest.completes)  # by containment, births by map
-            ticks = tick_input(state, tick, window, transitions)
-            banks, weights = updated_banks(state, ticks)  # fit of the geometry, evidence, search, pruning
-            state = weighed(state, tick, ticks, transitions, banks, weights)  # HMM
+            change = predict_transitions(state, tick, window, rest.completes)  # and births, by the map
+            banks, weights = updated_banks(state, change)  # fit of the geometry, evidence, search, pruning
+            state = weighed(state, tick, change, banks, weights)  # HMM
             state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
         self.state, belief = with_rest(state, belief, rest.is_in_rest)
         return belief
@@ -175,7 +166,7 @@ def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: Newes
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
     the posterior. With known elements every tick is informative, since it shows whether they touch, and with
     those of the map each up to the one that completes a rest, except after a gap."""
-    if state.belief is None or state.known_map or tick.innovation_excess != NO_EXCESS:
+    if state.belief is None or state.known_map.lists_elements or tick.innovation_excess != NO_EXCESS:
         return False
     if state.window.innovation_excess[-1].any():
         return False
@@ -214,53 +205,34 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
         hazard_exposure=0.0,
         log_transition=change,
         log_birth_weight=birth_weight,
-        deferred_exposure=state.deferred_exposure + hazard_exposure(0.0),
+        deferred_exposure=state.deferred_exposure + REST_EXPOSURE,
         lag_history=histories,
     )
     return passed, replace(state.belief, stamp_ns=tick.stamp_ns)
 
 
-def tick_input(
-    state: FilterState, tick: Tick, window: Window, transitions: TransitionPrediction
-) -> TickInput:
-    """The newest tick of the window, with the hypotheses that begin in it."""
-    births = Births(
-        transitions.proposals,
-        state.ticks,
-        tick.start_ns,
-        state.next_hypothesis_id,
-        transitions.log_birth_weight,
-        fixed_lag.inherited(state.lag_history, state.log_state_weight, transitions.log_transition),
-        tick.zeta[R].reshape(3, 3),
-    )
-    return TickInput(births, window, state.window, transitions.log_survival)
-
-
-def updated_banks(state: FilterState, ticks: TickInput) -> tuple[list[Bank], TickWeights]:
+def updated_banks(state: FilterState, change: TickInput) -> tuple[list[Bank], TickWeights]:
     """The banks after a tick, and the weights of their hypotheses."""
     beyond, margin = state.model.noise.extra_contact_variance, state.model.search.margin_nats
-    return bank_update.update(state.banks, ticks, beyond, state.scales, margin)
+    return bank_update.update(state.banks, change, beyond, state.scales, margin)
 
 
 def weighed(
-    state: FilterState,
-    tick: Tick,
-    ticks: TickInput,
-    transitions: TransitionPrediction,
-    banks: Sequence[Bank],
-    weights: TickWeights,
+    state: FilterState, tick: Tick, change: TickInput, banks: Sequence[Bank], weights: TickWeights
 ) -> FilterState:
     """The state after an informative tick, with the updated banks and weights."""
-    past = ticks.births.lag_history
+    past = change.lag_history
     if past.size:
         banks, free = _with_longer_histories(banks), fixed_lag.grown(past[FREE], FREE)
         past = np.array([*(fixed_lag.mixed(b.lag_history, b.log_weight) for b in banks), free])
     was_free = state.label is Contact.FREE
     return state._replace(
-        window=ticks.window,
-        cached_proposals=transitions.cached_proposals,
+        window=change.window,
+        cached_proposals=change.cached_proposals,
         ticks=state.ticks + 1,
-        next_hypothesis_id=state.next_hypothesis_id + ticks.births.total + 1,
+        next_hypothesis_id=state.next_hypothesis_id
+        + sum(map(len, [one.rows.words for one in change.proposals]))
+        + 1,
         deferred_exposure=0.0,
         banks=tuple(banks),
         log_state_weight=weights.log_state_weight,
@@ -271,8 +243,8 @@ def weighed(
         label=STATES[int(np.argmax(weights.log_state_weight))],
         free_since=state.free_since if was_free else state.ticks,
         free_since_ns=state.free_since_ns if was_free else tick.start_ns,
-        hazard_exposure=transitions.hazard_exposure,
-        log_transition=transitions.log_transition,
+        hazard_exposure=change.hazard_exposure,
+        log_transition=change.log_transition,
         log_birth_weight=weights.log_birth_weight,
         log_normaliser=state.log_normaliser
         + float(weights.log_birth_weight[FREE] - weights.log_state_weight[FREE]),
@@ -286,3 +258,48 @@ def _with_longer_histories(banks: Sequence[Bank]) -> tuple[Bank, ...]:
         replace(bank, lag_history=fixed_lag.grown(bank.lag_history, column))
         for column, bank in enumerate(banks)
     )
+
+
+class FilteredTick(NamedTuple):
+    """One tick of the pass: the ``state`` after it, the ``tick``, and the ``belief``."""
+
+    state: FilterState
+    tick: Tick
+    belief: Belief
+
+    @property
+    def numbers(self) -> Index:
+        """Numbers (A,) that identify the active hypotheses in the whole recording."""
+        return np.append(Bank.of_all(self.state.banks, "number"), self.state.next_hypothesis_id - 1)
+
+
+def ticks_of(
+    parts: Iterable[Poses],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    body_m: Array = ORIGIN_M,
+) -> Iterator[Tick]:
+    """The ticks of a recording, each as soon as it is over.
+
+    Parameters
+    ----------
+    parts : validated poses in order of time, in batches.
+    progress : called after each batch of poses with the number of those read so far.
+    body_m : (3,) point of the body that is tracked, see ``sensor_noise.independent_point``.
+    """
+    grid, count = TickGrid(model, body_m), 0
+    for batch in parts:
+        yield from grid.add(batch) if len(batch) else ()
+        count += len(batch)
+        if progress is not None:
+            progress(count)
+    yield from grid.close()
+
+
+def forward(
+    ticks: Iterable[Tick], one: ContactFilter, detail: Detail = Detail.GEOMETRY
+) -> Iterator[FilteredTick]:
+    """Update a filter by ticks; the beliefs have this ``detail``."""
+    for tick in ticks:
+        belief = one.update(tick, detail)
+        yield FilteredTick(one.state, tick, belief)

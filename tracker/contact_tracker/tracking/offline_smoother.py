@@ -27,8 +27,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief, Detail, Segment
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import FilteredTick, forward, ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, forward, ticks_of
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
     SegmentFit,

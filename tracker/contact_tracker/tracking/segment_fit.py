@@ -25,15 +25,14 @@ from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, sh
 from contact_tracker.geometry.task_frame import TaskFrame, task_frame
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
-from contact_tracker.hypotheses.births import Frame, named, propose_births, propose_measured
+from contact_tracker.hypotheses.births import named, propose_births, propose_measured
 from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
 from contact_tracker.hypotheses.refinement import refine
-from contact_tracker.joints.evidence import find_joint
-from contact_tracker.joints.geometry import Joint, joint_of
+from contact_tracker.joints.evidence import Joint, find_joint, joint_of
 from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
-from contact_tracker.map.pairs import named_pairs
+from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window, at_rest
@@ -165,7 +164,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, window, model.tick_s)
     estimate = None
-    if not known_map and segment.wrenches is None:  # else no map is made
+    if not known_map.lists_elements and segment.wrenches is None:  # else no map is made
         estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = named(where, pair), np.zeros(1)
     return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry, pack, unpack
-from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.evidence import Joint
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 

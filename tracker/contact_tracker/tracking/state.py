@@ -36,56 +36,56 @@ class FilterState(NamedTuple):
     model: Model
     known_map: Map
     """Known elements."""
-    origins: Origins
-    """Those of the ticks, once there are some."""
-    free_motion: FreeMotion | None
-    """Free motion as this filter sees it, if its ticks have been averaged for another one."""
     scales: EvidenceParameters
     """Those of the model."""
-    window: Window
-    """The latest ticks by which the hypotheses have been updated."""
     banks: tuple[Bank, ...]
     """The hypothesis bank of each contact."""
+    live_hypotheses: LiveHypotheses
+    """The active hypotheses of all banks, and free motion."""
     map: GrowingMap
     """Elements that contacts have touched."""
-    cached_proposals: tuple[CachedProposals, ...]
+    cached_proposals: CachedProposals
     """Birth proposals of each contact, as last computed."""
     log_state_weight: Array
     """(7,) log weight of each state at the last boundary, up to a constant."""
-    residual: Array
-    """(6,) whitened residual of each contact, see ``Belief``."""
-    best_rows: NDArray[np.int64]
-    """(6,) row of the best hypothesis in each bank; -1 for an empty one."""
-    live_hypotheses: LiveHypotheses
-    """The active hypotheses of all banks, and free motion."""
-    ticks: int
-    """Number of ticks so far."""
-    next_hypothesis_id: int
-    """Number of the next hypothesis."""
-    outliers: int
-    """Number of outliers among the poses so far."""
-    label: Contact | None
-    """The most probable state; None before the first tick."""
-    free_since: int
-    """Number of the tick since which the label is free."""
-    free_since_ns: int
-    curved: CurvedMotion
-    """The last test of free motion for a curved surface."""
-    hazard_exposure: float
-    """Exposure to a change of state at the last boundary, in ticks of motion."""
-    log_transition: Array
-    """(7, 7) log probabilities of change at that boundary, from row to column."""
     log_birth_weight: Array
     """(7,) log birth weights at that boundary."""
-    log_normaliser: float
-    """Sum of the normalisation constants of the weights (nats)."""
-    deferred_exposure: float
-    """Exposure of uninformative ticks, which counts at the next informative one."""
     lag_history: Array
     """(7, L, 7) per state: probabilities of the states in the last L ticks."""
-    recent: tuple[Belief, ...]
+    origins: Origins = Origins.zero()
+    """Those of the ticks, once there are some."""
+    free_motion: FreeMotion | None = None
+    """Free motion as this filter sees it, if its ticks have been averaged for another one."""
+    window: Window = EMPTY_WINDOW
+    """The latest ticks by which the hypotheses have been updated."""
+    residual: Array = np.full(len(CONTACT_MODELS), np.nan)
+    """(6,) whitened residual of each contact, see ``Belief``."""
+    best_rows: NDArray[np.int64] = np.full(len(CONTACT_MODELS), -1)
+    """(6,) row of the best hypothesis in each bank; -1 for an empty one."""
+    ticks: int = 0
+    """Number of ticks so far."""
+    next_hypothesis_id: int = 0
+    """Number of the next hypothesis."""
+    outliers: int = 0
+    """Number of outliers among the poses so far."""
+    label: Contact | None = None
+    """The most probable state; None before the first tick."""
+    free_since: int = 0
+    """Number of the tick since which the label is free."""
+    free_since_ns: int = 0
+    curved: CurvedMotion = NO_CURVED_MOTION
+    """The last test of free motion for a curved surface."""
+    hazard_exposure: float = 0.0
+    """Exposure to a change of state at the last boundary, in ticks of motion."""
+    log_transition: Array = np.zeros((len(STATES), len(STATES)))
+    """(7, 7) log probabilities of change at that boundary, from row to column."""
+    log_normaliser: float = 0.0
+    """Sum of the normalisation constants of the weights (nats)."""
+    deferred_exposure: float = 0.0
+    """Exposure of uninformative ticks, which counts at the next informative one."""
+    recent: tuple[Belief, ...] = ()
     """Beliefs of the last L ticks, with a lag."""
-    belief: Belief | None
+    belief: Belief | None = None
     """The latest belief."""
     formation: FormationState = EMPTY_FORMATION
     """Search for further contacts."""
@@ -100,7 +100,7 @@ class FilterState(NamedTuple):
     @property
     def knows_elements(self) -> bool:
         """Whether a pose shows if known elements touch."""
-        return bool(self.known_map or self.map.elements or self.map.contacts)
+        return bool(self.known_map.lists_elements or self.map.elements or self.map.contacts)
 
     @property
     def current_pair(self) -> tuple[Key, Key] | None:
@@ -119,43 +119,18 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Filte
     lag = round(lag_s / model.tick_s)
     length = lag + 1 if lag else 0
     banks = tuple(blank(contact, 0, length) for contact in CONTACT_MODELS)
-    past = np.zeros((len(STATES), length, len(STATES)))
-    initial, states, empty = (
-        log_initial(model),
-        len(STATES),
-        GrowingMap(model.geometry.reach_m).with_prior(known_map.learned),
-    )
+    empty = GrowingMap(model.geometry.reach_m).with_prior(known_map.learned)
     return FilterState(
-        model=model,
-        known_map=known_map,
-        origins=Origins.zero(),
-        free_motion=None,
-        scales=scales_of(model),
-        window=EMPTY_WINDOW,
-        banks=banks,
-        map=empty,
-        cached_proposals=tuple(
-            CachedProposals(empty, (), None, None, uninformed_proposal(contact)) for contact in CONTACT_MODELS
-        ),
-        log_state_weight=initial,
-        residual=np.full(len(CONTACT_MODELS), np.nan),
-        best_rows=np.full(len(CONTACT_MODELS), -1),
-        live_hypotheses=LiveHypotheses.of(banks, -1),
-        ticks=0,
-        next_hypothesis_id=0,
-        outliers=0,
-        label=None,
-        free_since=0,
-        free_since_ns=0,
-        curved=NO_CURVED_MOTION,
-        hazard_exposure=0.0,
-        log_transition=np.zeros((states, states)),
-        log_birth_weight=initial,
-        log_normaliser=0.0,
-        deferred_exposure=0.0,
-        lag_history=past,
-        recent=(),
-        belief=None,
+        model,
+        known_map,
+        scales_of(model),
+        banks,
+        LiveHypotheses.of(banks, -1),
+        empty,
+        CachedProposals(empty, (), None, None, tuple(map(uninformed_proposal, CONTACT_MODELS))),
+        log_initial(model),
+        log_initial(model),
+        np.zeros((len(STATES), length, len(STATES))),
     )
 
 

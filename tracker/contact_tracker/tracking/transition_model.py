@@ -17,7 +17,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 Array = NDArray[np.float64]
 
 REST_EXPOSURE: Final = 0.02
-"""Share of the changes that happen in a tick without visible motion."""
+"""Exposure to change of a tick without visible motion, in ticks of motion: contacts change by moving."""
 FREE: Final = Contact.FREE.column
 REST_LOG_LIKELIHOOD: Final = np.array([0.0, *[-6.0] * 5, -12.0])
 """Log likelihood (7,) of the first ``REST_S`` of a rest in each state, relative to that of f-f, once a rest:
@@ -65,14 +65,6 @@ def log_initial(model: Model) -> Array:
     return np.log(initial(model.transitions))
 
 
-def hazard_exposure(activity: float) -> float:
-    """Exposure to change of a tick with this ``activity`` (0 at rest, 1 in motion), in ticks of motion.
-
-    Contacts change by moving, so at rest the exposure is small.
-    """
-    return max(activity, REST_EXPOSURE)
-
-
 class TickTransitions(NamedTuple):
     """Log probabilities of one tick.
 
@@ -86,7 +78,7 @@ class TickTransitions(NamedTuple):
 
 
 def tick_transitions(model: Model, exposure: float) -> TickTransitions:
-    """The log probabilities of a tick with this ``hazard_exposure``.
+    """The log probabilities of a tick with this ``exposure`` (ticks of motion).
 
     A state changes at most once, unless the exposure is that of many ticks.
     """

@@ -16,7 +16,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning, UsageError, printable
 from contact_tracker.files import near_file
-from contact_tracker.motion.real_numbers import real_number
+from contact_tracker.motion.poses import real_number
 
 ModelLike = str | os.PathLike[str] | Model
 Deviations = str | tuple[float, float] | None

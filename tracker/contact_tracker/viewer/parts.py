@@ -100,7 +100,7 @@ class KnownParts:
         self.object_extent = next((extent for side, *_, extent in known if side == 0), None)
         self._listed: dict[Hashable, tuple[int, str, Element]] = {
             (side, one.name): (side, one.name, one.element)
-            for side, known in enumerate((known_map.object, known_map.environment))
+            for side, known in enumerate((known_map.listed_object, known_map.listed_environment))
             for one in known
             if one.solid is None
         }
@@ -185,7 +185,7 @@ def known_parts(outcome: Outcome) -> tuple[Part, ...]:
 
 def _bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
     """Known boxes and meshes: side, name and corners (V, 3)."""
-    for side, known in enumerate((known_map.object, known_map.environment)):
+    for side, known in enumerate((known_map.listed_object, known_map.listed_environment)):
         for number in dict.fromkeys(one.solid for one in known if one.solid is not None):
             corners = [one for one in known if one.solid == number and isinstance(one.element, Point)]
             if corners:

@@ -14,20 +14,207 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Element, Line, Pair, Point, face_towards
-from contact_tracker.geometry.vectors import EYE, cross, cross_matrix, dot, unit
+from contact_tracker.geometry.vectors import EYE, cross, cross_matrix, dot, sphere_tangent, unit
 from contact_tracker.states import STATES, Contact
-from contact_tracker.wrenches.line_of_action import (
-    FLOOR_M,
-    REACH_M,
-    LineFits,
-    LinesOfAction,
-    PointFit,
-    fixed_direction,
-    fixed_in_both,
-)
 from contact_tracker.wrenches.load import ContactWrenches
 
 Array = NDArray[np.float64]
+
+FLOOR_M: Final = 0.5e-3
+"""Standard deviation of lines of action from their element (m): compliance, and tremor within ticks."""
+TWIST_M: Final = 1e-3
+"""Moment about the line of action over force (m) of a point contact."""
+WANDER_M: Final = 1.5e-3
+"""Standard deviation from tick to tick of an unconstrained line of action (m)."""
+REACH_M: Final = 0.3
+"""Prior distance of elements from the origin of the window's frame (m)."""
+CONE_RAD: Final = float(np.radians(4.0))
+"""Deviation of forces from the normal by friction (rad)."""
+REPEATED: Final = 0.1
+"""Share of a tick's evidence on a direction that is independent: friction follows the motion."""
+PARALLEL_RAD: Final = float(np.radians(0.7))
+"""Error of an orientation, including the compliance of a face (rad)."""
+ANGLES: Final = 36
+REFINEMENTS: Final = 2
+
+
+@dataclass(frozen=True, eq=False)
+class LinesOfAction:
+    """Forces and moments of ticks in one frame about its origin.
+
+    Parameters
+    ----------
+    force_n, moment_nm : (T, 3).
+    variance_m2 : (T,) of the position across the force, independent from tick to tick.
+    common_n, common_nm : (T, 3, P) derivatives of forces and moments by P standard errors that all ticks
+    share.
+    """
+
+    force_n: Array
+    moment_nm: Array
+    variance_m2: Array
+    common_n: Array
+    common_nm: Array
+
+    @property
+    def direction(self) -> Array:
+        """(T, 3) unit vectors."""
+        return unit(self.force_n)
+
+    @property
+    def excess(self) -> Array:
+        """(T,) variance of unconstrained lines, with the noise."""
+        return self.variance_m2 + WANDER_M**2
+
+    @property
+    def row_gain(self) -> float:
+        """Log evidence of one constraint in all ticks, at most."""
+        return float(0.5 * np.log(self.excess / self.variance_m2).sum())
+
+    def in_world_frame(self, rotation: Array, origin_m: Array) -> "LinesOfAction":
+        """The lines in the world frame, for bodies with ``rotation`` (T, 3, 3) and frames at ``origin_m`` (T,
+        3); about the mean of these."""
+        force = np.einsum("tij,tj->ti", rotation, self.force_n)
+        moment = np.einsum("tij,tj->ti", rotation, self.moment_nm)
+        about = origin_m - origin_m.mean(axis=0)
+        of_force = rotation @ self.common_n
+        of_moment = rotation @ self.common_nm + cross_matrix(about) @ of_force
+        return LinesOfAction(force, moment + cross(about, force), self.variance_m2, of_force, of_moment)
+
+    def through_point(self) -> "PointFit":
+        """The point of the frame that all lines pass."""
+        strength = np.linalg.norm(self.force_n, axis=1)
+        across = cross_matrix(self.direction)
+        design = across @ np.concatenate([cross_matrix(self.force_n) * REACH_M, self.common_nm], axis=2)
+        design /= strength[:, None, None]
+        target = np.einsum("tij,tj->ti", across, self.moment_nm) / strength[:, None]
+        weight = 1.0 / self.variance_m2 - 1.0 / self.excess
+        information = np.einsum("t,tji,tjk->ik", weight, design, design) + np.eye(design.shape[2])
+        pull = np.einsum("t,tji,tj->i", weight, design, target)
+        best = np.linalg.solve(information, pull)
+        squares = float(weight @ dot(target, target) - pull @ best)
+        evidence = 2.0 * self.row_gain - 0.5 * squares - 0.5 * float(np.linalg.slogdet(information)[1])
+        return PointFit(-REACH_M * best[:3], REACH_M**2 * np.linalg.inv(information)[:3, :3], evidence)
+
+    def twist(self) -> float:
+        """Log evidence that there is no moment about the lines themselves; at most zero, as with little
+        friction no contact has one."""
+        strength = np.linalg.norm(self.force_n, axis=1)
+        twist_m = dot(self.direction, self.moment_nm) / strength
+        common = np.einsum("ti,tij->tj", self.direction, self.common_nm) / strength[:, None]
+        least = self.variance_m2 - FLOOR_M**2 + TWIST_M**2
+        weight = 1.0 / least - 1.0 / (least + WANDER_M**2)
+        pull = common.T @ (weight * twist_m)
+        information = (common.T * weight) @ common + np.eye(common.shape[1])
+        return float(-0.5 * (weight @ twist_m**2 - pull @ np.linalg.solve(information, pull)))
+
+    def along_lines(self) -> "LineFits":
+        """Log likelihoods that all lines intersect one line of the frame, normal to the mean force, by its
+        direction."""
+        weight = (1.0 / self.variance_m2 - 1.0 / self.excess) / dot(self.force_n, self.force_n)
+        rows = np.concatenate(
+            [self.moment_nm[..., None], self.common_nm, cross_matrix(self.force_n) * REACH_M], axis=2
+        )
+        count = rows.shape[2]
+        moments = np.einsum("t,tia,tjb->iajb", weight, rows, rows).reshape(3 * count, 3 * count)
+        normal = unit(self.direction.sum(axis=0))
+        first, second = sphere_tangent(normal).T
+        middle, half = 0.5 * np.pi, 0.5 * np.pi
+        directions, values, cell = np.zeros((0, 3)), np.zeros(0), np.pi / ANGLES
+        for level in range(REFINEMENTS + 1):
+            angle = middle + half * (2.0 * np.arange(ANGLES) + 1.0 - ANGLES) / ANGLES
+            some = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+            found = _log_likelihood(moments, some, normal)
+            directions, values = np.concatenate([directions, some]), np.append(values, found)
+            cell, middle = 2.0 * half / ANGLES, angle[found.argmax()]
+            if level < REFINEMENTS:
+                half *= 6.0 / ANGLES
+        top = found.max()
+        log_mean = top + float(np.log(np.exp(found - top).sum() * cell / np.pi))
+        return LineFits(directions, values, normal, self.row_gain + log_mean, self.row_gain)
+
+
+@dataclass(frozen=True, eq=False)
+class PointFit:
+    """The point (3,) that lines of action pass, its covariance (3, 3), and the log ``evidence`` that they
+    do."""
+
+    point_m: Array
+    covariance_m2: Array
+    evidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class LineFits:
+    """Unit directions (N, 3) of lines normal to the mean force, whose direction is ``normal`` (3,), their log
+    likelihoods (N,), the marginal ``evidence``, and the log evidence of one constraint at most."""
+
+    direction: Array
+    log_likelihood: Array
+    normal: Array
+    evidence: float
+    row_gain: float
+
+    @property
+    def best(self) -> Array:
+        """(3,) the most likely direction."""
+        return np.asarray(self.direction[self.log_likelihood.argmax()])
+
+    def angle_variance(self, exponent: float) -> float:
+        """Variance (rad^2) of the direction about the best one, with likelihoods to the power
+        ``exponent``."""
+        side = np.cross(self.normal, self.best)
+        angle = np.arctan2(self.direction @ side, self.direction @ self.best)
+        angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi  # a line has no sense
+        angle, first = np.unique(angle, return_index=True)
+        weight = np.exp(exponent * (self.log_likelihood[first] - self.log_likelihood.max()))
+        spacing = np.gradient(angle)  # angles are denser near the best one
+        weight *= spacing
+        return float(weight @ angle**2 / weight.sum() + spacing.min() ** 2 / 12.0)
+
+    def across(self, other: Array) -> float:
+        """Least loss of log evidence if the line has to cross the direction ``other`` (3,): parallel lines
+        constrain the same coordinate, which counts once."""
+        shared = (self.direction @ other) ** 2
+        return float((self.log_likelihood - self.log_likelihood.max() - shared * self.row_gain).max())
+
+
+def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
+    """(N,) of lines with ``direction`` (N, 3), marginalised over their position and the common errors.
+
+    ``moments`` (3 C, 3 C) are those of the rows (3, C): the moment, its derivatives by common errors and by
+    a shift of the line, across itself, along the ``normal`` and within the plane.
+    """
+    count, size = len(moments) // 3, len(direction)
+    side = cross(normal, direction)
+    columns = np.zeros((size, 3, count, count - 1))  # of the rows, in one row along the direction
+    for column in range(count - 3):
+        columns[:, :, column, column] = direction
+    shifts = np.stack([np.broadcast_to(normal, side.shape), side], axis=2)
+    columns[:, :, count - 3 :, count - 3 :] = direction[:, :, None, None] * shifts[:, None]
+    projected = columns.reshape(size, 3 * count, count - 1)
+    found = np.asarray(projected.swapaxes(1, 2) @ moments @ projected)
+    information = found[:, 1:, 1:] + np.eye(count - 2)
+    pull = found[:, 1:, 0]
+    solved = np.asarray(np.linalg.solve(information, pull[..., None])[..., 0], float)
+    left = found[:, 0, 0] - dot(pull, solved)
+    return np.asarray(-0.5 * left - 0.5 * np.linalg.slogdet(information)[1])
+
+
+def fixed_direction(direction: Array) -> float:
+    """Log likelihood that unit vectors (T, 3) are one direction, up to friction."""
+    mean = direction.sum(axis=0)
+    return float(-0.5 * REPEATED * (len(direction) - mean @ mean / len(direction)) / CONE_RAD**2)
+
+
+def fixed_in_both(direction: Array, rotation: Array) -> float:
+    """The same for one direction of the body that rotations (T, 3, 3) also keep fixed in the world."""
+    count, mean = len(direction), rotation.mean(axis=0)
+    turned = EYE - mean.T @ mean
+    information = REPEATED * count * (EYE / CONE_RAD**2 + turned / PARALLEL_RAD**2)
+    pull = REPEATED * direction.sum(axis=0) / CONE_RAD**2
+    return float(-0.5 * (REPEATED * count / CONE_RAD**2 - pull @ np.linalg.solve(information, pull)))
+
 
 EXPONENT: Final = 0.2
 """Power of the likelihoods of wrenches, as consecutive ticks are correlated."""

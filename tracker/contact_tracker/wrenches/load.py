@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.vectors import EYE, cross, cross_matrix
-from contact_tracker.wrenches.tick_wrench import TickWrenches
+from contact_tracker.wrenches.wrenches import TickWrenches
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

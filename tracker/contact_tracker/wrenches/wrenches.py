@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.errors import UsageError
+from contact_tracker.geometry.rotation import between, matrices, nearest, rotation_vectors
 from contact_tracker.geometry.vectors import cross
-from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.real_numbers import real_numbers
+from contact_tracker.motion.poses import Poses, real_numbers
 
 Array = NDArray[np.float64]
 
@@ -114,3 +114,132 @@ def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
     force_n = np.einsum("tij,tj->ti", turned, wrenches.force_n)
     moment = np.einsum("tij,tj->ti", turned, wrenches.moment_nm)
     return Wrenches(wrenches.stamp_ns, force_n, moment + cross(frames.position_m, force_n))
+
+
+Bools = NDArray[np.bool_]
+
+STEADY: Final = 1.5
+"""Largest interval of ticks for accelerations, relative to the median."""
+
+
+@dataclass(frozen=True, eq=False)
+class TickWrenches:
+    """T ticks; values of ticks without measurements (``is_measured`` False) are zero.
+
+    Parameters
+    ----------
+    stamp_ns : (T,) when each ends.
+    rotation, position_m : (T, 3, 3), (T, 3) mean pose ``T_world_body``.
+    acceleration : (T, 3) of the body's origin, in the body's axes (m/s^2).
+    angular_velocity, angular_acceleration : (T, 3) in the body's axes (rad/s, rad/s^2).
+    force_n, moment_nm : (T, 3) mean measured wrench about the body's origin, in the body's axes.
+    force_variance, moment_variance : (T,) of the mean, per axis, by the scatter within the tick.
+    is_measured : (T,) whether a tick has wrenches, and it and its neighbours have poses.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    rotation: Array
+    position_m: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    force_n: Array
+    moment_nm: Array
+    force_variance: Array
+    moment_variance: Array
+    is_measured: Bools
+
+
+def average(poses: Poses, wrenches: Wrenches, stamp_ns: NDArray[np.int64]) -> TickWrenches:
+    """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the previous
+    one."""
+    pose_rows = _rows(poses.stamp_ns, stamp_ns)
+    mean = _means(poses.rotation.reshape(-1, 9), pose_rows).reshape(-1, 3, 3)
+    quat = np.array([nearest(matrix) for matrix in mean]).reshape(-1, 4)
+    rotation = matrices(quat)
+    position_m = _means(poses.position_m, pose_rows)
+    time_s = _means((poses.stamp_ns - poses.stamp_ns[0])[:, None] * 1e-9, pose_rows)[:, 0]
+    has_poses = np.diff(pose_rows) > 0
+    steady = _is_steady(time_s, has_poses)
+    linear, spin, turning = _motion(quat, position_m, time_s, steady)
+    rows = _rows(wrenches.stamp_ns, stamp_ns)
+    count = np.diff(rows)
+    return TickWrenches(
+        stamp_ns,
+        rotation,
+        position_m,
+        linear,
+        spin,
+        turning,
+        _means(wrenches.force_n, rows),
+        _means(wrenches.moment_nm, rows),
+        _variances(wrenches.force_n, rows),
+        _variances(wrenches.moment_nm, rows),
+        steady & (count > 0),
+    )
+
+
+def _rows(of: NDArray[np.int64], stamp_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Bounds (T + 1,) of the rows in each tick."""
+    ends = of.searchsorted(stamp_ns, side="right")
+    return np.append(0, ends)
+
+
+def _means(values: Array, rows: NDArray[np.int64]) -> Array:
+    """Means (T, D) of the rows (N, D) between bounds; zero without rows."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - _middle(values), axis=0)])
+    count = np.diff(rows)[:, None]
+    return np.asarray(
+        np.where(count, np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values), 0.0)
+    )
+
+
+def _middle(values: Array) -> Array:
+    """An offset near all values; sums of deviations from it are more precise."""
+    return np.asarray(values.mean(axis=0)) if len(values) else np.zeros(values.shape[1])
+
+
+def _variances(values: Array, rows: NDArray[np.int64]) -> Array:
+    """Variances (T,) per axis of the means of rows (N, 3) between bounds; that of one row is the median's.
+
+    Neighbours differ by noise and by half of what changes in a tick, so the scatter bounds both.
+    """
+    count = np.diff(rows)
+    mean = np.repeat(_means(values, rows), count, axis=0)
+    off = ((values[rows[0] : rows[-1]] - mean) ** 2).sum(axis=1)[:, None]
+    scatter = _means(off, rows - rows[0])[:, 0] / 3.0
+    many = count > 1
+    usual = float(np.median(scatter[many])) if many.any() else 0.0
+    return np.asarray(np.where(many, scatter / np.maximum(count - 1, 1), usual))
+
+
+def _is_steady(time_s: Array, has_poses: Bools) -> Bools:
+    """Whether a tick has poses, and both neighbours at the usual distance."""
+    steps = np.diff(time_s)
+    steady = np.zeros(len(time_s), bool)
+    if len(time_s) < 3:
+        return steady
+    good = has_poses[1:] & has_poses[:-1] & (steps > 0.0)
+    usual = np.median(steps[good]) if good.any() else 0.0
+    near = good & (steps < STEADY * usual) & (steps > usual / STEADY)
+    steady[1:-1] = near[1:] & near[:-1]
+    return steady
+
+
+def _motion(quat: Array, position_m: Array, time_s: Array, steady: Bools) -> tuple[Array, Array, Array]:
+    """Acceleration of the origin, angular velocity and acceleration (T, 3), in the body's axes; zero where
+    not ``steady``."""
+    linear, spin, turning = np.zeros((3, len(time_s), 3))
+    if len(time_s) < 3:
+        return linear, spin, turning
+    step_s = np.diff(time_s)[:, None]
+    step_s = np.where(step_s > 0.0, step_s, np.inf)
+    velocity = np.diff(position_m, axis=0) / step_s
+    rate = rotation_vectors(between(quat[:-1], quat[1:])) / step_s
+    between_s = 0.5 * (step_s[1:] + step_s[:-1])
+    linear[1:-1] = np.einsum("tji,tj->ti", matrices(quat[1:-1]), np.diff(velocity, axis=0) / between_s)
+    spin[1:-1] = 0.5 * (rate[1:] + rate[:-1])
+    turning[1:-1] = np.diff(rate, axis=0) / between_s
+    for values in (linear, spin, turning):
+        values[~steady] = 0.0
+    return linear, spin, turning

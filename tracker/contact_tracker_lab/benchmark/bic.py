@@ -29,8 +29,7 @@ from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import ContactFilter
-from contact_tracker.tracking.forward_pass import forward, ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, forward, ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.fixed_windows import FRAMES
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method

@@ -21,8 +21,8 @@ from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import (
+    REST_EXPOSURE,
     destinations,
-    hazard_exposure,
     initial,
     leave_per_s,
     log_initial,
@@ -149,7 +149,7 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
     score, label = None, np.full(len(observed.activity), UNKNOWN, np.int64)
     if truth is not None and source.use_truth:
         label = labels(observed.middle_ns, truth)
-        chain = KnownStates(label, np.array([hazard_exposure(a) for a in observed.activity]))
+        chain = KnownStates(label, np.array([max(a, REST_EXPOSURE) for a in observed.activity]))
     labelled = chain is not None
     if score_it or chain is None:
         score, believed, segmentation = _pass(poses, truth, model, source.known_map)

@@ -13,7 +13,7 @@ from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.forward_pass import FilteredTick
+from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.transition_model import FREE
 
 Array = NDArray[np.float64]

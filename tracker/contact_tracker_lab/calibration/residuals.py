@@ -22,7 +22,7 @@ from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import tick_variances
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS
-from contact_tracker.tracking.forward_pass import ticks_of
+from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.calibration.parameters import rounded, value_of, with_value
 from contact_tracker_lab.calibration.transitions import runs

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, vertex_face
 from contact_tracker.contacts.family import Array
-from contact_tracker.geometry import damping
+from contact_tracker.geometry import linalg
 from contact_tracker.hypotheses import gauss_newton, schedule
 from contact_tracker.hypotheses.bank import Bank, Onsets, layout
 from contact_tracker.hypotheses.births import TickInput
@@ -40,16 +40,15 @@ def update(
     margin: float,
 ) -> Update:
     """Update the rows of all banks and of their onsets by a tick; arguments as of ``bank_update.update``."""
-    births = one.births
     return kernels.update(
         models(scales.reach_m),
         [(bank.words, bank.onsets.words) for bank in banks],
-        [(begins.rows.words, begins.is_given) for begins in births.proposals],
-        births.turn,
-        births.onset,
-        births.onset_ns,
-        births.number,
-        births.log_birth_weight,
+        [(begins.rows.words, begins.is_given) for begins in one.proposals],
+        one.turn,
+        one.onset,
+        one.onset_ns,
+        one.number,
+        one.log_birth_weight,
         ticks_of(one.window),
         ticks_of(one.before) if len(one.before.index) else None,
         one.log_survival,
@@ -152,7 +151,7 @@ def _settings() -> dict[str, object]:
     return {
         **{name.lower(): getattr(schedule, name) for name in names},
         **{name.lower(): getattr(gauss_newton, name) for name in fits},
-        **{name.lower(): getattr(damping, name) for name in shared},
+        **{name.lower(): getattr(linalg, name) for name in shared},
         "sine_sq_floor": edge_edge.SINE_SQ_FLOOR,
         "tiny": edge_edge.TINY,
         "edge_ridge": edge_edge.RIDGE,

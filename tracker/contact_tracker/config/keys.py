@@ -1,14 +1,17 @@
-"""Validated access to the keys of a TOML table; unknown keys are rejected."""
+"""TOML files, and validated access to the keys of their tables; unknown keys are rejected."""
 
 import math
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from numpy.typing import NDArray
 
-from contact_tracker.errors import KnowledgeError
-from contact_tracker.geometry.elements import Array
+from contact_tracker.errors import KeyFault, KnowledgeError
+from contact_tracker.files import near_file, parse_toml, read_regular
 from contact_tracker.suggestions import closest, suggestion
+
+Array = NDArray[np.float64]
 
 FARTHEST_M: Final = 1e6
 SIZES_M: Final = (1e-4, 1e3)
@@ -19,31 +22,55 @@ LONGEST_TEXT: Final = 200
 UNIT_TOLERANCE: Final = 0.01
 """Largest deviation of a direction's length from 1."""
 
+MOST_BYTES: Final = 1_000_000
+"""Largest TOML file (bytes)."""
+_NUMBER: Final = int | float | np.integer | np.floating
+
+
+def read_toml(path: Path, fault: type[KeyFault], given: str, unreadable: str) -> dict[str, Any]:
+    """The keys of a TOML file, not validated.
+
+    Parameters
+    ----------
+    fault : is raised if the file, which was ``given`` by this name, cannot be read or parsed.
+    unreadable : the beginning of the text if it cannot be read.
+    """
+    try:
+        content = read_regular(path, MOST_BYTES)
+    except (OSError, ValueError) as error:  # names with a zero byte
+        reason = getattr(error, "strerror", None) or error
+        raise fault("", f"{unreadable}: {reason}{near_file(given)}") from error
+    try:
+        return parse_toml(content.decode("utf-8"))
+    except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
+        raise fault("", f"{given} is not TOML: {error}") from error
+
 
 class Keys:
-    """The keys of one table; ``name`` is its name in errors."""
+    """The keys of one table; ``name`` is its name in errors of the kind ``fault``."""
 
-    def __init__(self, table: Any, name: str) -> None:
+    def __init__(self, table: Any, name: str = "", fault: type[KeyFault] = KnowledgeError) -> None:
         if not isinstance(table, dict):
-            raise KnowledgeError(name, "must be a table")
+            raise fault(name, "must be a table")
         if not all(isinstance(key, str) for key in table):
-            raise KnowledgeError(name, "the names of its keys must be text")
+            raise fault(name, "the names of its keys must be text")
         self._table: dict[str, Any] = table
-        self._name = name
+        self._name, self._fault = name, fault
         self._asked: list[str] = []
 
     def __contains__(self, key: str) -> bool:
+        self._asked.append(key)
         return key in self._table
 
     def called(self, key: str) -> str:
         """The full name of a key."""
         return f"{self._name}.{key}" if self._name else key
 
-    def wrong(self, key: str, reason: str) -> KnowledgeError:
+    def wrong(self, key: str, reason: str) -> KeyFault:
         """The error of a key; of one that is not there, with the unknown key that may be meant for it."""
         unknown = [] if key in self._table else [name for name in self._table if name not in self._asked]
         near = closest(key, unknown)
-        return KnowledgeError(self.called(key), f"{reason}; is {near} meant for it?" if near else reason)
+        return self._fault(self.called(key), f"{reason}; is {near} meant for it?" if near else reason)
 
     def finish(self) -> None:
         """Reject keys that were not read."""
@@ -52,14 +79,23 @@ class Keys:
                 meant = suggestion(key, self._asked) or f"; known are {', '.join(self._asked)}"
                 raise self.wrong(key, f"unknown{meant}")
 
+    def real(self, key: str, default: float | None = None) -> float:
+        """Any number, of those beyond the range of floats an infinite one; it is required if ``default`` is
+        None."""
+        value = self._take(key, default)
+        if isinstance(value, bool) or not isinstance(value, _NUMBER):
+            raise self.wrong(key, f"must be a number, not {type(value).__name__}")
+        try:
+            return float(value)
+        except OverflowError:
+            return math.inf if value > 0 else -math.inf
+
     def number(self, key: str, default: float | None, low: float, high: float) -> float:
         """A number from ``low`` to ``high``; it is required if ``default`` is None."""
-        value = self._take(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-            raise self.wrong(key, f"must be a number, not {type(value).__name__}")
+        value = self.real(key, default)
         if not low <= value <= high:
             raise self.wrong(key, f"must lie between {low:g} and {high:g}")
-        return float(value)
+        return value
 
     def flag(self, key: str, default: bool) -> bool:
         value = self._take(key, default)
@@ -76,7 +112,9 @@ class Keys:
     def vector(self, key: str, size: int = 3, default: list[float] | None = None) -> Array:
         """``size`` finite numbers; from Python also as a tuple or an array."""
         value = self._take(key, default)
-        numbers = isinstance(value, list | tuple | np.ndarray) and all(map(_is_coordinate, value))
+        numbers = isinstance(value, list | tuple | np.ndarray) and all(
+            _is_number(one, FARTHEST_M) for one in value
+        )
         if not numbers or len(value) != size:
             raise self.wrong(key, f"must be a list of {size} numbers, none beyond {FARTHEST_M:g}")
         return np.array(value, float)
@@ -87,7 +125,7 @@ class Keys:
         is_square = isinstance(value, list | tuple | np.ndarray) and len(value) == size
         if not is_square or not all(isinstance(row, list | tuple | np.ndarray) for row in value):
             raise self.wrong(key, f"must be {size} rows of {size} numbers")
-        numbers = [number for row in value for number in row if _is_number(number)]
+        numbers = [number for row in value for number in row if _is_number(number, LARGEST)]
         if len(numbers) != size * size or any(len(row) != size for row in value):
             raise self.wrong(key, f"must be {size} rows of {size} numbers, all finite")
         return np.array(numbers, float).reshape(size, size)
@@ -108,24 +146,18 @@ class Keys:
             raise self.wrong(key, f"must have length 1, not {length:.4g}{unit}")
         return value / length
 
-    def pose(self) -> tuple[Array, Array]:
-        """Rotation (3, 3) and position (3,) of ``quat_xyzw`` and ``position_m``; none if absent."""
-        quat = self.direction("quat_xyzw", 4, [0.0, 0.0, 0.0, 1.0])
-        rotation: Array = Rotation.from_quat(quat).as_matrix()
-        return rotation, self.vector("position_m", 3, [0.0, 0.0, 0.0])
-
-    def table(self, key: str) -> "Keys":
+    def table(self, key: str, is_required: bool = False) -> "Keys":
         """The table ``key``, empty if absent."""
-        return Keys(self._take(key, {}), self.called(key))
+        return Keys(self._take(key, None if is_required else {}), self.called(key), self._fault)
 
     def tables(self, key: str) -> "list[Keys]":
         """The tables of an array, or one single table."""
         value = self._take(key, [])
         if isinstance(value, dict):
-            return [Keys(value, self.called(key))]
+            return [Keys(value, self.called(key), self._fault)]
         if not isinstance(value, list):
             raise self.wrong(key, "must be a table, or an array of tables")
-        return [Keys(row, f"{self.called(key)}[{i}]") for i, row in enumerate(value, start=1)]
+        return [Keys(row, f"{self.called(key)}[{i}]", self._fault) for i, row in enumerate(value, start=1)]
 
     def _take(self, key: str, default: Any) -> Any:
         self._asked.append(key)
@@ -135,11 +167,5 @@ class Keys:
         return value
 
 
-def _is_number(value: Any) -> bool:
-    is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    return is_number and bool(abs(value) <= LARGEST)
-
-
-def _is_coordinate(value: Any) -> bool:
-    is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    return is_number and bool(abs(value) <= FARTHEST_M)
+def _is_number(value: Any, largest: float) -> bool:
+    return isinstance(value, _NUMBER) and not isinstance(value, bool) and bool(abs(value) <= largest)
