@@ -327,4 +327,4 @@ def test_task_frames_of_contacts_at_a_time(result: contact_tracker.Result) -> No
     table = middle.geometry.environment
     np.testing.assert_allclose(table.normal @ frame.T_world_task[:3, 3], table.offset_m, atol=1e-9)
     np.testing.assert_allclose(np.abs(table.normal @ frame.T_world_task[:3, 2]), 1.0, atol=1e-9)
-    assert 0.0 < frame.normal_sd_rad < 0.1
+    assert 0.0 < min(frame.sd) < max(frame.sd) < 0.1

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from foxglove import messages as fox
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.geometry.task_frame import T_world_body, task_frame
+from contact_tracker.geometry.task_frame import T_world_body, contact_frame
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR, Colour
@@ -126,10 +127,10 @@ def _frames(outcome: Outcome, frames: tuple[str, ...]) -> Iterator[RawMessage]:
             segment = next(segments, None)
         if segment is None or segment.geometry is None or stamp_ns < segment.start_ns:
             continue
-        task = task_frame(segment.contact, segment.geometry, T_world_body(position_m, quat_xyzw))
+        task = contact_frame(segment.contact, segment.geometry, T_world_body(position_m, quat_xyzw))
         if task is not None:
-            names = frames[0], f"{frames[1]}/task"
-            yield _transform(channels[1], stamp_ns, names, task.T_world_task[:3, 3], task.quat_xyzw)
+            names, turn = (frames[0], f"{frames[1]}/task"), Rotation.from_matrix(task[:3, :3])
+            yield _transform(channels[1], stamp_ns, names, task[:3, 3], turn.as_quat())
 
 
 def _transform(

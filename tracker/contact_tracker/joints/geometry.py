@@ -1,16 +1,20 @@
 """Geometry of a joint: its elements in the body and in the world."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Element, Line, Origins, Point, by_foot, shifted
+from contact_tracker.geometry.task_frame import TaskFrame, joint_frame
 from contact_tracker.joints.evidence import FittedJoint
 from contact_tracker.joints.models import BODY_POINT, BODY_TURN, PITCH, WORLD_POINT, WORLD_TURN, JointKind
 
 Array = NDArray[np.float64]
+
+_FREE: Final = {JointKind.SLIDER: "vz", JointKind.BALL: "wx wy wz"}
+"""Coordinates of the twist in the joint's frame; of others the turn about the axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +37,13 @@ class Joint:
     pitch_m_per_rad: float | None
     pitch_sd_m_per_rad: float | None
 
+    @property
+    def task_frame(self) -> TaskFrame:
+        """The frame in which it constrains the object's twist: on the axis, with z along it."""
+        assert isinstance(self.environment, (Line, Point))
+        free, pitch_m = _FREE.get(self.kind, "wz"), self.pitch_m_per_rad or 0.0
+        return joint_frame(self.kind, self.environment, free, pitch_m)
+
     def to_json(self) -> dict[str, Any]:
         """The JSON object of key ``joint``."""
         return {
@@ -42,6 +53,7 @@ class Joint:
             "environment": self.environment.to_json(),
             "pitch_m_per_rad": self.pitch_m_per_rad,
             "pitch_sd_m_per_rad": self.pitch_sd_m_per_rad,
+            "task_frame": self.task_frame.to_json(),
         }
 
 
