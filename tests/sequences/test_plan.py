@@ -77,12 +77,12 @@ def test_a_stream_on_the_plan_is_followed(plan: Plan, steps) -> None:
     assert all(before <= after for before, after in pairwise(certain))
 
 
-@pytest.mark.parametrize("tolerance", [0.05, 0.25])
+@pytest.mark.parametrize("duration_sd", [0.05, 0.25])
 @pytest.mark.parametrize("tick_s", [0.1, 2.0])
-def test_time_passes_as_planned_whatever_the_ticks(tolerance: float, tick_s: float) -> None:
-    """Also with steps that are short beside the tolerance, and over gaps."""
+def test_time_passes_as_planned_whatever_the_ticks(duration_sd: float, tick_s: float) -> None:
+    """Also with steps that are short beside the deviation, and over gaps."""
     short = [PlannedStep((Contact(name),), 1.0) for name in ("f-f", "e-f", "free", "v-f")]
-    follower = PlanFollower(Plan((*short, PlannedStep(STATES)), tolerance))
+    follower = PlanFollower(Plan((*short, PlannedStep(STATES)), duration_sd))
     flat = np.full(7, 1.0 / 7)  # that say nothing
     for tick in range(round(2.0 / tick_s) + 1):
         found = follower.update(Belief(round(tick * tick_s * 1e9), Contact.FREE, flat, 0, None, flat))
@@ -145,7 +145,7 @@ def test_a_plan_is_the_same_after_its_file(plan: Plan, tmp_path) -> None:
         ("[[step]]\ncontact = 'x-f'", "x-f"),
         ("[[step]]\ncontact = 'f-f'\nseconds = 3", "seconds"),
         ("[[step]]\ncontact = 'f-f'\nduration_s = -1", "between"),
-        ("tolerance = 0\n[[step]]\ncontact = 'any'", "tolerance"),
+        ("duration_sd = 0\n[[step]]\ncontact = 'any'", "duration_sd"),
         ("step = 3", "table"),
         ("[[step]\n", "TOML"),
     ],

@@ -20,7 +20,6 @@ from contact_tracker.map.file import read_table
 from contact_tracker.map.keys import Keys
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import SURE_PROBABILITY
-from contact_tracker.sequences.comparison import TOLERANCE
 from contact_tracker.sequences.steps import steps_of
 from contact_tracker.states import STATES, Contact, states_from
 from contact_tracker.tracking.belief import Belief
@@ -30,7 +29,9 @@ Array = NDArray[np.float64]
 ANY: Final = "any"
 MOST_STEPS: Final = 1000
 _LONGEST_S: Final = 1e6
-_LEAST_TOLERANCE: Final = 0.05
+DURATION_SD: Final = 0.25
+"""Standard deviation of durations, as a share of them."""
+_LEAST_DURATION_SD: Final = 0.05
 STAGE_S: Final = 0.1
 """Least duration of a stage: that of a usual tick."""
 PARTS_PER_STAGE: Final = 4
@@ -62,22 +63,22 @@ class PlannedStep:
 
 @dataclass(frozen=True)
 class Plan:
-    """Steps in order; ``tolerance`` is the standard deviation of a duration, as a share of it."""
+    """Steps in order; ``duration_sd`` is the standard deviation of a duration, as a share of it."""
 
     steps: tuple[PlannedStep, ...]
-    tolerance: float = TOLERANCE
+    duration_sd: float = DURATION_SD
 
     @classmethod
     def read(cls, path: str) -> "Plan":
         """The plan in a TOML file (docs/assembly.md); raises UsageError."""
         try:
             keys = Keys(read_table(path), "")
-            tolerance = keys.number("tolerance", TOLERANCE, _LEAST_TOLERANCE, 1.0)
+            duration_sd = keys.number("duration_sd", DURATION_SD, _LEAST_DURATION_SD, 1.0)
             rows = keys.tables("step")
             keys.finish()
             if not 0 < len(rows) <= MOST_STEPS:
                 raise keys.wrong("step", f"a plan has 1 to {MOST_STEPS} steps, not {len(rows)}")
-            return cls(tuple(map(_planned, rows)), tolerance)
+            return cls(tuple(map(_planned, rows)), duration_sd)
         except KnowledgeError as error:
             text = f"{error.key}: {error.reason}" if error.key else error.reason
             raise UsageError(f"plan {path}: {text}") from error
@@ -109,7 +110,7 @@ class Plan:
     def toml(self) -> str:
         """The text of its file."""
         lines = [f"# Written by contact-tracker {__version__}: the contacts to come, for live --expect."]
-        lines.append(f"tolerance = {self.tolerance:g}  # of durations, standard deviation as a share")
+        lines.append(f"duration_sd = {self.duration_sd:g}  # of durations, as a share of them")
         for number, one in enumerate(self.steps, start=1):
             lines += ["", f"[[step]]  # {number}", f'contact = "{one.name}"']
             lines += [] if one.duration_s is None else [f"duration_s = {one.duration_s:.2f}"]
@@ -155,14 +156,14 @@ class Progress(NamedTuple):
 class PlanFollower:
     """Follows a plan: ``update`` with each belief of a tracker says where in it the stream is.
 
-    A step with a duration d and tolerance s is a chain of 1 / s^2 stages, after which its duration has this
-    standard deviation (Erlang's distribution), or of fewer where that is less exact than ticks are; one
+    A step with a duration d and standard deviation s d is a chain of 1 / s^2 stages, after which its duration
+    has this deviation (Erlang's distribution), or of fewer where that is less exact than ticks are; one
     without has any duration.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        count = ceil(plan.tolerance**-2)
+        count = ceil(plan.duration_sd**-2)
         lengths = [int(min(max((one.duration_s or 0.0) / STAGE_S, 1.0), count)) for one in plan.steps]
         self._last = np.cumsum(lengths) - 1
         self._first = self._last + 1 - lengths
