@@ -74,7 +74,7 @@ _DRAWS: Final = 500
 
 @dataclass(frozen=True, eq=False)
 class Scene(Polyhedron):
-    """Several fixed bodies: those features of ``touched`` that objects touch."""
+    """Several fixed ``bodies``; the ``features`` are those of them that objects touch."""
 
     bodies: tuple[Polyhedron, ...]
 
