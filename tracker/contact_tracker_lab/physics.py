@@ -18,6 +18,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
@@ -27,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.cli.arguments import whole_number
 from contact_tracker.cli.terminal import show
 from contact_tracker.errors import DIFFERENT, DONE, ContactTrackerError, UsageError, module_of_extra
 from contact_tracker.exports.formats import check_output
@@ -314,7 +316,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--overwrite", action="store_true", help="replace recordings that exist")
-    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--processes", type=partial(whole_number, least=1, most=61), default=2)
     args = parser.parse_args(argv)
     try:
         _engine()
