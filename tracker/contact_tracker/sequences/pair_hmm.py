@@ -23,7 +23,8 @@ RATE: Final = 0.2
 to 0.4, also different ones, this finds most differences of takes and fewest false ones, as 0.3 does
 (tests/benchmarks/takes.py)."""
 _SAMPLES: Final = 1000
-"""Alignments from which probabilities are counted: to one in a hundred."""
+"""Alignments from which probabilities are counted, to one in a hundred: with half or twice as many, one of 57
+verdicts changes (tests/benchmarks/takes.py)."""
 
 
 class Alignment(NamedTuple):
