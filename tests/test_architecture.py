@@ -45,7 +45,7 @@ LAB_LAYERS = (
     ("simulate", "evaluation"),
     ("calibration",),
     ("benchmark",),
-    ("cli", "trace_tick", "sensitivity"),
+    ("cli", "physics"),
 )
 """Of the second package, which imports any of the first one; the first one imports none of it."""
 FIRST_EDGE_LAYER = LAYERS.index(("with_wrenches",)) + 1
@@ -75,7 +75,7 @@ SINGLE_IMPORTER = {
     "shtab": "cli/main.py",
     "ruptures": "benchmark/bic.py",
     "tqdm": ("cli", "benchmark/runner.py"),
-    "argparse": ("cli", "benchmark/runner.py", "benchmark/benchmark.py", "sensitivity.py"),
+    "argparse": ("cli", "benchmark/runner.py", "benchmark/benchmark.py", "physics.py"),
     "distributed": "batch/cluster.py",
     "fsspec": "batch/remote.py",
 }

@@ -9,7 +9,7 @@ from statistics import median
 import pytest
 
 from contact_tracker.hypotheses import compiled
-from contact_tracker_lab.trace_tick import traced_ticks
+from trace_tick import traced_ticks
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"

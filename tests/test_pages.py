@@ -126,6 +126,30 @@ def without_figures(text: str) -> list[str]:
     return [re.sub(r"^\| N ", "| ", line) for line in loosely(text)]
 
 
+def test_the_gallery_says_what_was_not_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of nothing that is found, and of a file with another content, beside the page as it is."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(str(DOCS / "examples"))
+    import gallery
+
+    (tmp_path / "examples").symlink_to(DOCS / "examples")
+    (tmp_path / "06_drawer.mcap").write_bytes(b"another")
+    monkeypatch.setattr(gallery, "DOCS", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["gallery.py", str(tmp_path)])
+    gallery.main()
+    written, published = (tmp_path / "gallery.md").read_text(encoding="utf-8"), page("gallery.md")
+    heads = re.findall(r"^## .*", written, re.MULTILINE)
+    assert heads == re.findall(r"^## .*", published, re.MULTILINE)
+    assert written.count("Not run here.") == len(heads) == len(capsys.readouterr().err.splitlines())
+    assert re.findall(r"^contact-tracker .*", written, re.MULTILINE) == re.findall(
+        r"^contact-tracker .*", published, re.MULTILINE
+    )
+    for picture in re.findall(r"\(images/(.*)\)", published):
+        assert (DOCS / "images" / picture).stat().st_size > 10_000
+
+
 @pytest.mark.long
 def test_the_pictures_of_the_contacts_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")

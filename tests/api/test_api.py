@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
@@ -24,6 +25,9 @@ from contact_tracker.errors import (
     UnreadableRecording,
     UsageError,
 )
+from contact_tracker.geometry.elements import Line
+from contact_tracker.joints.evidence import Joint
+from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import WRENCH_TYPE, write_recording
@@ -327,4 +331,15 @@ def test_task_frames_of_contacts_at_a_time(result: contact_tracker.Result) -> No
     table = middle.geometry.environment
     np.testing.assert_allclose(table.normal @ frame.T_world_task[:3, 3], table.offset_m, atol=1e-9)
     np.testing.assert_allclose(np.abs(table.normal @ frame.T_world_task[:3, 2]), 1.0, atol=1e-9)
-    assert 0.0 < frame.normal_sd_rad < 0.1
+    assert 0.0 < min(frame.sd) < max(frame.sd) < 0.1
+
+
+def test_the_frame_of_a_joint_comes_first(
+    result: contact_tracker.Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    axis = Line(np.array([0.0, 0.0, 1.0]), np.zeros(3))
+    segment = replace(result.segments[1], joint=Joint(JointKind.HINGE, 1.0, axis, axis, 0.0, None))
+    monkeypatch.setattr(contact_tracker.Result, "at", lambda *_: segment)
+    frames = result.task_frames((segment.start_ns - result.origin_ns) * 1e-9)
+    assert frames[0].name == "revolute"
+    assert segment.to_json()["joint"]["task_frame"]["constrained"] == ["vx", "vy", "vz", "wx", "wy"]

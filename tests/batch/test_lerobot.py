@@ -103,6 +103,71 @@ def test_a_copy_has_the_contacts_of_its_frames(simulated, outcome, tmp_path, ver
     assert again.trajectory(0).stamp_ns.tolist() == LeRobot.open(source).trajectory(0).stamp_ns.tolist()
 
 
+@pytest.mark.parametrize("version", ["v2.0", "v2.1", "v3.0"])
+def test_statistics_are_those_of_the_new_columns(simulated, outcome, tmp_path, version) -> None:
+    """Of all frames, and of each episode, in place of those of an earlier ``subtask_index``."""
+    source, meta = write_data_set(tmp_path / "data", [simulated] * 2, version), tmp_path / "data" / "meta"
+    stale = {"min": [7], "max": [9], "mean": [8.0], "std": [1.0], "count": [5], "q50": [8.0]}
+    features = {"action": stale, "subtask_index": stale}
+    if version == "v2.1":
+        lines = (json.dumps({"episode_index": k, "stats": features}) for k in range(2))
+        (meta / "episodes_stats.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    else:
+        (meta / "stats.json").write_text(json.dumps(features), encoding="utf-8")
+    episodes = meta / "episodes" / "chunk-000" / "file-000.parquet"
+    if version == "v3.0":
+        episodes.parent.mkdir(parents=True)
+        columns = {f"stats/{name}/{key}": [v, v] for name, one in features.items() for key, v in one.items()}
+        write_table(pyarrow.table({"episode_index": [1, 0], **columns}), episodes)
+    with patch("contact_tracker.batch.lerobot.segmented", return_value=outcome):
+        LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
+    tables = [read_table(path) for path in sorted((tmp_path / "copy" / "data").rglob("*.parquet"))]
+    frames = pyarrow.concat_tables(tables)
+    subtask, probability = frames["subtask_index"].to_numpy(), frames["contact_probability"].to_pylist()
+    whole = np.hstack([subtask[:, None], probability])
+    first = whole[frames["episode_index"].to_numpy() == 0]
+    meta = tmp_path / "copy" / "meta"
+    if version == "v2.1":
+        found = [json.loads(one) for one in (meta / "episodes_stats.jsonl").read_text().splitlines()]
+        assert [one["episode_index"] for one in found] == [0, 1]
+        assert_statistics(found[0]["stats"], first, stale)
+    else:
+        assert_statistics(json.loads((meta / "stats.json").read_text()), whole, stale)
+    if version == "v3.0":
+        row = read_table(meta / episodes.relative_to(tmp_path / "data" / "meta")).to_pylist()[1]
+        names = ("action", "subtask_index", "contact_probability")
+        nested = {one: {key: row[f"stats/{one}/{key}"] for key in stale} for one in names}
+        assert_statistics(nested, first, stale)
+
+
+def assert_statistics(found, values, others) -> None:
+    """They are of these values (N, 8): subtask, then probabilities; those of ``others`` are as before."""
+    assert found["action"] == others
+    assert found["subtask_index"].keys() == found["contact_probability"].keys() == others.keys()
+    for name, of in (
+        ("min", np.min),
+        ("max", np.max),
+        ("mean", np.mean),
+        ("std", np.std),
+        ("q50", np.median),
+    ):
+        both = [*found["subtask_index"][name], *found["contact_probability"][name]]
+        np.testing.assert_allclose(both, of(values, axis=0), atol=1e-6)
+    assert found["subtask_index"]["count"] == found["contact_probability"]["count"] == [len(values)]
+
+
+@pytest.mark.parametrize("text", ["[", "[]", '{"action": 3}'])
+def test_statistics_that_cannot_be_read_are_one_line(simulated, outcome, tmp_path, text) -> None:
+    source = write_data_set(tmp_path / "data", [simulated], "v3.0")
+    (source / "meta" / "stats.json").write_text(text, encoding="utf-8")
+    with (
+        patch("contact_tracker.batch.lerobot.segmented", return_value=outcome),
+        pytest.raises(UnreadableRecording, match=r"meta/stats\.json: statistics cannot be read"),
+    ):
+        LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
+    assert not (tmp_path / "copy").exists()
+
+
 @pytest.mark.long
 def test_the_command_with_an_episode_that_cannot_be_used(simulated, tmp_path) -> None:
     """Of several episodes in a file, one has no orientation: it is unknown, and the others are labelled."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import contact_tracker
-from contact_tracker_lab.sensitivity import Constant, Outcome, basis_of, run_apart, table, tuned_constants
+from sensitivity import Constant, Outcome, basis_of, run_apart, table, tuned_constants
 
 LOG = Path(__file__).parents[2] / "recordings" / "robot_1khz.mcap"
 CONSTANTS = {one.name: one for one in tuned_constants(Path(contact_tracker.__file__).parent)}

@@ -41,7 +41,7 @@ def with_segments(result, segments):
         start_ns, end_ns = end_ns, end_ns + one.end_ns - one.start_ns + 1
         moved.append(replace(one, start_ns=start_ns, end_ns=end_ns - 1))
         part = np.zeros((end_ns - start_ns) // 100_000_000, BELIEF)
-        part["stamp_ns"] = np.linspace(start_ns, end_ns - 1, len(part)).astype(np.int64)
+        part["stamp_ns"] = start_ns + 100_000_000 * np.arange(len(part))
         part["probability"] = np.full(len(STATES), (1.0 - one.probability) / 6)
         part["probability"][:, one.contact.column] = one.probability
         rows.append(part)
@@ -66,7 +66,9 @@ def verdicts(found):
     ],
 )
 def test_steps_that_are_missing_and_new(first, kept, expected) -> None:
-    second = with_segments(first, [first.segments[k] for k in kept])
+    """Where both takes are sure of all steps."""
+    sure = [replace(one, probability=0.99) for one in first.segments]
+    first, second = with_segments(first, sure), with_segments(first, [sure[k] for k in kept])
     found = compare_outcomes(first, second)
     assert verdicts(found) == expected
     turned = compare_outcomes(second, first)

@@ -84,7 +84,8 @@ class Result(Outcome):
 
     def task_frames(self, time: Any) -> list[TaskFrame]:
         """What the contacts at a time (as in ``at``) constrain, for hybrid control of force and motion: a
-        frame for each contact whose elements are known, the labelled one first."""
+        frame for each contact whose elements are known, the labelled one first, and before these that of
+        the joint in which the object moves, if any."""
         segment, stamps_ns = self.at(time), self.trajectory.stamp_ns
         stamp_ns = moment_ns(time, self.origin_ns)
         part = next(one for one in segment.parts if one.start_ns <= stamp_ns <= one.end_ns)
@@ -95,7 +96,8 @@ class Result(Outcome):
         row = int(np.abs(stamps_ns - stamp_ns).argmin())
         pose = T_world_body(self.trajectory.position_m[row], self.trajectory.quat_xyzw[row])
         found = (task_frame(contact, where, pose) for contact, where in contacts if where is not None)
-        return [frame for frame in found if frame is not None]
+        joint = [] if segment.joint is None else [segment.joint.task_frame]
+        return [*joint, *(frame for frame in found if frame is not None)]
 
     @property
     def graph(self) -> ContactGraph:

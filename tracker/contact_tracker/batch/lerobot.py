@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -41,6 +41,7 @@ NAMES: Final = (*(state.value for state in STATES), "open", "unknown")
 be used."""
 _MOST_BYTES: Final = 20_000_000
 """Of ``info.json``, which has some kilobytes."""
+_QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
 
 
@@ -192,8 +193,9 @@ class LeRobot:
 
         Of the copy, ``data`` has the columns ``subtask_index`` and ``contact_probability`` (7, in the order
         of ``STATES``), ``meta/info.json`` these features, and ``meta/subtasks.parquet`` (v2: ``.jsonl``) the
-        names of the subtasks. An episode that cannot be used is reported, and ``unknown``. There is no folder
-        after a failure.
+        names of the subtasks. Where ``meta`` has statistics of features, those of the new columns are beside
+        them.
+        An episode that cannot be used is reported, and ``unknown``. There is no folder after a failure.
 
         Returns
         -------
@@ -232,6 +234,7 @@ class LeRobot:
                 (copy / file).parent.mkdir(parents=True, exist_ok=True)
                 write_table(_with_labels(frames, of_file), copy / file)
             self._write_meta(copy)
+            _write_statistics(copy, [one for of_file in labels.values() for one in of_file])
             copy.rename(target)
         return bad
 
@@ -333,3 +336,85 @@ def _with_labels(frames: Any, labels: Iterable[_Labels]) -> Any:
         }
         frames = frames.replace_schema_metadata({**metadata, b"huggingface": json.dumps(described)})
     return frames
+
+
+Statistics = dict[str, dict[str, list[float]]]
+"""``min``, ``max``, ``mean``, ``std``, ``count`` and quantiles of features, a number for each entry."""
+
+
+def _write_statistics(copy: Path, labels: Iterable[_Labels]) -> None:
+    """Put statistics of the new columns beside those of other features, where the data set has them, in place
+    of those of an earlier ``subtask_index``: of all frames in ``stats.json``, of each episode in
+    ``episodes_stats.jsonl`` (v2.1) or in columns of ``episodes`` (v3)."""
+    of_episode = {
+        one.episode: {
+            name: _statistics(values)
+            for name, values in ((SUBTASK, one.subtask[:, None]), (PROBABILITY, one.probability))
+        }
+        for one in labels
+    }
+    meta, path = copy / "meta", copy
+    try:
+        if (path := meta / "stats.json").exists():
+            whole = json.loads(path.read_text(encoding="utf-8"))
+            whole |= _chosen(_pooled([*of_episode.values()]), whole)
+            path.write_text(json.dumps(whole, indent=4) + "\n", encoding="utf-8")
+        if (path := meta / "episodes_stats.jsonl").exists():
+            lines = [json.loads(one) for one in path.read_text(encoding="utf-8").splitlines() if one.strip()]
+            for line in lines:
+                line["stats"] |= _chosen(of_episode[line["episode_index"]], line["stats"])
+            path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+        for path in meta.glob("episodes/*/*.parquet"):
+            write_table(_with_columns(ParquetFile(path).read(), of_episode), path)
+    except (*_ERRORS, AttributeError, TypeError) as error:
+        name = path.relative_to(copy)
+        raise UnreadableRecording(f"{name}: statistics cannot be read: {error!r}") from error
+
+
+def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
+    """Of values (N, D), N > 0, each a list of D, and ``count`` of one."""
+    found = {
+        "min": values.min(axis=0),
+        "max": values.max(axis=0),
+        "mean": values.mean(axis=0, dtype=float),
+        "std": values.std(axis=0, dtype=float),
+        "count": np.array([len(values)]),
+        **{name: np.quantile(values.astype(float), q, axis=0) for name, q in _QUANTILES.items()},
+    }
+    return {name: one.tolist() for name, one in found.items()}
+
+
+def _pooled(episodes: Sequence[Statistics]) -> Statistics:
+    """Of several episodes together, as LeRobot pools them: quantiles are means of theirs by their counts."""
+    pooled: Statistics = {}
+    for feature in episodes[0]:
+        kept = {name: np.array([one[feature][name] for one in episodes]) for name in episodes[0][feature]}
+        count = kept["count"]
+        share = count / count.sum()
+        means = {name: (share * kept[name]).sum(axis=0) for name in ("mean", *_QUANTILES)}
+        variance = (share * (kept["std"] ** 2 + (kept["mean"] - means["mean"]) ** 2)).sum(axis=0)
+        found = {"min": kept["min"].min(axis=0), "max": kept["max"].max(axis=0), "std": np.sqrt(variance)}
+        found |= {"count": count.sum(axis=0), **means}
+        pooled[feature] = {name: one.tolist() for name, one in found.items()}
+    return pooled
+
+
+def _chosen(found: Statistics, features: Mapping[str, Mapping[str, Any]]) -> Statistics:
+    """Those statistics that other ``features`` have, which depends on the version of LeRobot."""
+    known = {name for one in features.values() for name in one}
+    return {feature: {k: v for k, v in one.items() if k in known} for feature, one in found.items()}
+
+
+def _with_columns(episodes: Any, of_episode: Mapping[int, Statistics]) -> Any:
+    """A table of episodes with columns ``stats/FEATURE/NAME`` of the new features, if others have them."""
+    names = [one for one in episodes.column_names if one.startswith("stats/")]
+    known = {one.rpartition("/")[2]: None for one in names}
+    episodes = episodes.drop_columns([one for one in names if one.split("/")[1] in (SUBTASK, PROBABILITY)])
+    numbers = episodes["episode_index"].to_pylist()
+    for feature in (SUBTASK, PROBABILITY):
+        for name in known:
+            rows = [of_episode[number][feature].get(name) for number in numbers]
+            if rows and None not in rows:
+                episodes = episodes.append_column(f"stats/{feature}/{name}", pyarrow.array(rows))
+    metadata = {key: one for key, one in (episodes.schema.metadata or {}).items() if key != b"huggingface"}
+    return episodes.replace_schema_metadata(metadata)  # "datasets" finds the columns by itself

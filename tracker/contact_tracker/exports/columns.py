@@ -56,9 +56,10 @@ _MOTION: Final[dict[str, Kind]] = {"motion": "text", **dict.fromkeys(MEANS, _NUM
 _TASK: Final[dict[str, Kind]] = {
     **{f"task_origin_{axis}_m": "number" for axis in _AXES},
     **{f"task_q{part}": "number" for part in "xyzw"},
+    "task_name": "text",
     "task_constrained": "text",
-    "task_normal_sd_rad": "number",
-    "task_origin_sd_m": "number",
+    **{f"task_sd_{axis}_m": "number" for axis in _AXES},
+    **{f"task_sd_{axis}_rad": "number" for axis in _AXES},
 }
 """Columns of the task frame in the world frame."""
 SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED | _MOTION | _TASK
@@ -148,8 +149,8 @@ def _task_cells(frame: TaskFrame | None) -> dict[str, Any]:
     if frame is None:
         return dict.fromkeys(_TASK)
     values = frame.to_json()
-    constrained, *deviations = (values[name] for name in ("constrained", "normal_sd_rad", "origin_sd_m"))
-    cells = [*values["origin_m"], *values["quat_xyzw"], " ".join(constrained), *deviations]
+    cells = [*values["origin_m"], *values["quat_xyzw"], frame.name, " ".join(values["constrained"])]
+    cells += frame.sd or [None] * 6
     return dict(zip(_TASK, cells, strict=True))
 
 

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from foxglove import messages as fox
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.geometry.task_frame import T_world_body, task_frame
+from contact_tracker.geometry.task_frame import T_world_body, contact_frame
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR, Colour
@@ -113,23 +114,27 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
 
 
 def _frames(outcome: Outcome, frames: tuple[str, ...]) -> Iterator[RawMessage]:
-    """The body in the world, and on a topic of its own the task frame where there is one."""
+    """The body in the world, and on a topic of its own the task frame where there is one: of the joint, or of
+    the labelled contact."""
     channels = _channel(FRAMES_TOPIC, fox.FrameTransforms), _channel(TASK_TOPIC, fox.FrameTransforms)
-    next_ns, segments = None, iter(outcome.segments)
-    segment = next(segments, None)
+    joints = [None if one.joint is None else one.joint.task_frame.T_world_task for one in outcome.segments]
+    next_ns, segments = None, iter(zip(outcome.segments, joints, strict=True))
+    segment, of_joint = next(segments, (None, None))
     for stamp_ns, position_m, quat_xyzw in outcome.trajectory:
         if next_ns is not None and stamp_ns < next_ns:
             continue
         next_ns = stamp_ns + _FRAME_NS
         yield _transform(channels[0], stamp_ns, frames, position_m, quat_xyzw)
         while segment is not None and segment.end_ns < stamp_ns:
-            segment = next(segments, None)
-        if segment is None or segment.geometry is None or stamp_ns < segment.start_ns:
+            segment, of_joint = next(segments, (None, None))
+        if segment is None or stamp_ns < segment.start_ns:
             continue
-        task = task_frame(segment.contact, segment.geometry, T_world_body(position_m, quat_xyzw))
+        task = of_joint
+        if task is None and segment.geometry is not None:
+            task = contact_frame(segment.contact, segment.geometry, T_world_body(position_m, quat_xyzw))
         if task is not None:
-            names = frames[0], f"{frames[1]}/task"
-            yield _transform(channels[1], stamp_ns, names, task.T_world_task[:3, 3], task.quat_xyzw)
+            names, turn = (frames[0], f"{frames[1]}/task"), Rotation.from_matrix(task[:3, :3])
+            yield _transform(channels[1], stamp_ns, names, task[:3, 3], turn.as_quat())
 
 
 def _transform(

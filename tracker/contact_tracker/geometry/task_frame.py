@@ -1,13 +1,15 @@
-"""What a contact constrains at a pose, as hybrid control of force and motion needs it."""
+"""What a contact or joint constrains at a pose, as hybrid control of force and motion needs it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, numbers
 from contact_tracker.states import Contact
 
 PARALLEL: Final = 1e-6
@@ -16,63 +18,109 @@ TWIST: Final = ("vx", "vy", "vz", "wx", "wy", "wz")
 """Coordinates of a twist: velocities and angular velocities."""
 _CONSTRAINED: Final = {3: (2, 3, 4), 2: (2, 4), 1: (2,)}
 """Coordinates in the task frame that a contact with so many constraints takes: 0 to 2 shift, 3 to 5 turn."""
+_NAMES: Final = {
+    "f-f": "planar",
+    "e-f": "line on plane",
+    "f-e": "plane on line",
+    "v-f": "point on plane",
+    "f-v": "plane on point",
+    "e-e": "line on line",
+    "hinge": "revolute",
+    "slider": "prismatic",
+    "screw": "helical",
+    "ball": "spherical",
+}
+_STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class TaskFrame:
-    """The frame in which a contact constrains single coordinates of the object's twist.
+    """The frame in which a contact or joint constrains single coordinates of the object's twist.
 
-    The origin is where the elements touch, z the common normal (of unknown sense), x the direction of the
-    touching edge (e-e: of the object's), in the face; without an edge any direction in the face.
+    Of a contact the origin is where the elements touch, z the common normal (of unknown sense), x the
+    direction of the touching edge (e-e: of the object's), in the face; without an edge any direction in the
+    face. Of a joint z is the axis, and the origin is on it.
 
     Parameters
     ----------
-    contact : which one.
+    contact : which contact, or kind of joint.
     T_world_task : (4, 4) pose of the frame in the world (m).
     is_constrained : (6,) which coordinates of the object's twist in the task frame are zero: velocity along
         x, y, z and angular velocity about x, y, z. The others are free. Without friction, the contact
         transmits the same coordinates of the wrench, and all others are zero.
-    normal_sd_rad, origin_sd_m : standard deviations of z, and of the origin along z; None if unknown.
+    covariance : (6, 6) of shifts of the origin along x, y, z (m), and of turns of the frame about x, y, z
+        (rad), from those of the elements (docs/theory.md, T51); None if one of these is unknown.
+    pitch_m_per_rad : of screws, whose velocity along z is not zero but so much for each radian about z.
     """
 
-    contact: Contact
+    contact: StrEnum
     T_world_task: Array
     is_constrained: NDArray[np.bool_]
-    normal_sd_rad: float | None
-    origin_sd_m: float | None
+    covariance: Array | None = None
+    pitch_m_per_rad: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The name of the constraint in kinematics, such as ``line on plane`` or ``revolute``."""
+        return _NAMES[self.contact]
 
     @property
     def quat_xyzw(self) -> Array:
         """Rotation (4,) from the task frame to the world."""
         return np.asarray(Rotation.from_matrix(self.T_world_task[:3, :3]).as_quat(), float)
 
+    @property
+    def sd(self) -> list[float] | None:
+        """Standard deviations (6,) of ``covariance``, in m and rad."""
+        if self.covariance is None:
+            return None
+        return [float(one) for one in np.sqrt(np.maximum(np.diag(self.covariance), 0.0))]
+
     def to_json(self) -> dict[str, Any]:
-        """The entry ``task_frame`` of a segment."""
+        """The entry ``task_frame`` of a segment or joint."""
         return {
+            "name": self.name,
             "origin_m": self.T_world_task[:3, 3].tolist(),
             "quat_xyzw": self.quat_xyzw.tolist(),
             "constrained": [name for name, one in zip(TWIST, self.is_constrained, strict=True) if one],
-            "normal_sd_rad": self.normal_sd_rad,
-            "origin_sd_m": self.origin_sd_m,
+            "covariance": None if self.covariance is None else self.covariance.tolist(),
         }
 
     @property
     def selection(self) -> Array:
-        """Projector (6, 6) on the constrained coordinates, in the task frame; the identity less it is that on
-        the free ones."""
-        return np.diag(self.is_constrained.astype(float))
+        """Projector (6, 6) on the constrained twists, in the task frame."""
+        return np.eye(6) - self.free_selection
+
+    @property
+    def free_selection(self) -> Array:
+        """Projector (6, 6) on the free twists, in the task frame: it takes away what is constrained."""
+        free = np.diag(~self.is_constrained).astype(float)
+        free[2, 5] = self.pitch_m_per_rad
+        return free
+
+    @property
+    def world_projectors(self) -> tuple[Array, Array]:
+        """``selection`` and ``free_selection`` for twists in the world frame, as of ``free_twists``."""
+        R, o = self.T_world_task[:3, :3], self.T_world_task[:3, 3]
+        to_world = np.kron(np.eye(2), R)
+        to_world[:3, 3:] = np.cross(o, R, axisb=0).T
+        inverse = np.linalg.inv(to_world)
+        return to_world @ self.selection @ inverse, to_world @ self.free_selection @ inverse
 
     @property
     def wrenches(self) -> Array:
         """Wrenches (c, 6) that the contact can transmit without friction, in the world frame: force, and
         moment about the world's origin (m per unit of force)."""
-        return np.concatenate([self._lines, self._couples])[self.is_constrained]
+        wrenches = np.concatenate([self._lines, self._couples])
+        wrenches[2] -= self.pitch_m_per_rad * wrenches[5]
+        return wrenches[self.is_constrained]
 
     @property
     def free_twists(self) -> Array:
         """Twists (6 - c, 6) that the contact leaves free, in the world frame: velocity of the body's point at
         the world's origin, and angular velocity. Their power with each of the ``wrenches`` is zero."""
         screws = np.concatenate([self._couples, self._lines])  # shifts along the axes, turns about them
+        screws[5] += self.pitch_m_per_rad * screws[2]
         return np.roll(screws[~self.is_constrained], 3, axis=1)
 
     @property
@@ -94,39 +142,116 @@ def T_world_body(position_m: ArrayLike, quat_xyzw: ArrayLike) -> Array:
     return pose
 
 
+def contact_frame(contact: Contact, geometry: ContactGeometry, pose: Array) -> Array | None:
+    """``T_world_task`` of a contact of this ``geometry`` at a pose (4, 4); None for edges that are
+    parallel."""
+    return _frame_at(contact, pose, _across(geometry, pose), geometry.has_open_offset[1])(
+        geometry.object, geometry.environment
+    )
+
+
 def task_frame(contact: Contact, geometry: ContactGeometry, pose: Array) -> TaskFrame | None:
     """The task frame of a contact of this ``geometry`` at a pose (4, 4); None for edges that are parallel."""
-    ours, theirs = _in_world(geometry.object, pose), geometry.environment
-    body_m = pose[:3, 3]
-    frame: Array | None
-    match ours, theirs:
-        case Plane(), Plane():
-            is_open = geometry.has_open_offset[1]
-            frame = _at_face(body_m if is_open else _onto(body_m, theirs), theirs, None)
-        case (Line(direction, point_m), Plane() as face) | (Plane() as face, Line(direction, point_m)):
-            frame = _at_face(_onto(point_m, face), face, direction)
-        case (Point(point_m), Plane() as face) | (Plane() as face, Point(point_m)):
-            frame = _at_face(point_m, face, None)
-        case Line(), Line():
-            frame = _at_crossing(ours, theirs)
-        case _:
-            raise ValueError(f"{contact.value} has no such elements")
+    is_open = geometry.has_open_offset[1]
+    build = _frame_at(contact, pose, _across(geometry, pose), is_open)
+    frame = build(geometry.object, geometry.environment)
     if frame is None:
         return None
+    covariance = _covariance(build, geometry.object, geometry.environment)
+    if is_open and covariance is not None:
+        assert geometry.environment.covariance is not None
+        covariance[2, 2] += geometry.environment.covariance[3, 3]
     is_constrained = np.zeros(6, bool)
     is_constrained[list(_CONSTRAINED[contact.codimension])] = True
-    faces = [one for one in (theirs, ours) if isinstance(one, Plane)]
-    deviations = _deviations(faces[0]) if faces else (None, None)
-    return TaskFrame(contact, frame, is_constrained, *deviations)
+    return TaskFrame(contact, frame, is_constrained, covariance)
+
+
+def joint_frame(kind: StrEnum, axis: Line | Point, free: str, pitch_m_per_rad: float = 0.0) -> TaskFrame:
+    """The task frame of a joint about an ``axis`` or centre in the world that leaves the coordinates ``free``
+    (names of ``TWIST``)."""
+    along = np.eye(3)[np.argmin(np.abs(axis.direction))] if isinstance(axis, Line) else np.eye(3)[0]
+
+    def build(axis: Element) -> Array:
+        z = axis.direction if isinstance(axis, Line) else np.eye(3)[2]
+        assert not isinstance(axis, Plane)
+        return _frame(axis.point_m, z, along)
+
+    is_constrained = np.array([name not in free.split() for name in TWIST])
+    return TaskFrame(kind, build(axis), is_constrained, _covariance(build, axis), pitch_m_per_rad)
+
+
+def _frame_at(
+    contact: Contact, pose: Array, across: Array, is_open: bool
+) -> Callable[[Element, Element], Array | None]:
+    """The task frame (4, 4) as a function of the elements; x of faces without an edge is along ``across``."""
+
+    def build(body: Element, theirs: Element) -> Array | None:
+        ours = _in_world(body, pose)
+        match ours, theirs:
+            case Plane(), Plane():
+                return _at_face(pose[:3, 3] if is_open else _onto(pose[:3, 3], theirs), theirs, across)
+            case (Line(direction, point_m), Plane() as face) | (Plane() as face, Line(direction, point_m)):
+                return _at_face(_onto(point_m, face), face, direction)
+            case (Point(point_m), Plane() as face) | (Plane() as face, Point(point_m)):
+                return _at_face(point_m, face, across)
+            case Line(), Line():
+                return _at_crossing(ours, theirs)
+        raise ValueError(f"{contact.value} has no such elements")
+
+    return build
+
+
+def _across(geometry: ContactGeometry, pose: Array) -> Array:
+    """The world's axis (3,) that is most nearly in the touching face."""
+    for element in (geometry.environment, _in_world(geometry.object, pose)):
+        if isinstance(element, Plane):
+            return np.asarray(np.eye(3)[np.argmin(np.abs(element.normal))])
+    return np.array([1.0, 0.0, 0.0])
+
+
+def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array | None:
+    """Covariance (6, 6) of the frame that is built of independent ``elements``, to first order (T51)."""
+    frame = build(*elements)
+    assert frame is not None
+    total = np.zeros((6, 6))
+    for i, element in enumerate(elements):
+        if element.covariance is None:
+            return None
+        values = numbers(element)
+        changes = np.empty((6, len(values)))
+        for k in range(len(values)):
+            step = _STEP * (np.arange(len(values)) == k)
+            moved = [
+                build(*elements[:i], _of(element, values + s), *elements[i + 1 :]) for s in (step, -step)
+            ]
+            assert moved[0] is not None
+            assert moved[1] is not None
+            changes[:3, k] = frame[:3, :3].T @ (moved[0] - moved[1])[:3, 3]
+            turn = frame[:3, :3].T @ (moved[0] - moved[1])[:3, :3]
+            changes[3:, k] = turn[2, 1], turn[0, 2], turn[1, 0]
+        changes /= 2.0 * _STEP
+        total += changes @ element.covariance @ changes.T
+    return total
+
+
+def _of(element: Element, values: Array) -> Element:
+    """The element with other parameters."""
+    match element:
+        case Plane():
+            return Plane(values[:3], float(values[3]))
+        case Line():
+            return Line(values[:3], values[3:])
+        case Point():
+            return Point(values)
 
 
 def _in_world(element: Element, pose: Array) -> Element:
-    """An element of the body at a pose; the covariance of a face stays in the body's axes."""
+    """An element of the body at a pose, without its covariance."""
     turn, shift_m = pose[:3, :3], pose[:3, 3]
     match element:
-        case Plane(normal, offset_m, covariance):
+        case Plane(normal, offset_m):
             world = turn @ normal
-            return Plane(world, float(offset_m + world @ shift_m), covariance)
+            return Plane(world, float(offset_m + world @ shift_m))
         case Line(direction, point_m):
             return Line(turn @ direction, turn @ point_m + shift_m)
         case Point(point_m):
@@ -137,10 +262,8 @@ def _onto(point_m: Array, face: Plane) -> Array:
     return np.asarray(point_m + face.normal * (face.offset_m - face.normal @ point_m))
 
 
-def _at_face(origin_m: Array, face: Plane, along: Array | None) -> Array:
-    """The frame at a face with x ``along`` a direction (3,), by default the world's axis nearest to it."""
-    if along is None:
-        along = np.eye(3)[np.argmin(np.abs(face.normal))]
+def _at_face(origin_m: Array, face: Plane, along: Array) -> Array:
+    """The frame at a face with x ``along`` a direction (3,)."""
     return _frame(origin_m, face.normal, along)
 
 
@@ -157,17 +280,10 @@ def _at_crossing(ours: Line, theirs: Line) -> Array | None:
 
 
 def _frame(origin_m: Array, z: Array, along: Array) -> Array:
+    z = z / np.linalg.norm(z)
     x = along - z * (z @ along)
     x = x / np.linalg.norm(x)
     frame = np.eye(4)
     frame[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
     frame[:3, 3] = origin_m
     return frame
-
-
-def _deviations(face: Plane) -> tuple[float | None, float | None]:
-    """Standard deviations of a face's normal (rad) and of its offset (m)."""
-    if face.covariance is None:
-        return None, None
-    largest = float(np.linalg.eigvalsh(face.covariance[:3, :3])[-1])
-    return float(np.sqrt(max(largest, 0.0))), float(np.sqrt(max(face.covariance[3, 3], 0.0)))

@@ -12,6 +12,7 @@ from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.formations.further import SURE_NATS, KnownContact, elements_complexity
 from contact_tracker.geometry.elements import Element, Line, Origins, Point, by_foot, shifted
 from contact_tracker.geometry.linalg import adapted
+from contact_tracker.geometry.task_frame import TaskFrame, joint_frame
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives
 from contact_tracker.joints.models import (
@@ -305,6 +306,10 @@ def _log_ratio(
     return gain - cost - 0.5 * (of_joint - min(of_free, free, white.size))  # it can follow smooth motion
 
 
+_FREE: Final = {JointKind.SLIDER: "vz", JointKind.BALL: "wx wy wz"}
+"""Coordinates of the twist in the joint's frame; of others the turn about the axis."""
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A joint as whose motion the object moves.
@@ -325,6 +330,13 @@ class Joint:
     pitch_m_per_rad: float | None
     pitch_sd_m_per_rad: float | None
 
+    @property
+    def task_frame(self) -> TaskFrame:
+        """The frame in which it constrains the object's twist: on the axis, with z along it."""
+        assert isinstance(self.environment, (Line, Point))
+        free, pitch_m = _FREE.get(self.kind, "wz"), self.pitch_m_per_rad or 0.0
+        return joint_frame(self.kind, self.environment, free, pitch_m)
+
     def to_json(self) -> dict[str, Any]:
         """The JSON object of key ``joint``."""
         return {
@@ -334,6 +346,7 @@ class Joint:
             "environment": self.environment.to_json(),
             "pitch_m_per_rad": self.pitch_m_per_rad,
             "pitch_sd_m_per_rad": self.pitch_sd_m_per_rad,
+            "task_frame": self.task_frame.to_json(),
         }
 
 

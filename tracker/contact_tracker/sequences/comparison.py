@@ -26,7 +26,7 @@ TOLERANCE: Final = 0.25
 """Share of a step's duration by which takes of one task differ: 34 of 38 steps in nine pairs of takes of
 three everyday tasks (docs/assembly.md), and three of the others within what is known of their boundaries."""
 MOST_STEPS: Final = 300
-"""Most segments of a recording that are aligned: 300 by 300 take half a minute."""
+"""Most segments of a recording that are aligned: 300 by 300 take four seconds."""
 
 
 Kind = Literal["number", "text"]

@@ -20,8 +20,7 @@ from contact_tracker.errors import KnowledgeError, UsageError
 from contact_tracker.map.file import read_table
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import SURE_PROBABILITY
-from contact_tracker.sequences.comparison import TOLERANCE
-from contact_tracker.sequences.steps import steps_of
+from contact_tracker.sequences.steps import LEAST_PROBABILITY, steps_of
 from contact_tracker.states import STATES, Contact, states_from
 from contact_tracker.tracking.belief import Belief
 
@@ -29,20 +28,19 @@ Array = NDArray[np.float64]
 
 ANY: Final = "any"
 MOST_STEPS: Final = 1000
+"""They take 1 to 22 ms a tick."""
 _LONGEST_S: Final = 1e6
-_LEAST_TOLERANCE: Final = 0.05
+DURATION_SD: Final = 0.25
+"""Standard deviation of durations, as a share of them: 0.25 for 41 steps of nine pairs of takes, too."""
+_LEAST_DURATION_SD: Final = 0.05
 STAGE_S: Final = 0.1
-"""Least duration of a stage: that of a usual tick."""
+"""Least duration of a stage: that of a usual tick. Shorter ones tell no more, and take up to 55 ms a tick."""
 PARTS_PER_STAGE: Final = 4
 """The standard deviation of a duration is then at least 0.87 of what it should be."""
 _MOST_PARTS: Final = 1000
 """Of a gap, which is then longer than 25 s: any step may hold after it."""
-SHORTEST_S: Final = 1.0
-"""Shorter contacts are often missed (README.md, Accuracy)."""
-_LEAST_PROBABILITY: Final = 1e-4
-"""Of a contact in a belief: more than a hundred to one of a tick is not taken from it."""
 _USUAL_S: Final = 5.0
-"""Duration of steps where none is planned."""
+"""Duration of steps where none is planned: the mean of 47 steps in nine takes (tests/benchmarks/takes.py)."""
 
 
 @dataclass(frozen=True)
@@ -62,22 +60,22 @@ class PlannedStep:
 
 @dataclass(frozen=True)
 class Plan:
-    """Steps in order; ``tolerance`` is the standard deviation of a duration, as a share of it."""
+    """Steps in order; ``duration_sd`` is the standard deviation of a duration, as a share of it."""
 
     steps: tuple[PlannedStep, ...]
-    tolerance: float = TOLERANCE
+    duration_sd: float = DURATION_SD
 
     @classmethod
     def read(cls, path: str) -> "Plan":
         """The plan in a TOML file (docs/assembly.md); raises UsageError."""
         try:
             keys = Keys(read_table(path))
-            tolerance = keys.number("tolerance", TOLERANCE, _LEAST_TOLERANCE, 1.0)
+            duration_sd = keys.number("duration_sd", DURATION_SD, _LEAST_DURATION_SD, 1.0)
             rows = keys.tables("step")
             keys.finish()
             if not 0 < len(rows) <= MOST_STEPS:
                 raise keys.wrong("step", f"a plan has 1 to {MOST_STEPS} steps, not {len(rows)}")
-            return cls(tuple(map(_planned, rows)), tolerance)
+            return cls(tuple(map(_planned, rows)), duration_sd)
         except KnowledgeError as error:
             text = f"{error.key}: {error.reason}" if error.key else error.reason
             raise UsageError(f"plan {path}: {text}") from error
@@ -85,8 +83,7 @@ class Plan:
     @classmethod
     def of(cls, outcome: Outcome) -> "Plan":
         """The plan of a recording: of a step that is not sure, all contacts that may have been, without a
-        duration. Steps that are open or as short as the tracker may miss are optional. Raises UsageError
-        where there are too many steps."""
+        duration. Steps that are open are optional. Raises UsageError where there are too many steps."""
         steps = list[PlannedStep]()
         for one in steps_of(outcome):
             fits = [one.probability[state.column] > 1.0 - SURE_PROBABILITY for state in STATES]
@@ -94,12 +91,12 @@ class Plan:
             contacts = tuple(state for state in STATES if state in may_be)
             duration_s = one.end_s - one.start_s
             planned_s = round(duration_s, 2) if len(contacts) == 1 else None
-            is_optional = one.is_open or duration_s < SHORTEST_S
+            is_optional = one.is_open
             if steps and steps[-1].contacts == contacts:
                 before = steps.pop()
                 whole_s = (before.duration_s or 0.0) + duration_s
                 planned_s = None if planned_s is None or before.duration_s is None else round(whole_s, 2)
-                is_optional = is_optional and before.is_optional and (one.is_open or whole_s < SHORTEST_S)
+                is_optional = is_optional and before.is_optional
             steps.append(PlannedStep(contacts, planned_s, is_optional))
         if len(steps) > MOST_STEPS:
             raise UsageError(f"a plan has at most {MOST_STEPS} steps, not {len(steps)}: cut the recording")
@@ -109,7 +106,7 @@ class Plan:
     def toml(self) -> str:
         """The text of its file."""
         lines = [f"# Written by contact-tracker {__version__}: the contacts to come, for live --expect."]
-        lines.append(f"tolerance = {self.tolerance:g}  # of durations, standard deviation as a share")
+        lines.append(f"duration_sd = {self.duration_sd:g}  # of durations, as a share of them")
         for number, one in enumerate(self.steps, start=1):
             lines += ["", f"[[step]]  # {number}", f'contact = "{one.name}"']
             lines += [] if one.duration_s is None else [f"duration_s = {one.duration_s:.2f}"]
@@ -155,14 +152,14 @@ class Progress(NamedTuple):
 class PlanFollower:
     """Follows a plan: ``update`` with each belief of a tracker says where in it the stream is.
 
-    A step with a duration d and tolerance s is a chain of 1 / s^2 stages, after which its duration has this
-    standard deviation (Erlang's distribution), or of fewer where that is less exact than ticks are; one
+    A step with a duration d and standard deviation s d is a chain of 1 / s^2 stages, after which its duration
+    has this deviation (Erlang's distribution), or of fewer where that is less exact than ticks are; one
     without has any duration.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        count = ceil(plan.tolerance**-2)
+        count = ceil(plan.duration_sd**-2)
         lengths = [int(min(max((one.duration_s or 0.0) / STAGE_S, 1.0), count)) for one in plan.steps]
         self._last = np.cumsum(lengths) - 1
         self._first = self._last + 1 - lengths
@@ -182,7 +179,7 @@ class PlanFollower:
 
     def update(self, belief: Belief) -> Progress:
         """Take the next belief in."""
-        p = np.maximum(belief.probability, _LEAST_PROBABILITY)
+        p = np.maximum(belief.probability, LEAST_PROBABILITY)
         p = p / p.sum()
         predicted = np.full(len(STATES), 1.0 / len(STATES))
         if self._belief is not None:

@@ -19,7 +19,7 @@ from contact_tracker.tracking.belief import Segment
 Array = NDArray[np.float64]
 
 LEAST_PROBABILITY: Final = 1e-6
-"""Of a contact in a step: no label is surer than that, however sure the beliefs are of it."""
+"""Of a contact in a step or belief: none is excluded. Takes and plans are as with 1e-4."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from contact_tracker.states import STATES, Contact
 Array = NDArray[np.float64]
 
 
-def _box(x: float, y: float, z: float) -> Array:
+def box(x: float, y: float, z: float) -> Array:
     return np.array(list(product((-x / 2, x / 2), (-y / 2, y / 2), (-z / 2, z / 2))))
 
 
@@ -37,8 +37,8 @@ _TETRAHEDRON: Final = 0.12 * np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1,
 
 OBJECTS: Final[Mapping[str, Array]] = MappingProxyType(
     {
-        "cube": _box(0.2, 0.2, 0.2),
-        "box": _box(0.16, 0.22, 0.3),
+        "cube": box(0.2, 0.2, 0.2),
+        "box": box(0.16, 0.22, 0.3),
         "prism": _prism(_HEXAGON, 0.26),
         "wedge": _prism([(-0.1, -0.09), (0.16, -0.09), (-0.1, 0.12)], 0.24),
         "tetrahedron": _TETRAHEDRON,
@@ -46,8 +46,8 @@ OBJECTS: Final[Mapping[str, Array]] = MappingProxyType(
 )
 SURROUNDINGS: Final[Mapping[str, Array]] = MappingProxyType(
     {
-        "desk": _box(0.8, 0.6, 0.7),
-        "block": _box(0.45, 0.4, 0.35),
+        "desk": box(0.8, 0.6, 0.7),
+        "block": box(0.45, 0.4, 0.35),
         "ridge": _prism([(-0.4, -0.2), (0.4, -0.2), (0.15, 0.2), (-0.15, 0.2)], 0.6),
         "frustum": _frustum(0.7, 0.36, 0.4),
     }

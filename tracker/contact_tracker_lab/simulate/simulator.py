@@ -125,8 +125,8 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     streams = np.random.SeedSequence(seed).spawn(4)
     motion_rng, frame_rng, sensor_rng, wrench_rng = (np.random.default_rng(stream) for stream in streams)
     object = object_shape(scenario.object)
-    world = _random_frame(frame_rng, _WORLD_M)
-    body = _random_frame(frame_rng, _BODY_M)
+    world = random_frame(frame_rng, _WORLD_M)
+    body = random_frame(frame_rng, _BODY_M)
     setting = _Setting(scenario, seed, object, body, world, motion_rng, sensor_rng)
     if scenario.further is not None:
         return _simulate_corner(setting, scenario.further)
@@ -135,13 +135,13 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     scene = surroundings_shape(scenario.surroundings)
     legs = plan(motion_rng, scenario.phases, object, scene, scenario.lead_s)
     counts = [round(leg.duration_s * scenario.rate_hz) for leg in legs]
-    paths = [_travel(motion_rng, leg, n, scenario) for leg, n in zip(legs, counts, strict=True)]
+    paths = [travel(motion_rng, leg, n, scenario) for leg, n in zip(legs, counts, strict=True)]
     pose = Rigid(
         np.concatenate([p.pose.rotation for p in paths]), np.concatenate([p.pose.translation for p in paths])
     )
     stamp_ns, poses = setting.measured(pose)
     truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
-    metadata = _metadata(scenario, seed, _moved(object, body), _moved(scene, world))
+    metadata = _metadata(scenario, seed, moved_vertices(object, body), moved_vertices(scene, world))
     wrenches = None
     if scenario.has_wrench:
         wrenches = measure_wrenches(wrench_rng, stamp_ns, scenario.rate_hz, legs, paths, object, body)
@@ -174,7 +174,7 @@ class _Setting(NamedTuple):
     @property
     def metadata(self) -> dict[str, str]:
         """Of the recording."""
-        return _metadata(self.scenario, self.seed, _moved(self.object, self.body), None)
+        return _metadata(self.scenario, self.seed, moved_vertices(self.object, self.body), None)
 
 
 def _simulate_corner(setting: _Setting, further: Further) -> Simulated:
@@ -203,7 +203,7 @@ def _simulate_joint(setting: _Setting, kind: JointKind) -> Simulated:
     return Simulated(poses, truth, setting.metadata | {"joint": joint.to_json()}, joint)
 
 
-def _travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:
+def travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:
     hand = Hand(scenario.amplitude_m, scenario.amplitude_rad, rng.uniform(*scenario.bandwidth_hz))
     return move(rng, leg, np.linspace(0.0, leg.duration_s, count, endpoint=False), hand)
 
@@ -237,11 +237,11 @@ def _intervals(
     return result
 
 
-def _random_frame(rng: np.random.Generator, spread_m: float) -> Rigid:
+def random_frame(rng: np.random.Generator, spread_m: float) -> Rigid:
     return Rigid(Rotation.from_quat(rng.normal(size=4)).as_matrix(), rng.uniform(-spread_m, spread_m, 3))
 
 
-def _moved(shape: Polyhedron, frame: Rigid) -> Array:
+def moved_vertices(shape: Polyhedron, frame: Rigid) -> Array:
     return np.asarray(shape.vertices @ frame.rotation.T + frame.translation, float)
 
 

@@ -81,7 +81,7 @@ def _contact_force(
     rng: np.random.Generator, time_s: Array, rate_hz: float, legs: Sequence[Leg], paths: Sequence[Path]
 ) -> Array:
     """(N, 3) of the surroundings on the object, at the touching point, in the scene."""
-    normal = np.concatenate([_normals(leg, path) for leg, path in zip(legs, paths, strict=True)])
+    normal = np.concatenate([contact_normals(leg, path) for leg, path in zip(legs, paths, strict=True)])
     is_touching = np.concatenate(
         [
             np.full(len(path.touch_scene), leg.contact is not Contact.FREE)
@@ -92,7 +92,7 @@ def _contact_force(
     friction = np.stack(across, axis=1)
     friction -= np.einsum("ni,ni->n", friction, normal)[:, None] * normal
     force = (1.0 + _VARYING[0] * along)[:, None] * normal + _VARYING[1] * friction
-    return np.asarray(PRESS_N * _pressing(is_touching, rate_hz)[:, None] * force, float)
+    return np.asarray(PRESS_N * press_share(is_touching, rate_hz)[:, None] * force, float)
 
 
 def _pressed_points(rng: np.random.Generator, leg: Leg, path: Path, rate_hz: float) -> Array:
@@ -120,7 +120,7 @@ def _pressed_points(rng: np.random.Generator, leg: Leg, path: Path, rate_hz: flo
     return np.asarray(path.touch_scene + (to_scene @ shift[..., None])[..., 0], float)
 
 
-def _normals(leg: Leg, path: Path) -> Array:
+def contact_normals(leg: Leg, path: Path) -> Array:
     """(N, 3) common normals in the scene, from the surroundings to the object."""
     rotation, chart = path.pose.rotation, leg.chart
     if chart.environment.kind == "f":
@@ -131,7 +131,7 @@ def _normals(leg: Leg, path: Path) -> Array:
     return np.asarray(normal * np.sign(normal @ leg.start.normal)[:, None], float)
 
 
-def _pressing(is_touching: NDArray[np.bool_], rate_hz: float) -> Array:
+def press_share(is_touching: NDArray[np.bool_], rate_hz: float) -> Array:
     """(N,) from 0 in free motion to 1; a recording begins and ends with a hand that presses or does not."""
     share = np.zeros(len(is_touching))
     changes = np.flatnonzero(np.diff(is_touching)) + 1

@@ -1,6 +1,6 @@
 """How much of the package one tick takes: files, packages, functions and Python calls.
 
-    python -m contact_tracker_lab.trace_tick recordings/paper_experiment.mcap
+    python tests/benchmarks/trace_tick.py recordings/paper_experiment.mcap
 
 Twenty ticks are traced from pose 4000 on, where one filter is left. Calls of the package's own Python
 functions count, comprehensions and generators included.
@@ -80,7 +80,7 @@ def _traces(log: Path, first_pose: int) -> Iterator[Trace]:
 
 def main() -> int:
     if len(sys.argv) != 2:
-        raise SystemExit("usage: python -m contact_tracker_lab.trace_tick LOG")
+        raise SystemExit("usage: python tests/benchmarks/trace_tick.py LOG")
     traces = traced_ticks(Path(sys.argv[1]))
     figures = {
         "files": [len(one.files) for one in traces],

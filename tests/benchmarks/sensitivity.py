@@ -1,6 +1,6 @@
 """How sensitive accuracy is to each tuned constant: every one halved and doubled, on recordings with truth.
 
-    python -m contact_tracker_lab.sensitivity everyday/*.mcap physics/*/*.mcap --jobs 2
+    python tests/benchmarks/sensitivity.py everyday/*.mcap physics/*/*.mcap --jobs 2
 
 Constants are the module-level ``NAME: Final = number`` of the estimation core, also those that others are
 derived from at import: each variant runs in a process of its own, in which the assigned expression is
@@ -154,7 +154,7 @@ def run_variant(constant: tuple[str, str, float] | None, logs: Sequence[Path], s
 
 def run_apart(constant: Constant | None, factor: float, logs: Sequence[Path], seconds: float) -> Outcome:
     """``run_variant`` in a process of its own."""
-    arguments = [sys.executable, "-m", "contact_tracker_lab.sensitivity", *map(str, logs)]
+    arguments = [sys.executable, __file__, *map(str, logs)]
     arguments += ["--seconds", str(seconds)]
     if constant is not None:
         arguments += ["--variant", constant.module, constant.name, str(factor)]
@@ -193,9 +193,16 @@ def run_all(
 def basis_of(logs: Sequence[Path], seconds: float) -> str:
     """What outcomes depend on beside the constants: the recordings, their length, and the code."""
     digest = hashlib.sha256(json.dumps([[str(log.resolve()) for log in logs], seconds]).encode())
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+    for path in sorted(_tracker().parent.rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def _tracker() -> Path:
+    """The folder of the package."""
+    import contact_tracker
+
+    return Path(contact_tracker.__file__).parent
 
 
 def table(constants: Sequence[Constant], found: dict[tuple[str, str, float], Outcome]) -> list[str]:
@@ -262,9 +269,7 @@ def main() -> int:
         constant = (module, name, float(factor)) if module else None
         show(json.dumps(run_variant(constant, arguments.logs, arguments.seconds)))
         return 0
-    import contact_tracker
-
-    constants = list(tuned_constants(Path(contact_tracker.__file__).parent))
+    constants = list(tuned_constants(_tracker()))
     how = arguments.logs, arguments.seconds, arguments.journal, arguments.jobs
     ((_, base),) = run_all((), *how).items()  # with no constant changed
     if base.error:

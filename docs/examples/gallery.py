@@ -1,0 +1,103 @@
+"""Writes docs/gallery.md and its pictures from public recordings that you have fetched:
+
+    python docs/examples/gallery.py FOLDER
+
+Which ones, gallery.toml says. Each is looked for in FOLDER and below it by its name, and has to be the one of
+which the page is written. One that is not found is said in a line, and the page says that it was not run.
+"""
+
+import hashlib
+import shlex
+import subprocess
+import sys
+import tomllib
+from bisect import bisect_right
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from contact_tracker import Result
+from contact_tracker.cli.terminal import say
+from contact_tracker.tracking.belief import Segment
+
+DOCS: Final = Path(__file__).parents[1]
+OPEN: Final = "open"
+
+
+def accuracy(result: Result) -> str:
+    """The share of the poses, of those with a true contact in the file, that segments label with it."""
+    truth, stamp_ns = result.truth, result.trajectory.stamp_ns
+    assert truth is not None
+    true = [None if i < 0 else truth.intervals[i].contact for i in truth.at(stamp_ns)]
+    starts = [one.start_ns for one in result.segments]
+    found = [result.segments[max(bisect_right(starts, ns) - 1, 0)].contact for ns in stamp_ns]
+    right = [a is b for a, b in zip(true, found, strict=True) if a is not None]
+    return f"right in {sum(right) / len(right):.2f} of {len(right)} poses"
+
+
+def joints(result: Result) -> str:
+    """The joints that are named, and where."""
+    return spans([(one, one.joint.kind if one.joint else "no joint") for one in result.segments], result)
+
+
+def contacts(result: Result) -> str:
+    """The contacts that are decided, and where."""
+    return spans([(one, OPEN if one.inseparable else one.contact) for one in result.segments], result)
+
+
+FIGURES: Final = {"accuracy": accuracy, "joints": joints, "contacts": contacts}
+
+
+def spans(named: list[tuple[Segment, str]], result: Result) -> str:
+    """What is said from when to when."""
+    joined = list[tuple[str, int, int]]()
+    for one, name in named:
+        start_ns = joined.pop()[1] if joined and joined[-1][0] == name else one.start_ns
+        joined.append((name, start_ns, one.end_ns))
+    times = [
+        (name, *((ns - result.origin_ns) * 1e-9 for ns in (first, last))) for name, first, last in joined
+    ]
+    return ", ".join(f"{name} from {first:.1f} to {last:.1f} s" for name, first, last in times)
+
+
+def segmented(command: str, path: Path) -> Result:
+    """The result of a command for the recording at a path, beside which are other files that it names."""
+    _, verb, _, *options = shlex.split(command)
+    options = [str(path.with_name(one)) if one.endswith(".toml") else one for one in options]
+    with TemporaryDirectory() as scratch:
+        kept = f"{scratch}/result.contacts"
+        words = [sys.executable, "-m", "contact_tracker", verb, "-q", str(path), *options, "-o", kept]
+        subprocess.run(words, check=True)
+        return Result.load(kept)
+
+
+def section(number: int, entry: dict[str, Any], folder: Path) -> str:
+    """The part of the page on a recording, run if it is there."""
+    name, command = entry["name"], entry["command"]
+    head = f"## {name}\n\nFrom {entry['source']}. {entry['asks']}\n\n```sh\n{command}\n```\n\n"
+    file = shlex.split(command)[2]
+    found = sorted(folder.rglob(file)) if "sha256" in entry else []
+    is_it = [hashlib.sha256(path.read_bytes()).hexdigest() == entry["sha256"] for path in found]
+    if not any(is_it):
+        say(f"{name}: left out, {folder} has no {file}" + (" of the known content" if found else ""))
+        return head + "Not run here.\n"
+    result = segmented(command, found[is_it.index(True)])
+    picture = f"images/gallery_{number}.png"
+    result.plot().savefig(DOCS / picture, dpi=60)
+    said = FIGURES[entry.get("figure", "contacts")](result)
+    shown = f"![{name}: segments, probabilities, and what is known of the elements, over time.]({picture})"
+    return f"{head}{shown}\n\nSaid: {said}.\n\nWhere it is wrong: {entry['wrong']}\n"
+
+
+def main() -> None:
+    if len(sys.argv) != 2 or not Path(sys.argv[1]).is_dir():
+        raise SystemExit("usage: python docs/examples/gallery.py FOLDER, in which is what you have fetched")
+    content = tomllib.loads((DOCS / "examples" / "gallery.toml").read_text(encoding="utf-8"))
+    sections = [
+        section(number, entry, Path(sys.argv[1])) for number, entry in enumerate(content["recording"], 1)
+    ]
+    (DOCS / "gallery.md").write_text("\n".join([content["head"], *sections]), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

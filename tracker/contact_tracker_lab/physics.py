@@ -1,0 +1,340 @@
+"""Recordings made with a physics engine, MuJoCo: a compliant hand moves an object that contact forces hold.
+
+    python -m contact_tracker_lab.physics FOLDER
+
+makes two sets. ``sequence``: random walks over the six contacts and free motion. ``everyday``: an object
+stands on a table, is carried for a second or two, touches table or board for half a second, and is put down;
+of each scene there are two takes in the same frames. Even numbers are for tuning, odd ones for testing.
+
+The hand follows the kinematic motion of this package with a spring and a damper at the touching point,
+trembles, and presses the object on what it touches; at rest it lets go. What touches follows from the poses
+that the engine finds (``touching``), not from what the hand was told to do.
+"""
+
+import argparse
+import hashlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.cli.arguments import whole_number
+from contact_tracker.cli.terminal import show
+from contact_tracker.errors import DIFFERENT, DONE, ContactTrackerError, UsageError, module_of_extra
+from contact_tracker.exports.formats import check_output
+from contact_tracker.geometry.polyhedron import Feature, Polyhedron, convex
+from contact_tracker.ground_truth import Truth
+from contact_tracker.recording import write_recording
+from contact_tracker.states import STATES, Contact
+from contact_tracker_lab.evaluation.tables import table
+from contact_tracker_lab.simulate.motion import Path as HandPath
+from contact_tracker_lab.simulate.plan import Leg, Rigid, plan
+from contact_tracker_lab.simulate.scenarios import (
+    SURROUNDINGS,
+    Phase,
+    Scenario,
+    box,
+    named_scenario,
+    object_shape,
+)
+from contact_tracker_lab.simulate.simulator import (
+    Simulated,
+    measure,
+    moved_vertices,
+    random_frame,
+    stamps,
+    travel,
+)
+from contact_tracker_lab.simulate.touching import intervals, touch_at
+from contact_tracker_lab.simulate.wrench import MASS_KG, PRESS_N, contact_normals, press_share
+
+Array = NDArray[np.float64]
+
+HAND_HZ: Final = 1000
+"""Steps of the hand per second; the engine makes two in each."""
+STIFFNESS: Final = (800.0, 10.0)
+"""Of the hand, in N/m and N m/rad; it is damped so that it does not swing."""
+TREMOR: Final = (0.0002, float(np.radians(0.1)), 8.0, 12.0)
+"""Root mean squares (m, rad) per axis, and the range of frequencies (Hz)."""
+_SCENE: Final = """<mujoco><option timestep="0.0005" integrator="implicitfast" cone="elliptic">
+<flag multiccd="enable"/></option>
+<default><geom type="mesh" friction="0.1 0.001 0.0001" solref="0.002 1" solimp="0.99 0.999 0.0001"/></default>
+<asset>{meshes}</asset><worldbody>{fixed}
+<body><freejoint/><geom mesh="object" mass="{mass}"/></body></worldbody></mujoco>"""
+_DRAWS: Final = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Scene(Polyhedron):
+    """Several fixed ``bodies``; the ``features`` are those of them that objects touch."""
+
+    bodies: tuple[Polyhedron, ...]
+
+    @classmethod
+    def of(cls, *vertices: Array) -> "Scene":
+        """Of a body whose top is touched, and of further ones, whose faces towards +x are."""
+        first, *more = map(convex, vertices)
+        sides = [max(one.of_kind("f"), key=lambda face: float(face.normals[0, 0])) for one in more]
+        apart = [replace(side, indices=frozenset(i + 1000 for i in side.indices)) for side in sides]
+        return cls(np.concatenate(vertices), (*first.top, *apart), (first, *more))
+
+    @property
+    def top(self) -> tuple[Feature, ...]:
+        return self.features
+
+
+class Made(NamedTuple):
+    """A recording to be made: its name, what moves where, and the seeds of the frames and of the motion."""
+
+    name: str
+    scenario: Scenario
+    object: Polyhedron
+    scene: Scene
+    frame_seed: int
+    seed: int
+
+
+def walk(number: int) -> Made:
+    """A recording of the set ``sequence``."""
+    scenario = named_scenario("random", 146 + number)
+    scenario = replace(scenario, phases=scenario.phases[:6], rate_hz=200.0)
+    scene = Scene.of(SURROUNDINGS[scenario.surroundings])
+    return Made(f"sequence_{number:02d}", scenario, object_shape(scenario.object), scene, number, number)
+
+
+BOARD: Final = box(0.04, 0.6, 0.5) + np.array([-0.36, 0.0, 0.85])
+"""It hangs upright above the desk."""
+HANDLED: Final = ("box", "wedge")
+
+
+def handling(thing: str, take: int) -> Made:
+    """A recording of the set ``everyday``: each take has its own motion and noise."""
+    rng = np.random.default_rng([take, *thing.encode()])
+    phases = [Phase(Contact.FF, 2.5, "rest")]
+    for _ in range(3):
+        phases.append(Phase(Contact.FREE, rng.uniform(1.0, 2.0)))
+        touch = (Contact.EF, Contact.VF, Contact.FF)[rng.integers(3)]
+        phases += [Phase(touch, rng.uniform(0.5, 1.2)), Phase(Contact.FREE, rng.uniform(1.0, 2.0))]
+        phases += [Phase(Contact.FF, rng.uniform(0.5, 1.0)), Phase(Contact.FF, rng.uniform(1.0, 2.5), "rest")]
+    scenario = Scenario(
+        tuple(phases),
+        rate_hz=100.0,
+        sigma_position_m=float(rng.uniform(0.0001, 0.0003)),
+        sigma_rotation_rad=float(np.radians(rng.uniform(0.05, 0.2))),
+        amplitude_m=0.02,
+        amplitude_rad=float(np.radians(6.0)),
+        lead_s=0.0,
+        object=thing,
+        name="everyday",
+    )
+    scene = Scene.of(SURROUNDINGS[scenario.surroundings], BOARD)
+    seed = 1000 + 10 * HANDLED.index(thing)
+    return Made(f"{thing}_{take:02d}", scenario, object_shape(thing), scene, seed, seed + take)
+
+
+def simulate_physics(made: Made) -> Simulated:
+    """Let the hand move the object, and measure its poses.
+
+    Raises
+    ------
+    MissingExtra : MuJoCo is not installed.
+    """
+    scenario, frames = made.scenario, np.random.default_rng([made.frame_seed, 2])
+    body, world = random_frame(frames, 0.06), random_frame(frames, 1.0)
+    rng = np.random.default_rng([made.seed, 3])
+    legs = _planned(rng, made)
+    paths = [travel(rng, leg, round(leg.duration_s * HAND_HZ), scenario) for leg in legs]
+    every = round(HAND_HZ / scenario.rate_hz)
+    pose = _moved_by_hand(rng, made, legs, paths)
+    pose = Rigid(pose.rotation[::every], pose.translation[::every])
+    motion = [leg.motion for leg, path in zip(legs, paths, strict=True) for _ in path.touch_scene][::every]
+    stamp_ns = stamps(rng, len(motion), scenario)
+    poses = measure(rng, stamp_ns, world @ pose @ body.inverse(), scenario)
+    touches = [
+        touch_at(made.object, made.scene.bodies, *one)
+        for one in zip(pose.rotation, pose.translation, strict=True)
+    ]
+    truth = Truth(tuple(intervals(stamp_ns, touches, motion, body, world)))
+    metadata = {
+        "generator": "contact_tracker_lab.physics, MuJoCo " + _engine().__version__,
+        "seed": str(made.seed),
+        "object": scenario.object,
+        "object_vertices_m": json.dumps(moved_vertices(made.object, body).tolist()),
+        "surroundings": scenario.surroundings,
+        "surroundings_vertices_m": json.dumps(moved_vertices(made.scene, world).tolist()),
+        "up_world": json.dumps(world.rotation[:, 2].tolist()),
+        "noise": json.dumps([scenario.rate_hz, scenario.sigma_position_m, scenario.sigma_rotation_rad]),
+    }
+    return Simulated(poses, truth, metadata)
+
+
+def _planned(rng: np.random.Generator, made: Made) -> list[Leg]:
+    """Legs after which the object stays where the hand lets go of it."""
+    for _ in range(_DRAWS):
+        legs = plan(rng, made.scenario.phases, made.object, made.scene, made.scenario.lead_s)
+        if all(_stands(leg) for leg in legs if leg.motion == "rest" and made.scenario.name == "everyday"):
+            return legs
+    raise UsageError(f"{made.name}: the object does not stand on these surroundings")
+
+
+def _stands(leg: Leg) -> bool:
+    """Whether gravity holds the object on the face that it lies on."""
+    at, chart = leg.start, leg.chart
+    if at.normal[2] < 0.999:
+        return False
+    middle = at.pose.translation - at.normal * (at.normal @ (at.pose.translation - at.touch_scene))
+    in_object = at.rotation.T @ (middle - at.pose.translation)
+    clearances = chart.environment.point_clearance(middle), chart.object.point_clearance(in_object)
+    return min(clearances) > 0.02
+
+
+def _moved_by_hand(
+    rng: np.random.Generator, made: Made, legs: Sequence[Leg], paths: Sequence[HandPath]
+) -> Rigid:
+    """Poses (N,), one for each step of the hand, of the object in the scene."""
+    engine = _engine()
+    model = engine.MjModel.from_xml_string(_scene_xml(made))
+    data = engine.MjData(model)
+    goal_r = np.concatenate([path.pose.rotation for path in paths])
+    goal_p = np.concatenate([path.pose.translation for path in paths])
+    touch = np.concatenate([path.touch_object for path in paths])
+    normal = np.concatenate([contact_normals(leg, path) for leg, path in zip(legs, paths, strict=True)])
+    lengths = [len(path.touch_scene) for path in paths]
+    lets_go = made.scenario.name == "everyday"
+    press, held = (
+        press_share(np.repeat(which, lengths), HAND_HZ)
+        for which in (
+            [leg.contact is not Contact.FREE for leg in legs],
+            [not (lets_go and leg.motion == "rest") for leg in legs],
+        )
+    )
+    time_s = np.arange(len(goal_p)) / HAND_HZ
+    shake = _tremor(rng, time_s)
+    goal_r = goal_r @ Rotation.from_rotvec(TREMOR[1] * shake[:, :3]).as_matrix()
+    goal_p = goal_p + TREMOR[0] * shake[:, 3:]
+    speed = np.gradient(goal_p, axis=0) * HAND_HZ
+    turn = np.zeros_like(goal_p)
+    turn[1:] = Rotation.from_matrix(goal_r[1:] @ np.swapaxes(goal_r[:-1], 1, 2)).as_rotvec() * HAND_HZ
+    data.qpos[:3], data.qpos[3:] = goal_p[0], Rotation.from_matrix(goal_r[0]).as_quat(scalar_first=True)
+    engine.mj_forward(model, data)
+    inertia = float(model.body_inertia[1].mean())
+    damping = 1.4 * np.sqrt(STIFFNESS[0] * MASS_KG), 1.4 * np.sqrt(STIFFNESS[1] * inertia)
+    rotation, translation = np.empty_like(goal_r), np.empty_like(goal_p)
+    for i in range(len(goal_p)):
+        r = data.xmat[1].reshape(3, 3)
+        rotation[i], translation[i] = r, data.qpos[:3]
+        arm, goal_arm, spin = r @ touch[i], goal_r[i] @ touch[i], r @ data.qvel[3:]
+        miss = goal_p[i] + goal_arm - translation[i] - arm
+        slip = speed[i] + np.cross(turn[i], goal_arm) - data.qvel[:3] - np.cross(spin, arm)
+        error = 0.5 * np.cross(r, goal_r[i], axis=0).sum(axis=1)  # the angle is small, and its sine does
+        force = STIFFNESS[0] * miss + damping[0] * slip - PRESS_N * press[i] * normal[i]
+        moment = STIFFNESS[1] * error + damping[1] * (turn[i] - spin)
+        moment += np.cross(translation[i] + arm - data.xipos[1], force)
+        force = force - MASS_KG * model.opt.gravity
+        data.xfrc_applied[1, :3], data.xfrc_applied[1, 3:] = held[i] * force, held[i] * moment
+        engine.mj_step(model, data, nstep=2)
+        engine.mj_kinematics(model, data)  # of the poses after the step, not before it
+    return Rigid(rotation, translation)
+
+
+def _tremor(rng: np.random.Generator, time_s: Array) -> Array:
+    """(N, 6) signals of unit power."""
+    frequency, phase = rng.uniform(*TREMOR[2:], (8, 6)), rng.uniform(0.0, 2.0 * np.pi, (8, 6))
+    waves = np.sin(2.0 * np.pi * frequency * time_s[:, None, None] + phase)
+    return np.asarray(0.5 * waves.sum(axis=1))
+
+
+def _scene_xml(made: Made) -> str:
+    shapes = {"object": made.object, **{f"fixed{i}": one for i, one in enumerate(made.scene.bodies)}}
+    meshes = [
+        f'<mesh name="{name}" vertex="{" ".join(map(repr, shape.vertices.ravel().tolist()))}"/>'
+        for name, shape in shapes.items()
+    ]
+    fixed = [f'<geom mesh="{name}"/>' for name in shapes if name != "object"]
+    return _SCENE.format(meshes="".join(meshes), fixed="".join(fixed), mass=MASS_KG)
+
+
+def _engine() -> Any:
+    return module_of_extra("mujoco", "simulate", "simulation with a physics engine")
+
+
+SETS: Final = {
+    "sequence": tuple(walk(number) for number in range(4)),
+    "everyday": tuple(handling(thing, take) for thing in HANDLED for take in range(2)),
+}
+MADE_WITH: Final = "3.17.0"
+PUBLISHED: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
+    {
+        "sequence_00": ("1b87b53638aeebc7", "0.22 0.00 0.00 0.36 0.12 0.00 0.29"),
+        "sequence_01": ("8d4356569d226d29", "0.16 0.00 0.12 0.20 0.00 0.00 0.50"),
+        "sequence_02": ("1df891b9bf1c6d61", "0.00 0.14 0.22 0.22 0.00 0.12 0.28"),
+        "sequence_03": ("f49482764ca7896c", "0.00 0.24 0.30 0.00 0.16 0.14 0.15"),
+        "box_00": ("f7c87a30e2a5b846", "0.55 0.05 0.00 0.01 0.00 0.00 0.34"),
+        "box_01": ("a75f30413ae2e79f", "0.41 0.06 0.01 0.04 0.00 0.00 0.35"),
+        "wedge_00": ("0a28076124e4d7bd", "0.47 0.06 0.02 0.07 0.00 0.03 0.28"),
+        "wedge_01": ("ff056491dc58c092", "0.49 0.08 0.00 0.01 0.00 0.00 0.38"),
+    }
+)
+"""The digest of poses and labels with that release of MuJoCo, and the share of the time in each state."""
+_ALIKE: Final = 0.05
+"""Another release, or another processor, may round differently; shares then differ by less than this."""
+
+
+def make(made: Made, path: Path, overwrite: bool) -> tuple[list[str], bool]:
+    """Write a recording; returns figures of it, and whether they are those that are published."""
+    check = check_output(path, overwrite)
+    simulated = simulate_physics(made)
+    write_recording(str(path), simulated.poses, simulated.truth, simulated.metadata, check)
+    stamp_ns, spans = simulated.poses.stamp_ns, simulated.truth.intervals
+    column = np.array([-1 if one.contact is None else one.contact.column for one in spans])
+    of_frame = column[simulated.truth.at(stamp_ns)]
+    shares = [float(np.mean(of_frame == state.column)) for state in STATES]
+    numbers = (stamp_ns, simulated.poses.position_m, simulated.poses.quat_xyzw, of_frame)
+    digest = hashlib.sha256(b"".join(one.tobytes() for one in numbers)).hexdigest()[:16]
+    text = " ".join(f"{share:.2f}" for share in shares)
+    expected = PUBLISHED.get(made.name, ("", ""))
+    apart = [abs(a - float(b)) for a, b in zip(shares, expected[1].split(), strict=False)]
+    is_same = digest == expected[0]
+    alike = "same" if is_same else "alike" if apart and max(apart) < _ALIKE else "differs"
+    counts = f"{(stamp_ns[-1] - stamp_ns[0]) * 1e-9:.0f}", str(len(stamp_ns)), str(len(spans))
+    return [made.name, *counts, *text.split(), digest, alike], alike != "differs"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--overwrite", action="store_true", help="replace recordings that exist")
+    parser.add_argument("--processes", type=partial(whole_number, least=1, most=61), default=2)
+    args = parser.parse_args(argv)
+    try:
+        _engine()
+        jobs = [
+            (made, args.folder / name / f"{made.name}.mcap") for name, some in SETS.items() for made in some
+        ]
+        for _, path in jobs:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            check_output(path, args.overwrite)
+        with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+            futures = [pool.submit(make, *job, args.overwrite) for job in jobs]
+            rows, are_alike = zip(*(future.result() for future in futures), strict=True)
+    except (ContactTrackerError, OSError) as error:
+        parser.error(str(error))
+    header = ("recording", "s", "poses", "intervals", *STATES, "sha256", f"as with MuJoCo {MADE_WITH}")
+    show(table(header, rows))
+    return DONE if all(are_alike) else DIFFERENT
+
+
+if __name__ == "__main__":
+    sys.exit(main())

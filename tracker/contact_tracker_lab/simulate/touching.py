@@ -1,0 +1,125 @@
+"""Which features of two convex bodies touch at a pose: the truth of motion that a physics engine has made.
+
+Bodies do not overlap along the axis of largest separation, which is a normal of a face of either, or of two
+edges. At contact their separation is zero, and the vertices nearest to each other along the axis are those of
+the features that touch. What touches is given only where the tolerances of ``TOLERANCES_M`` agree.
+"""
+
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.polyhedron import Feature, Polyhedron
+from contact_tracker.ground_truth import TruthInterval
+from contact_tracker.states import Contact
+from contact_tracker_lab.simulate.plan import Rigid
+
+Array = NDArray[np.float64]
+
+TOLERANCES_M: Final = (0.00015, 0.0005)
+"""Of the gap between two bodies, and of the distance of a feature's vertices from the common plane: above
+what the engine's soft contacts leave, 0.05 mm, and below what cameras resolve."""
+SHORTEST_NS: Final = 30_000_000
+"""What lasts less, as the bounces when an object is put down, is not given."""
+_PARALLEL: Final = 1e-3
+
+
+class Touch(NamedTuple):
+    """``contact``, FREE included; None: not one of these, or several bodies. Features of object and scene."""
+
+    contact: Contact | None
+    object: Feature | None = None
+    environment: Feature | None = None
+
+
+def touch_at(object: Polyhedron, bodies: Sequence[Polyhedron], rotation: Array, translation: Array) -> Touch:
+    """What of ``object``, at a pose in the scene (3, 3) and (3,), touches what of the ``bodies``."""
+    first, second = (_touch(object, bodies, rotation, translation, tolerance) for tolerance in TOLERANCES_M)
+    return first if first == second else Touch(None)
+
+
+def _touch(
+    object: Polyhedron, bodies: Sequence[Polyhedron], rotation: Array, translation: Array, tolerance_m: float
+) -> Touch:
+    moved = object.vertices @ rotation.T + translation
+    found = [_touched(object, moved, rotation, body, tolerance_m) for body in bodies]
+    touching = [one for one in found if one.contact is not Contact.FREE]
+    if len(touching) > 1:
+        return Touch(None)
+    return touching[0] if touching else Touch(Contact.FREE)
+
+
+def _touched(
+    object: Polyhedron, moved: Array, rotation: Array, body: Polyhedron, tolerance_m: float
+) -> Touch:
+    faces = np.concatenate([_normals(body), -_normals(object) @ rotation.T])
+    gap = _separations(faces, moved, body)
+    if gap.max() > tolerance_m:
+        return Touch(Contact.FREE)
+    axis, best = faces[gap.argmax()], float(gap.max())
+    crossed = np.cross((_edges(object) @ rotation.T)[:, None], _edges(body)).reshape(-1, 3)
+    length = np.linalg.norm(crossed, axis=1)
+    crossed = crossed[length > _PARALLEL] / length[length > _PARALLEL, None]
+    crossed = np.concatenate([crossed, -crossed])
+    gap = _separations(crossed, moved, body)
+    if gap.max() > best + tolerance_m:
+        axis, best = crossed[gap.argmax()], float(gap.max())
+    if best > tolerance_m:
+        return Touch(Contact.FREE)
+    heights, below = moved @ axis, body.vertices @ axis
+    of_object = _feature(object, heights < heights.min() + tolerance_m)
+    of_body = _feature(body, below > below.max() - tolerance_m)
+    if of_object is None or of_body is None:
+        return Touch(None)
+    name = f"{of_object.kind}-{of_body.kind}"
+    return Touch(Contact(name), of_object, of_body) if name in set(Contact) else Touch(None)
+
+
+def _separations(axes: Array, moved: Array, body: Polyhedron) -> Array:
+    return np.asarray((axes @ moved.T).min(axis=1) - (axes @ body.vertices.T).max(axis=1))
+
+
+def _normals(shape: Polyhedron) -> Array:
+    return np.array([face.normals[0] for face in shape.of_kind("f")])
+
+
+def _edges(shape: Polyhedron) -> Array:
+    return np.array([edge.span[0] for edge in shape.of_kind("e")])
+
+
+def _feature(shape: Polyhedron, is_near: NDArray[np.bool_]) -> Feature | None:
+    """The feature with exactly these vertices."""
+    indices = frozenset(np.flatnonzero(is_near).tolist())
+    return next((one for one in shape.features if one.indices == indices), None)
+
+
+def intervals(
+    stamp_ns: NDArray[np.int64], touches: Sequence[Touch], motion: Sequence[str], body: Rigid, world: Rigid
+) -> list[TruthInterval]:
+    """Intervals in which what touches, and the ``motion`` of the hand, stay the same at poses (N,).
+
+    ``body`` and ``world`` are from the frames of the object and of the scene to those of the recording.
+    """
+    given, start = list[Touch](), 0
+    for touch, group in groupby(touches):
+        end = start + len(list(group))
+        lasts = stamp_ns[min(end, len(stamp_ns) - 1)] - stamp_ns[start] >= SHORTEST_NS
+        given += [touch if lasts else Touch(None)] * (end - start)
+        start = end
+    result, start = list[TruthInterval](), 0
+    for (touch, how), same in groupby(zip(given, motion, strict=True)):
+        end = start + len(list(same))
+        geometry = None
+        if touch.object is not None and touch.environment is not None:
+            pairs = (touch.object, body), (touch.environment, world)
+            geometry = ContactGeometry(
+                *(one.element(at.rotation, at.translation, one.points.mean(axis=0)) for one, at in pairs)
+            )
+        span = int(stamp_ns[start]), int(stamp_ns[end - 1])
+        result.append(TruthInterval(*span, touch.contact, how, geometry=geometry))
+        start = end
+    return result
