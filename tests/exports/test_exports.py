@@ -4,6 +4,7 @@ import csv
 import html
 import json
 import re
+from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -317,24 +318,31 @@ class Page(HTMLParser):
             self.text.append(data)
 
 
-def test_the_report_is_self_contained(folder: Path, result: contact_tracker.Result) -> None:
-    page = Page()
-    page.feed((folder / "out.html").read_text(encoding="utf-8"))
+def test_the_report_is_self_contained_and_small(folder: Path, result: contact_tracker.Result) -> None:
+    page, written = Page(), (folder / "out.html").read_text(encoding="utf-8")
+    page.feed(written)
     assert page.loads == []
+    assert len(written) < 500_000
     assert page.tags["tr"] == len(result.segments) + 1
     text = " ".join(page.text)
     assert "Contacts in cube.mcap" in text
     assert f"{len(result.trajectory)} poses" in text
     for segment in result.segments:
         assert f"{segment.probability:.2f}" in text
-    drawn = (folder / "out.html").read_text(encoding="utf-8").rpartition("<h2>Probabilities</h2>")[2]
-    names = Counter(re.findall(r'"name":"([^"]+)"', drawn))
-    assert all(names[state.value] == 1 for state in STATES)
+    ribbon = written[written.index("<svg") : written.index("</svg>")]
+    assert {state.value for state in STATES} <= set(re.findall(r">([^<]+)</text>", ribbon))
+    views = re.findall(r"draw3d\(document.currentScript.previousElementSibling,(.*?)\)</script>", written)
+    shapes = [shape for view in views for shape in json.loads(view)["shapes"]]
     for part in result.parts:  # the object's in its own picture, the others in that of the geometry
-        assert names[part.name if part.side == 0 else f"surroundings: {part.name}"] >= 1
+        (shape,) = [one for one in shapes if one.get("label") == part.name]
+        assert shape["name"] == (part.name if part.side == 0 else f"surroundings: {part.name}")
+        corners = np.frombuffer(b64decode(shape["vertices"]), "<f4").reshape(-1, 3)
+        np.testing.assert_array_equal(corners, part.mesh.vertices)
+        assert len(b64decode(shape["triangles"])) == 12 * len(part.mesh.triangles)
+    names = Counter(shape["name"] for shape in shapes)
     for segment in result.segments:  # both elements of each, and what is known of the object
         start_s = (segment.start_ns - int(result.trajectory.stamp_ns[0])) * 1e-9
-        assert names[f"{segment.contact.value} from {start_s:.1f} s"] == (2 if segment.geometry else 0)
+        assert names[f"{segment.contact.value} from {start_s:.1f} s"] == (3 if segment.geometry else 0)
 
 
 def test_names_are_escaped_in_html(poses: Poses, tmp_path: Path) -> None:

@@ -1,11 +1,12 @@
 """A figure for papers and notebooks, drawn by matplotlib."""
 
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from matplotlib import get_backend, pyplot
+from matplotlib import get_backend, pyplot, rc_context
 from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure as Figure
 from matplotlib.figure import FigureBase
@@ -30,6 +31,8 @@ _MAP: Final = 4.2
 DOTS_PER_INCH: Final = 200
 _ROOM: Final = 1.2
 """Width of a span with a name, by that of the name."""
+_PAGE: Final = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.simplify_threshold": 0.5}
+"""Text as text, the same file each time, and curves within half a pixel."""
 _SPANS: Final = 4
 """Most times of touch that are listed of a part."""
 _MOST_LISTED: Final = 8
@@ -168,6 +171,17 @@ def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     figure = draw_figure(outcome)
     figure.savefig(path, format=suffix.removeprefix("."), dpi=DOTS_PER_INCH)
     pyplot.close(figure)
+
+
+def figure_svg(outcome: Outcome) -> str:
+    """The segments and their probabilities as an SVG element for a page."""
+    figure, axes = pyplot.subplots(figsize=(11.8, _ROW), layout="constrained")
+    draw_on(axes, outcome)
+    text = StringIO()
+    with rc_context(_PAGE):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    pyplot.close(figure)
+    return text.getvalue()[text.getvalue().index("<svg") :]
 
 
 def _draw_curves(axes: Axes, curves: WindowCurves, origin_ns: int) -> None:
