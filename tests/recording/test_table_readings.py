@@ -375,8 +375,14 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
             lambda path: savemat(path, {"t": T, "p": P}),
             r"with t \(1, 120\), p \(120, 3\), which is not read: .*squeeze_me",
         ),
+        (
+            "a.mat",
+            lambda path: savemat(path, {"t": T}, format="4"),
+            r"with t \(1, 120\), which is not read: .*loadmat",
+        ),
+        ("a.mat", lambda path: path.write_bytes(b"MATLAB 7.3 MAT-file" + bytes(500)), r"HDF5.*transposed"),
         ("a.pkl", lambda path: path.write_bytes(pickle.dumps({"t": T})), "a pickle, which runs code"),
-        ("a.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n\0\0"), r"h5py\.File\('a\.h5'\)"),
+        ("a.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n\0\0"), r"h5py\.File\('a\.h5'\).* shapes"),
         (
             "a.arrow",
             lambda path: feather.write_feather(pyarrow.table({"t": T}), str(path)),
