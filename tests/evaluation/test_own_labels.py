@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 
 import contact_tracker
@@ -129,6 +130,17 @@ def test_a_result_and_the_command_compare_with_labels(
     assert "the times of its 2 labels are taken since the first pose" in shown.err
     total = json.loads(shown.out)["total"]
     result = contact_tracker.segment(contact_tracker.read(log))
+    own = contact_tracker.evaluate(result, result.to_pandas("segments"))
+    assert own.total.offline.accuracy() == 1.0
+    table = pandas.DataFrame({"start": [0.0, 0.5], "end": [0.5, 0.9], "contact": ["touch", "air"]})
+    for times in (
+        table,
+        table.assign(**{name: pandas.to_timedelta(table[name], "s") for name in ("start", "end")}),
+    ):
+        alike = contact_tracker.evaluate(result, times, {"touch": "any", "air": "free"})
+        assert alike.total.offline.accuracy() == pytest.approx(total["offline"]["accuracy"]["all"])
+    with pytest.raises(NoTruth, match="labels: its columns are start, end: needed are"):
+        contact_tracker.evaluate(result, table[["start", "end"]])
     report = contact_tracker.evaluate(result, labels, {"touch": "any", "air": "free"}, by_arrival=True)
     assert report.total.offline.accuracy() == pytest.approx(total["offline"]["accuracy"]["all"])
     assert report.total.online.accuracy() == pytest.approx(total["online"]["accuracy"]["all"])
