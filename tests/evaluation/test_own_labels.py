@@ -133,10 +133,8 @@ def test_a_result_and_the_command_compare_with_labels(
     own = contact_tracker.evaluate(result, result.to_pandas("segments"))
     assert own.total.offline.accuracy() == 1.0
     table = pandas.DataFrame({"start": [0.0, 0.5], "end": [0.5, 0.9], "contact": ["touch", "air"]})
-    for times in (
-        table,
-        table.assign(**{name: pandas.to_timedelta(table[name], "s") for name in ("start", "end")}),
-    ):
+    durations = {name: pandas.to_timedelta(table[name], "s") for name in ("start", "end")}
+    for times in (table, table.assign(**durations)):
         alike = contact_tracker.evaluate(result, times, {"touch": "any", "air": "free"})
         assert alike.total.offline.accuracy() == pytest.approx(total["offline"]["accuracy"]["all"])
     with pytest.raises(NoTruth, match="labels: its columns are start, end: needed are"):

@@ -136,12 +136,12 @@ class _Row(NamedTuple):
 def read_labels(
     labels: str | Table, first_ns: int, last_ns: int, meanings: Mapping[str, str] | None = None
 ) -> tuple[Truth, str]:
-    """The truth by the labels in a file, and one line on how their times are taken.
+    """The truth by the labels in a table, and one line on how their times are taken.
 
     Parameters
     ----------
-    labels : a file, or the cells of a table, the names of its columns first: a table with the columns ``start``, ``end`` and ``contact`` (or ``label``), separated by commas,
-        semicolons or tabs; or JSON of Label Studio. Times are in seconds, unless the names of their columns
+    labels : a table with the columns ``start``, ``end`` and ``contact`` (or ``label``): its cells, the names
+        first, or a file of them, separated by commas, semicolons or tabs; or JSON of Label Studio. Times are in seconds, unless the names of their columns
         have another unit, or as ``0:01:02.5``; since the first pose, or as the stamps of the recording.
     first_ns, last_ns : stamps of the first and last pose.
     meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` for what is not

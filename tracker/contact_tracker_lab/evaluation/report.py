@@ -112,7 +112,7 @@ def evaluate(
 
     Parameters
     ----------
-    labels : a file or a DataFrame, a table with the columns ``start``, ``end`` and ``contact`` (docs/python.md).
+    labels : a file or a DataFrame with the columns ``start``, ``end`` and ``contact`` (docs/python.md).
     meanings : states by label: ``{"touch": "any", "flat": "f-f|e-f", "unclear": "?"}``. Names of states need
         none; coarse labels are right with each of their states.
     by_arrival : track the poses online as well, with ``model``, and score what had been answered when.
