@@ -141,8 +141,9 @@ def read_labels(
     Parameters
     ----------
     labels : a table with the columns ``start``, ``end`` and ``contact`` (or ``label``): its cells, the names
-        first, or a file of them, separated by commas, semicolons or tabs; or JSON of Label Studio. Times are in seconds, unless the names of their columns
-        have another unit, or as ``0:01:02.5``; since the first pose, or as the stamps of the recording.
+        first, or a file of them, separated by commas, semicolons or tabs; or JSON of Label Studio. Times
+        are in seconds, unless the names of their columns have another unit, or as ``0:01:02.5``; since the
+        first pose, or as the stamps of the recording.
     first_ns, last_ns : stamps of the first and last pose.
     meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` for what is not
         scored. Names of states need none.
