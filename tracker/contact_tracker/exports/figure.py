@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib import get_backend, pyplot, rc_context
@@ -31,7 +31,7 @@ _MAP: Final = 4.2
 DOTS_PER_INCH: Final = 200
 _ROOM: Final = 1.2
 """Width of a span with a name, by that of the name."""
-_PAGE: Final = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.simplify_threshold": 0.5}
+_PAGE: Final[Any] = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.simplify_threshold": 0.5}
 """Text as text, the same file each time, and curves within half a pixel."""
 _SPANS: Final = 4
 """Most times of touch that are listed of a part."""
