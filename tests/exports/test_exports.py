@@ -8,6 +8,7 @@ from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import combinations
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -21,6 +22,7 @@ import contact_tracker
 from contact_tracker import Trajectory, saved_state
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
+from contact_tracker.exports.figure import _draw_parts, write_name
 from contact_tracker.exports.formats import ROWS, _tex, rows_of, write_outcome
 from contact_tracker.exports.saved_result import RESULT
 from contact_tracker.exports.summary_html import ribbon_html
@@ -388,9 +390,10 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     pytest.importorskip("matplotlib").use("Agg")
     pyplot = pytest.importorskip("matplotlib.pyplot")
     *known, posterior, paper = result.plot(curves=True).axes
-    assert [len(one.texts) for one in known] == [
-        sum(part.side == side for part in result.parts) for side in (0, 1)
-    ]
+    for side, axes in enumerate(known):
+        assert [text.get_text() for text in axes.texts] == [
+            one.name for one in result.parts if one.side == side
+        ]
     assert len(posterior.collections) == len(result.segments)
     hatched = [bool(bars.get_hatch()) for bars in posterior.collections]
     assert hatched == [bool(segment.inseparable) for segment in result.segments]
@@ -404,6 +407,15 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     assert result.plot(ax=other).axes == [own, other]
     assert (len(own.lines), len(other.lines)) == (0, len(STATES))
     assert len(result.plot().axes) == 3
+    figure = pyplot.figure()
+    _draw_parts(figure, [result.parts[0]._replace(name=name) for name in ("face 1", "face 2", "face 3")], 0)
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    _, axes = pyplot.subplots()
+    axes.set(xlim=(0.0, 100.0), ylim=(0.0, 10.0))
+    for duration_s in (20.0, 3.0, 0.5):
+        write_name(axes, 10.0, duration_s, (0.0, 1.0), "free")
+    assert [text.get_rotation() for text in axes.texts] == [0.0, 90.0]
     pyplot.close("all")
 
 

@@ -10,6 +10,7 @@ import pytest
 import contact_tracker
 from command_line import run
 from contact_tracker.errors import DIFFERENT, UsageError
+from contact_tracker.exports.sequence_figures import draw_comparison
 from contact_tracker.geometry.elements import ContactGeometry, Origins, shifted
 from contact_tracker.recording import write_recording
 from contact_tracker.sequences.comparison import Verdict, compare_outcomes
@@ -137,6 +138,10 @@ def test_open_segments_are_no_difference(first) -> None:
     opened = replace(first.segments[1], inseparable=others, probability=0.4)
     found = compare_outcomes(first, with_segments(first, [first.segments[0], opened, *first.segments[2:]]))
     assert verdicts(found) == ["same", "open", "same", "same"]
+    (axes,) = draw_comparison(found).axes
+    shown = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert shown == ["step same", "step open", "open: others fit"]
+    assert axes.get_title("left").splitlines() == [f"{letter}: {first.trajectory.name}" for letter in "AB"]
 
 
 def test_boundaries_are_as_sure_as_the_beliefs(first, simulated) -> None:
