@@ -189,14 +189,14 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
         if 0 < len(axes.get_legend_handles_labels()[0]) <= _MOST_LISTED:
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), frameon=False, fontsize=7)
         drawn.append((axes, own))
-    figure.get_figure(root=True).draw_without_rendering()  # type: ignore[union-attr]
+    figure.get_figure(root=True).draw_without_rendering()
     for axes, own in drawn:
         _write_names(axes, own)
 
 
 def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:
     """Write the names of parts where these are, or below, where others are already."""
-    points, taken = 72.0 / axes.get_figure(root=True).dpi, list[tuple[float, float, float]]()  # type: ignore[union-attr]
+    points, taken = 72.0 / axes.get_figure(root=True).dpi, list[tuple[float, float, float]]()
     for number, part in enumerate(parts):
         place = proj_transform(*part.label_m, axes.get_proj())[:2]
         x, begin = points * axes.transData.transform(place)
