@@ -51,9 +51,8 @@ def to_viewer(port: int = PORT) -> Sink:
     """A sink that shows it in the viewer at ``port``; a viewer is started if nothing listens there."""
 
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
+        require_screen(port)
         speaks = answers(port)
-        if speaks is None and not _has_screen():
-            raise ViewerError(f"there is no screen for the rerun viewer: {_WITHOUT_SCREEN}")
         if speaks is None:
             start(port, WINDOW)
         elif not speaks:
@@ -63,8 +62,11 @@ def to_viewer(port: int = PORT) -> Sink:
     return connect
 
 
-def _has_screen() -> bool:
-    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+def require_screen(port: int = PORT) -> None:
+    """Raise ViewerError if a window cannot be opened, and no viewer listens at ``port``."""
+    has_screen = sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    if not has_screen and answers(port) is None:
+        raise ViewerError(f"there is no screen for the rerun viewer: {_WITHOUT_SCREEN}")
 
 
 def address(port: int) -> str:
