@@ -22,7 +22,7 @@ import contact_tracker
 from contact_tracker import Trajectory, saved_state
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
-from contact_tracker.exports.figure import _draw_parts, write_name
+from contact_tracker.exports.figure import _draw_parts, draw_on, write_name
 from contact_tracker.exports.formats import ROWS, _tex, rows_of, write_outcome
 from contact_tracker.exports.saved_result import RESULT
 from contact_tracker.exports.summary_html import ribbon_html
@@ -556,6 +556,12 @@ def test_the_ribbon_has_a_bar_for_each_further_contact() -> None:
         [(6, None), (4, "+ v-f, probability 0.50"), (20, None)],
     ]
     assert ribbon_html(segments[1:]).count("display:flex") == 1
+    few = recorded(FACE_TO_EDGE).poses[:9]
+    trajectory = Trajectory(Poses(np.arange(9), few.position_m, few.quat_xyzw))
+    _, axes = pytest.importorskip("matplotlib.pyplot").subplots()
+    draw_on(axes, Outcome(trajectory, Segmentation(segments)))
+    spans_s = [bars.get_paths()[0].get_extents().intervalx for bars in axes.collections]
+    np.testing.assert_allclose(np.diff(spans_s)[:, 0] * 1e9, [10, 3, 4, 20], atol=1e-3)
 
 
 def test_a_recording_of_rerun_has_no_rows_to_choose() -> None:

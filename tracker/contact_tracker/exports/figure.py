@@ -45,6 +45,8 @@ _SPANS: Final = 4
 _MOST_LISTED: Final = 8
 """Most parts of a side whose times of touch are listed."""
 _RIBBON: Final = (1.04, 1.18)
+_LANE: Final = 0.03
+"""Height of a further contact, in the lower part of its segment."""
 _TRUTH: Final = (1.22, 1.32)
 """Where the labels are above the probabilities, and the truth above them."""
 
@@ -71,8 +73,8 @@ def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
 
 
 def draw_on(axes: Axes, outcome: Outcome) -> None:
-    """The probabilities of all states, and above them the segments, by name where it fits and hatched where
-    the motion fits other contacts as well, below the truth if it is known."""
+    """The probabilities of all states, and above them the segments, by name where it fits, hatched where
+    the motion fits other contacts as well, with their further contacts, below the truth if it is known."""
     beliefs, segments, origin_ns, truth = outcome.beliefs, outcome.segments, outcome.origin_ns, outcome.truth
     seconds = (beliefs.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in segments]
@@ -91,6 +93,14 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             hatch="///" if segment.inseparable else None,
             linewidth=0.0,
         )
+        for number, one in enumerate(segment.further):
+            first_s = (max(one.start_ns, segment.start_ns) - origin_ns) * 1e-9
+            last_s = (
+                min(segment.end_ns if one.end_ns is None else one.end_ns, segment.end_ns) - origin_ns
+            ) * 1e-9
+            lane = low + number * _LANE, _LANE
+            colour = fraction(COLOUR[one.contact])
+            axes.broken_barh([(first_s, last_s - first_s)], lane, facecolor=colour, edgecolor="white")
         write_name(axes, start_s, duration_s, _RIBBON, segment.contact)
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=fraction(COLOUR[state]), label=state.value)
