@@ -166,7 +166,7 @@ SHARES: dict[str, Writer] = {
     },
     **{
         f"values with their names, {form}": partial(named_values, form)
-        for form in ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO {}={}")
+        for form in ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO pose: {}={}", "- {{{}: {},")
     },
     "OpenSim": lambda path: write(
         path,
@@ -314,6 +314,7 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
                 "% positions in mm",
             ),
             "# units: s, mm",
+            "# x, y, z in mm",
         )
     },
     "units in a comment below the names": (f"t,{NAMES}\n# s,mm,mm,mm,-,-,-,-", rows(T, 1e3 * P, Q), MM),

@@ -50,9 +50,11 @@ _EMPTY: Final = f",;{BLANKS}"
 _COMMENT: Final = re.compile(r"#|%|//|;(?!(?:[^;]*;){2})")
 """How comments begin; rows of which the first cell is empty have more semicolons than one."""
 _LENGTH_WORD: Final = r"((?:milli|centi|micro)met(?:er|re)s?|inch(?:es)?|mm|cm|um|\u00b5m|\u03bcm)(?!\w)"
+_LENGTH_NAME: Final = (
+    r"(?:units?|einheit(?:en)?|scale|positions?|translations?|lengths?|x\W{1,3}y\W{1,3}z)\W{1,8}"
+)
 _LENGTH_UNIT: Final = re.compile(
-    r"(?<![^\W_])(?:units?|positions?|translations?|lengths?)\W{1,8}"
-    r"(?:(?:are|is|in|of|units?|positions?|translations?|lengths?|s|sec|seconds)\W{1,8}){0,4}"
+    rf"(?<![^\W_]){_LENGTH_NAME}(?:{_LENGTH_NAME}|(?:are|is|in|of|s|sec|seconds)\W{{1,8}}){{0,4}}"
     rf"{_LENGTH_WORD}|(?<!\w){_LENGTH_WORD}(?:\W{{1,3}}\2(?!\w)){{2}}",
     re.IGNORECASE,
 )
@@ -60,7 +62,8 @@ _LENGTH_UNIT: Final = re.compile(
 _SENTENCE: Final = 1000
 """Length of the beginning of a line in which words are looked for."""
 _PAIR: Final = re.compile(
-    r"(?<![^\s,;])([A-Za-z_][\w./]{0,99})\s{0,8}[=:]\s{0,8}([\[(][^\])]{0,500}[\])]|[^\s,;]+)"
+    r"(?<![^\s,;{(])([A-Za-z_][\w./]{0,99})\s{0,8}[=:]\s{0,8}(?![A-Za-z_]\w{0,99}[=:])"
+    r"([\[(][^\])]{0,500}[\])]|[^\s,;})]+)"
 )
 """A value with its name, as ``x=1.0`` or ``q: [0, 0, 0, 1]``."""
 _CUT_OFF: Final = (
