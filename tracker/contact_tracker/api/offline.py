@@ -20,7 +20,7 @@ from contact_tracker.exports.formats import (
     rows_of,
     write_outcome,
 )
-from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
+from contact_tracker.exports.summary_html import counts_html, table_html, warnings_html
 from contact_tracker.geometry.task_frame import T_world_body, TaskFrame, task_frame
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
@@ -238,7 +238,9 @@ class Result(Outcome):
         return f"<Result of {self.trajectory!r}: {len(self.segments)} segments, {len(self.beliefs)} ticks>"
 
     def _repr_html_(self) -> str:
-        shown = ribbon_html(self.segments) + table_html(self.segments, self.origin_ns)
+        from contact_tracker.exports.figure import figure_svg
+
+        shown = figure_svg(self) + table_html(self.segments, self.origin_ns)
         return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
 
     def _columns(self, rows: Rows) -> tuple[Columns, Any]:
