@@ -575,16 +575,12 @@ def test_without_the_attachment_the_messages_are_the_truth(tmp_path: Path) -> No
     assert read_truth(str(write_log(tmp_path / "c.mcap", topics[:1]))) is None
 
 
-def test_a_truth_without_intervals_has_no_changes() -> None:
-    """As between two stamps of which none is in it: ``view`` ended in a traceback."""
-    one = Truth.from_json(json.dumps([{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]))
-    assert one.between(10, 20).changes() == []
-    assert one.changes() == [(0, Contact.VF)]
-
-
-def test_truth_may_be_a_list_or_an_object_with_intervals() -> None:
+def test_truth_is_a_list_or_an_object_with_intervals() -> None:
+    """A part of it without any has no changes."""
     rows = [{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]
-    assert Truth.from_json(json.dumps(rows)) == Truth.from_json(json.dumps({"intervals": rows}))
+    one = Truth.from_json(json.dumps(rows))
+    assert one == Truth.from_json(json.dumps({"intervals": rows}))
+    assert (one.between(10, 20).changes(), one.changes()) == ([], [(0, Contact.VF)])
 
 
 FACE = {"type": "face", "normal": [0, 0, 1], "offset_m": 0.1}
