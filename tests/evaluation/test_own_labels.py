@@ -157,8 +157,8 @@ def test_labels_of_a_figure_are_read_before_any_work(
     poses = smooth_poses(400)
     slow = replace(poses, stamp_ns=poses.stamp_ns[0] + np.arange(400) * 10**9 // 4)  # labels go on for 99 s
     log = write_log(tmp_path / "a.mcap", [poses_topic(slow, "/a")])
-    labels, words = tmp_path / "labels.csv", ["--map", "touch=any", "-o", str(tmp_path / "a.svg")]
-    labels.write_text("start,end,contact\n0,1.5,touch\n90,99,free\n")
+    labels, words = tmp_path / "labels.csv", ["--map", "touch$\\frac$=any", "-o", str(tmp_path / "a.svg")]
+    labels.write_text("start,end,contact\n0,1.5,touch$\\frac$\n90,99,free\n")
     command = ["segment", str(log), "--labels", str(labels), "--duration", "2", *words]
     assert run(command) == 0, capsys.readouterr().err
     assert "touch" in (tmp_path / "a.svg").read_text()

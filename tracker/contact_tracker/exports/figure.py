@@ -40,6 +40,8 @@ _ROOM: Final = 1.2
 """Width of a span with a name, by that of the name."""
 _PAGE: Final[Any] = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.simplify_threshold": 0.5}
 """Text as text, the same file each time, and curves within half a pixel."""
+PLAIN_TEXT: Final = rc_context({"text.parse_math": False})
+"""For functions that write names, in which dollars are no formulas."""
 _SPANS: Final = 4
 """Most times of touch that are listed of a part."""
 _MOST_LISTED: Final = 8
@@ -51,6 +53,7 @@ _TRUTH: Final = (1.22, 1.32)
 """Where the labels are above the probabilities, and the truth above them."""
 
 
+@PLAIN_TEXT
 def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
     """The segments and their probabilities on one axes, below them the paper's objective functions over
     windows, if asked for, and what is known of the object and its surroundings."""
@@ -72,6 +75,7 @@ def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
     return figure
 
 
+@PLAIN_TEXT
 def draw_on(axes: Axes, outcome: Outcome) -> None:
     """The probabilities of all states, and above them the segments, by name where it fits, hatched where
     the motion fits other contacts as well, with their further contacts, below the truth if it is known."""

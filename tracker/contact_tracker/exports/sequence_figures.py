@@ -12,7 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Polygon
 
 from contact_tracker.errors import printable
-from contact_tracker.exports.figure import DOTS_PER_INCH, NAME_SIZE, fraction, open_patch, write_name
+from contact_tracker.exports.figure import (
+    DOTS_PER_INCH,
+    NAME_SIZE,
+    PLAIN_TEXT,
+    fraction,
+    open_patch,
+    write_name,
+)
 from contact_tracker.files import accept_any, whole_file
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR
@@ -33,6 +40,7 @@ _RIBBONS: Final = ((1.0, 1.25), (0.0, 0.25))
 """Heights of the first and of the second take."""
 
 
+@PLAIN_TEXT
 def draw_comparison(comparison: Comparison) -> Figure:
     """Two ribbons of contacts, with a band between the segments of each step, coloured by what differs."""
     figure, axes = pyplot.subplots(figsize=(10.0, 3.2), layout="constrained")
@@ -99,6 +107,7 @@ def _draw_step(axes: Axes, one: ComparedStep) -> None:
     )
 
 
+@PLAIN_TEXT
 def draw_graph(graph: ContactGraph) -> Figure:
     """The contacts on a circle in the order of their first times, and arrows with numbers of transitions."""
     figure, axes = pyplot.subplots(figsize=(8.0, 8.0), layout="constrained")
