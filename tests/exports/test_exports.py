@@ -4,6 +4,8 @@ import csv
 import html
 import json
 import re
+import shutil
+import subprocess
 from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
@@ -344,6 +346,36 @@ def test_the_report_is_self_contained_and_small(folder: Path, result: contact_tr
     for segment in result.segments:  # both elements of each, and what is known of the object
         start_s = (segment.start_ns - int(result.trajectory.stamp_ns[0])) * 1e-9
         assert names[f"{segment.contact.value} from {start_s:.1f} s"] == (3 if segment.geometry else 0)
+
+
+PAGE_STUB = """
+const drawn = {}, names = [];
+const context = new Proxy({}, {
+  get: (_, name) => () => ((drawn[name] = (drawn[name] ?? 0) + 1), { width: 9 }),
+});
+const canvas = { getContext: () => context, clientWidth: 900, clientHeight: 600, addEventListener() {} };
+const legend = { appendChild: (entry) => (names.push(entry), entry) };
+const picture = { children: [canvas, legend] };
+const document = { createElement: () => ({ style: {} }), currentScript: { previousElementSibling: picture } };
+const devicePixelRatio = 1, addEventListener = () => {};
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no engine that runs the page's scripts")
+def test_the_pictures_of_a_report_are_drawn(folder: Path) -> None:
+    """Also after each name has been clicked, which shows what was hidden and hides the rest."""
+    scripts = re.findall(
+        "<script>(.*?)</script>", (folder / "out.html").read_text(encoding="utf-8"), re.DOTALL
+    )
+    end = "const before = drawn.fill; names.forEach((one) => one.onclick());"
+    end += "console.log(JSON.stringify([before, drawn.fill, names.map((one) => one.textContent)]))"
+    done = subprocess.run(
+        ["node", "-"], input=PAGE_STUB + "\n".join([*scripts, end]), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    before, after, names = json.loads(done.stdout)
+    assert 100 < before < after
+    assert any(name.startswith("path in") for name in names)
 
 
 def test_names_are_escaped_in_html(poses: Poses, tmp_path: Path) -> None:
