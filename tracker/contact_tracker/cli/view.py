@@ -53,9 +53,9 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"{args.save} can hold one recording: save each LOG of its own; rerun opens several")
     check = check_output(args.save, args.overwrite, arguments.files_read(logs, args.model, args.known))
     if args.save is None and not args.web:
-        from contact_tracker.viewer.sinks import require_screen
+        from contact_tracker.viewer.sinks import to_viewer
 
-        require_screen()  # before a long recording is read
+        to_viewer()  # without a screen an error, before anything is read
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     with _opener(args, check, len(logs) > 1) as open_view:
         works = (partial(_view, log, args, model, known_map, open_view) for log in logs)

@@ -48,10 +48,15 @@ def to_file(path: Path) -> Sink:
 
 
 def to_viewer(port: int = PORT) -> Sink:
-    """A sink that shows it in the viewer at ``port``; a viewer is started if nothing listens there."""
+    """A sink that shows it in the viewer at ``port``; a viewer is started if nothing listens there.
+
+    Raises ViewerError at once if a window cannot be opened, and no viewer listens.
+    """
+    has_screen = sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    if not has_screen and answers(port) is None:
+        raise ViewerError(f"there is no screen for the rerun viewer: {_WITHOUT_SCREEN}")
 
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
-        require_screen(port)
         speaks = answers(port)
         if speaks is None:
             start(port, WINDOW)
@@ -60,13 +65,6 @@ def to_viewer(port: int = PORT) -> Sink:
         recording.connect_grpc(address(port), default_blueprint=blueprint)
 
     return connect
-
-
-def require_screen(port: int = PORT) -> None:
-    """Raise ViewerError if a window cannot be opened, and no viewer listens at ``port``."""
-    has_screen = sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
-    if not has_screen and answers(port) is None:
-        raise ViewerError(f"there is no screen for the rerun viewer: {_WITHOUT_SCREEN}")
 
 
 def address(port: int) -> str:
