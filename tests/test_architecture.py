@@ -66,7 +66,6 @@ SINGLE_IMPORTER = {
     "foxglove": "exports/foxglove_scene.py",
     "matplotlib": ("exports/figure.py", "exports/sequence_figures.py"),
     "pandas": ("exports/columns.py", "api/offline.py", "api/comparing.py"),
-    "plotly": "exports/report_html.py",
     "pyarrow": (
         "exports/parquet.py",
         "recording/binary_tables.py",

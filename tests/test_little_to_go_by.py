@@ -92,7 +92,10 @@ def test_little_motion_is_segmented(make: Callable[[], Poses], tmp_path: Path, c
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("command", ["live", "view", "info"])
-def test_non_finite_poses_are_counted(command: str, tmp_path: Path, capsys: Any) -> None:
+def test_non_finite_poses_are_counted(
+    command: str, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
     poses = smooth_poses(30)
     nothing = Poses(poses.stamp_ns, np.full((30, 3), np.nan), poses.quat_xyzw)
     log = write_log(tmp_path / "a.mcap", [poses_topic(nothing)])

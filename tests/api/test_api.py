@@ -66,7 +66,7 @@ def test_all_names_exist_and_are_imported_on_first_use() -> None:
         contact_tracker.sgement  # noqa: B018
     code = (
         "import sys, contact_tracker; assert 'numpy' not in sys.modules; contact_tracker.segment;"
-        "print(*{'pandas', 'pyarrow', 'plotly', 'foxglove', 'rerun'} & set(sys.modules))"
+        "print(*{'pandas', 'pyarrow', 'matplotlib', 'foxglove', 'rerun'} & set(sys.modules))"
     )
     path = str(Path(contact_tracker.__file__).parent.parent)
     done = subprocess.run(
@@ -271,9 +271,7 @@ def test_results_replace_recordings_only_with_overwrite(
         result.to_pandas("poses")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("library", "name"), [("pandas", "to_pandas"), ("foxglove", "to_mcap"), ("plotly", "to_html")]
-)
+@pytest.mark.parametrize(("library", "name"), [("pandas", "to_pandas"), ("foxglove", "to_mcap")])
 def test_a_missing_library_is_reported_with_its_extra(
     result: contact_tracker.Result, tmp_path: Path, library: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -46,6 +46,16 @@ def whole(logs: Path) -> dict[str, bytes]:
     return contents(dataset)
 
 
+def test_kinds_of_warnings_are_named(tmp_path: Path) -> None:
+    rows = (f"{n},{n},{n % 7},0,0,0,0,1\n" for n in range(40))
+    table = tmp_path / "a.csv"
+    table.write_text("t,x,y,z,qx,qy,qz,qw\n" + "".join(rows))
+    (tmp_path / "b.csv").write_bytes(table.read_bytes())
+    done = batch(table, tmp_path / "b.csv", "-o", tmp_path / "out")
+    assert "warnings: 2 of the new ones have some: " in done.stderr
+    assert "have no unit and are taken as milliseconds, with steps of ... (2)" in done.stderr
+
+
 @contextmanager
 def in_the_middle(logs: Path, dataset: Path) -> "Iterator[subprocess.Popen[bytes]]":
     """A run of which some recordings are done and some are not."""

@@ -168,7 +168,10 @@ def test_wrong_usage_is_one_line_and_2(arguments: list[str], parts: list[str], t
 
 
 @pytest.mark.parametrize("command", ["live", "segment", "view", "info", "evaluate"])
-def test_input_that_cannot_be_used_is_one_line_and_1(command: str, tmp_path: Path) -> None:
+def test_input_that_cannot_be_used_is_one_line_and_1(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
     assert_one_line_error(run(command, "absent.mcap", cwd=tmp_path), 1, "absent.mcap")
     (tmp_path / "text.mcap").write_text("no recording at all")
     assert_one_line_error(run(command, "text.mcap", cwd=tmp_path), 1, "text.mcap", "not an MCAP file")

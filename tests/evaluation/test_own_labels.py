@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 
 import contact_tracker
@@ -129,6 +130,15 @@ def test_a_result_and_the_command_compare_with_labels(
     assert "the times of its 2 labels are taken since the first pose" in shown.err
     total = json.loads(shown.out)["total"]
     result = contact_tracker.segment(contact_tracker.read(log))
+    own = contact_tracker.evaluate(result, result.to_pandas("segments"))
+    assert own.total.offline.accuracy() == 1.0
+    table = pandas.DataFrame({"start": [0.0, 0.5], "end": [0.5, 0.9], "contact": ["touch", "air"]})
+    durations = {name: pandas.to_timedelta(table[name], "s") for name in ("start", "end")}
+    for times in (table, table.assign(**durations)):
+        alike = contact_tracker.evaluate(result, times, {"touch": "any", "air": "free"})
+        assert alike.total.offline.accuracy() == pytest.approx(total["offline"]["accuracy"]["all"])
+    with pytest.raises(NoTruth, match="labels: its columns are start, end: needed are"):
+        contact_tracker.evaluate(result, table[["start", "end"]])
     report = contact_tracker.evaluate(result, labels, {"touch": "any", "air": "free"}, by_arrival=True)
     assert report.total.offline.accuracy() == pytest.approx(total["offline"]["accuracy"]["all"])
     assert report.total.online.accuracy() == pytest.approx(total["online"]["accuracy"]["all"])
@@ -147,8 +157,8 @@ def test_labels_of_a_figure_are_read_before_any_work(
     poses = smooth_poses(400)
     slow = replace(poses, stamp_ns=poses.stamp_ns[0] + np.arange(400) * 10**9 // 4)  # labels go on for 99 s
     log = write_log(tmp_path / "a.mcap", [poses_topic(slow, "/a")])
-    labels, words = tmp_path / "labels.csv", ["--map", "touch=any", "-o", str(tmp_path / "a.svg")]
-    labels.write_text("start,end,contact\n0,1.5,touch\n90,99,free\n")
+    labels, words = tmp_path / "labels.csv", ["--map", "touch$\\frac$=any", "-o", str(tmp_path / "a.svg")]
+    labels.write_text("start,end,contact\n0,1.5,touch$\\frac$\n90,99,free\n")
     command = ["segment", str(log), "--labels", str(labels), "--duration", "2", *words]
     assert run(command) == 0, capsys.readouterr().err
     assert "touch" in (tmp_path / "a.svg").read_text()

@@ -4,9 +4,13 @@ import csv
 import html
 import json
 import re
+import shutil
+import subprocess
+from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import combinations
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -20,9 +24,9 @@ import contact_tracker
 from contact_tracker import Trajectory, saved_state
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
+from contact_tracker.exports.figure import _draw_parts, draw_on, write_name
 from contact_tracker.exports.formats import ROWS, _tex, rows_of, write_outcome
 from contact_tracker.exports.saved_result import RESULT
-from contact_tracker.exports.summary_html import ribbon_html
 from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
@@ -317,24 +321,61 @@ class Page(HTMLParser):
             self.text.append(data)
 
 
-def test_the_report_is_self_contained(folder: Path, result: contact_tracker.Result) -> None:
-    page = Page()
-    page.feed((folder / "out.html").read_text(encoding="utf-8"))
+def test_the_report_is_self_contained_and_small(folder: Path, result: contact_tracker.Result) -> None:
+    page, written = Page(), (folder / "out.html").read_text(encoding="utf-8")
+    page.feed(written)
     assert page.loads == []
+    assert len(written) < 500_000
     assert page.tags["tr"] == len(result.segments) + 1
     text = " ".join(page.text)
     assert "Contacts in cube.mcap" in text
     assert f"{len(result.trajectory)} poses" in text
     for segment in result.segments:
         assert f"{segment.probability:.2f}" in text
-    drawn = (folder / "out.html").read_text(encoding="utf-8").rpartition("<h2>Probabilities</h2>")[2]
-    names = Counter(re.findall(r'"name":"([^"]+)"', drawn))
-    assert all(names[state.value] == 1 for state in STATES)
+    ribbon = written[written.index("<svg") : written.index("</svg>")]
+    assert {state.value for state in STATES} <= set(re.findall(r">([^<]+)</text>", ribbon))
+    views = re.findall(r"draw3d\(document.currentScript.previousElementSibling,(.*?)\)</script>", written)
+    shapes = [shape for view in views for shape in json.loads(view)["shapes"]]
     for part in result.parts:  # the object's in its own picture, the others in that of the geometry
-        assert names[part.name if part.side == 0 else f"surroundings: {part.name}"] >= 1
+        (shape,) = [one for one in shapes if one.get("label") == part.name]
+        assert shape["name"] == (part.name if part.side == 0 else f"surroundings: {part.name}")
+        corners = np.frombuffer(b64decode(shape["vertices"]), "<f4").reshape(-1, 3)
+        np.testing.assert_array_equal(corners, part.mesh.vertices)
+        assert len(b64decode(shape["triangles"])) == 12 * len(part.mesh.triangles)
+    names = Counter(shape["name"] for shape in shapes)
     for segment in result.segments:  # both elements of each, and what is known of the object
         start_s = (segment.start_ns - int(result.trajectory.stamp_ns[0])) * 1e-9
-        assert names[f"{segment.contact.value} from {start_s:.1f} s"] == (2 if segment.geometry else 0)
+        assert names[f"{segment.contact.value} from {start_s:.1f} s"] == (3 if segment.geometry else 0)
+
+
+PAGE_STUB = """
+const drawn = {}, names = [];
+const context = new Proxy({}, {
+  get: (_, name) => () => ((drawn[name] = (drawn[name] ?? 0) + 1), { width: 9 }),
+});
+const canvas = { getContext: () => context, clientWidth: 900, clientHeight: 600, addEventListener() {} };
+const legend = { appendChild: (entry) => (names.push(entry), entry) };
+const picture = { children: [canvas, legend] };
+const document = { createElement: () => ({ style: {} }), currentScript: { previousElementSibling: picture } };
+const devicePixelRatio = 1, addEventListener = () => {};
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no engine that runs the page's scripts")
+def test_the_pictures_of_a_report_are_drawn(folder: Path) -> None:
+    """Also after each name has been clicked, which shows what was hidden and hides the rest."""
+    scripts = re.findall(
+        "<script>(.*?)</script>", (folder / "out.html").read_text(encoding="utf-8"), re.DOTALL
+    )
+    end = "const before = drawn.fill; names.forEach((one) => one.onclick());"
+    end += "console.log(JSON.stringify([before, drawn.fill, names.map((one) => one.textContent)]))"
+    done = subprocess.run(
+        ["node", "-"], input=PAGE_STUB + "\n".join([*scripts, end]), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    before, after, names = json.loads(done.stdout)
+    assert 100 < before < after
+    assert any(name.startswith("path in") for name in names)
 
 
 def test_names_are_escaped_in_html(poses: Poses, tmp_path: Path) -> None:
@@ -380,9 +421,10 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     pytest.importorskip("matplotlib").use("Agg")
     pyplot = pytest.importorskip("matplotlib.pyplot")
     *known, posterior, paper = result.plot(curves=True).axes
-    assert [len(one.texts) for one in known] == [
-        sum(part.side == side for part in result.parts) for side in (0, 1)
-    ]
+    for side, axes in enumerate(known):
+        assert [text.get_text() for text in axes.texts] == [
+            one.name for one in result.parts if one.side == side
+        ]
     assert len(posterior.collections) == len(result.segments)
     hatched = [bool(bars.get_hatch()) for bars in posterior.collections]
     assert hatched == [bool(segment.inseparable) for segment in result.segments]
@@ -396,6 +438,15 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     assert result.plot(ax=other).axes == [own, other]
     assert (len(own.lines), len(other.lines)) == (0, len(STATES))
     assert len(result.plot().axes) == 3
+    figure = pyplot.figure()
+    _draw_parts(figure, [result.parts[0]._replace(name=name) for name in ("face 1", "face 2", "face 3")], 0)
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    _, axes = pyplot.subplots()
+    axes.set(xlim=(0.0, 100.0), ylim=(0.0, 10.0))
+    for duration_s in (20.0, 3.0, 0.5):
+        write_name(axes, 10.0, duration_s, (0.0, 1.0), "free")
+    assert [text.get_rotation() for text in axes.texts] == [0.0, 90.0]
     pyplot.close("all")
 
 
@@ -513,7 +564,7 @@ def test_truth_and_metadata_are_copied(tmp_path: Path) -> None:
 
 
 def test_the_ribbon_has_a_bar_for_each_further_contact() -> None:
-    """During the contact, below the bar of its segment."""
+    """During the contact, in the lower part of its segment."""
     plane = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
     wall = ContactGeometry(Point(np.zeros(3)), plane)
     joins = FurtherContact(Contact.EF, 0.9, 4, 7, wall, (), 2)
@@ -522,20 +573,12 @@ def test_the_ribbon_has_a_bar_for_each_further_contact() -> None:
         Segment(0, 10, Contact.VF, 1.0, wall, (), (joins, stays)),
         Segment(10, 30, Contact.FREE, 1.0, None),
     )
-    first, *lanes = ribbon_html(segments).split('<div style="display:flex')[1:]
-    assert "+ " not in first
-    shown = [
-        [
-            (int(flex), re.search(r'title="([^"]*)"', part))
-            for flex, part in re.findall(r"flex:(\d+) 0 0([^>]*)", lane)
-        ]
-        for lane in lanes
-    ]
-    assert [[(flex, title and title[1]) for flex, title in lane] for lane in shown] == [
-        [(4, None), (3, "+ e-f, probability 0.90"), (3, None), (20, None)],
-        [(6, None), (4, "+ v-f, probability 0.50"), (20, None)],
-    ]
-    assert ribbon_html(segments[1:]).count("display:flex") == 1
+    few = recorded(FACE_TO_EDGE).poses[:9]
+    trajectory = Trajectory(Poses(np.arange(9), few.position_m, few.quat_xyzw))
+    _, axes = pytest.importorskip("matplotlib.pyplot").subplots()
+    draw_on(axes, Outcome(trajectory, Segmentation(segments)))
+    spans_s = [bars.get_paths()[0].get_extents().intervalx for bars in axes.collections]
+    np.testing.assert_allclose(np.diff(spans_s)[:, 0] * 1e9, [10, 3, 4, 20], atol=1e-3)
 
 
 def test_a_recording_of_rerun_has_no_rows_to_choose() -> None:

@@ -259,8 +259,7 @@ def test_the_header_stamp_is_the_time_however_far_the_log_time_is(tmp_path: Path
     poses = smooth_poses()
     path = str(write_log(tmp_path / "a.mcap", [poses_topic(poses, offset_ns=515_000 * 10**9)]))
     assert_same(Poses.collect(open_log(path)), poses)
-    (source,) = summarise(path).sources
-    assert source.log_offset_s == pytest.approx(515_000)
+    assert summarise(path).sources[0].log_offset_s == pytest.approx(515_000)
 
 
 def test_without_any_header_stamp_the_log_time_stands_in(tmp_path: Path) -> None:
@@ -575,16 +574,12 @@ def test_without_the_attachment_the_messages_are_the_truth(tmp_path: Path) -> No
     assert read_truth(str(write_log(tmp_path / "c.mcap", topics[:1]))) is None
 
 
-def test_a_truth_without_intervals_has_no_changes() -> None:
-    """As between two stamps of which none is in it: ``view`` ended in a traceback."""
-    one = Truth.from_json(json.dumps([{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]))
-    assert one.between(10, 20).changes() == []
-    assert one.changes() == [(0, Contact.VF)]
-
-
-def test_truth_may_be_a_list_or_an_object_with_intervals() -> None:
+def test_truth_is_a_list_or_an_object_with_intervals() -> None:
+    """A part of it without any has no changes."""
     rows = [{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]
-    assert Truth.from_json(json.dumps(rows)) == Truth.from_json(json.dumps({"intervals": rows}))
+    one = Truth.from_json(json.dumps(rows))
+    assert one == Truth.from_json(json.dumps({"intervals": rows}))
+    assert (one.between(10, 20).changes(), one.changes()) == ([], [(0, Contact.VF)])
 
 
 FACE = {"type": "face", "normal": [0, 0, 1], "offset_m": 0.1}

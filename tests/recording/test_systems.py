@@ -53,6 +53,15 @@ SYSTEMS: dict[str, Callable[[Path], None]] = {
         "time," + ",".join(f"O_T_EE[{i}]" for i in range(16)), T, FOUR.transpose(0, 2, 1).reshape(-1, 16)
     ),
     "FANUC": text("time,X,Y,Z,W,P,R", T, 1e3 * P, by_rotation("euler", "xyz", True)),
+    "OpenSim": lambda path: np.savetxt(
+        path,
+        np.column_stack([T, P, by_rotation("euler", "XYZ", True)]),
+        "%.12g",
+        "\t",
+        header="Kinematics\nnRows=60\ninDegrees=yes\nendheader\n"
+        + "\t".join(["time", *(f"cup_{name}" for name in ("X", "Y", "Z", "Ox", "Oy", "Oz"))]),
+        comments="",
+    ),
     "Unity": lambda path: path.write_text(
         "Time,Position,Rotation\n"
         + "".join(

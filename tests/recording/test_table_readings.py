@@ -33,6 +33,7 @@ SINCE_NS = POSES.stamp_ns - POSES.stamp_ns[0]
 T, P, Q = SINCE_NS / 1e9, POSES.position_m, POSES.quat_xyzw
 TURN = Rotation.from_quat(Q)
 VECTORS, MATRICES = TURN.as_rotvec(), TURN.as_matrix()
+ANGLES = np.linalg.norm(VECTORS, axis=1)
 POSE = np.column_stack([P, Q])
 NAMES = "x,y,z,qx,qy,qz,qw"
 WHOLE = np.tile(np.eye(4), (len(T), 1, 1))
@@ -97,6 +98,18 @@ def timed(date: str, path: Path) -> Path:
     return write(path, [f"time;{NAMES.replace(',', ';')}"], rows(dates, POSE), ";")
 
 
+def commented(mark: str, path: Path) -> Path:
+    return write(path, [f"{mark} about", f"{mark} t {NAMES.replace(',', ' ')}"], rows(T, POSE), " ")
+
+
+def named_values(form: str, path: Path) -> Path:
+    pairs = (
+        [form.format(*one) for one in zip(["t", *NAMES.split(",")], line, strict=True)]
+        for line in rows(T, POSE)
+    )
+    return write(path, [], pairs, " ")
+
+
 def cells(form: str, separator: str) -> list[list[str]]:
     """Positions and quaternions in one cell each, as Unity and lists of Python are written."""
     texts = ([form.format(separator.join(map(repr, values))) for values in (p, q)] for _, p, q in ENTRIES)
@@ -147,6 +160,23 @@ SHARES: dict[str, Writer] = {
             *("1.3.2026 09:00:0{}.{}", "03/01/2026 09:00:0{}.{} PM", "03/31/2026, 9:00:0{}.{} am"),
         )
     },
+    **{
+        f"names in a comment after {mark}": partial(commented, mark)
+        for mark in ("%", "//", ";", "# by me\n#")
+    },
+    **{
+        f"values with their names, {form}": partial(named_values, form)
+        for form in ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO pose: {}={}", "- {{{}: {},")
+    },
+    "OpenSim": lambda path: write(
+        path,
+        [
+            *("Poses", "version=1", "nRows=120", "inDegrees=no", "endheader"),
+            "\t".join(["time", *NAMES.split(",")]),
+        ],
+        rows(T, POSE),
+        "\t",
+    ),
     "minutes and inches": lambda path: write(
         path, ["time [min],x [in],y [in],z [in],qx,qy,qz,qw"], rows(T / 60, P / 0.0254, Q)
     ),
@@ -187,6 +217,7 @@ def test_json_lines(tmp_path: Path) -> None:
     assert str(log.damage).startswith("1 row has no time that is a number or a date ('{")
 
 
+MM = ["--unit", "mm"]
 PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
     "UR": (
         "timestamp," + ",".join(f"actual_TCP_pose_{i}" for i in range(6)),
@@ -271,6 +302,44 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
             ["--columns", "quaternion=Rotation,position=Position"],
         )
         for form, separator in (('"({})"', ", "), ("({})", ","), ("[{}]", " "), ('"[{}]"', ", "))
+    },
+    **{
+        above: (f"{above}\n{NAMES.join(['t,', ''])}", rows(T, 1e3 * P, Q), MM)
+        for above in (
+            *(
+                "# unit: mm",
+                "# made by me, units=mm",
+                "; Length Units,Millimeters",
+                "Units,mm",
+                "% positions in mm",
+            ),
+            "# units: s, mm",
+            "# x, y, z in mm",
+        )
+    },
+    "units in a comment below the names": (f"t,{NAMES}\n# s,mm,mm,mm,-,-,-,-", rows(T, 1e3 * P, Q), MM),
+    "lists with their names": (
+        "",
+        [[f"t={t!r} p={p!r} q={q!r}"] for t, p, q in ENTRIES],
+        ["--columns", "quaternion=q,position=p"],
+    ),
+    "OpenSim's kinematics": (
+        "inDegrees=yes\nendheader\ntime,cup_X,cup_Y,cup_Z,cup_Ox,cup_Oy,cup_Oz",
+        rows(T, P, TURN.as_euler("XYZ", degrees=True)),
+        ["--euler", "XYZ:deg"],
+    ),
+    **{
+        f"axis {names}": (
+            f"t,x,y,z,{names}",
+            rows(T, P, VECTORS / ANGLES[:, None], np.degrees(ANGLES) if "deg" in names else ANGLES),
+            ["--rotation-vector", *columns],
+        )
+        for names, columns in (
+            ("axis_x,axis_y,axis_z,angle", []),
+            ("rx,ry,rz,angle [deg]", []),
+            ("ax,ay,az,angle_rad", ["--columns", "rx=ax,ry=ay,rz=az"]),
+            ("ux,uy,uz,theta", ["--columns", "rx=ux,ry=uy,rz=uz"]),
+        )
     },
     "ros2 topic echo": (
         "",
@@ -375,8 +444,14 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
             lambda path: savemat(path, {"t": T, "p": P}),
             r"with t \(1, 120\), p \(120, 3\), which is not read: .*squeeze_me",
         ),
+        (
+            "a.mat",
+            lambda path: savemat(path, {"t": T}, format="4"),
+            r"with t \(1, 120\), which is not read: .*loadmat",
+        ),
+        ("a.mat", lambda path: path.write_bytes(b"MATLAB 7.3 MAT-file" + bytes(500)), r"HDF5.*transposed"),
         ("a.pkl", lambda path: path.write_bytes(pickle.dumps({"t": T})), "a pickle, which runs code"),
-        ("a.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n\0\0"), r"h5py\.File\('a\.h5'\)"),
+        ("a.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n\0\0"), r"h5py\.File\('a\.h5'\).* shapes"),
         (
             "a.arrow",
             lambda path: feather.write_feather(pyarrow.table({"t": T}), str(path)),

@@ -10,6 +10,7 @@ import pytest
 import contact_tracker
 from command_line import run
 from contact_tracker.errors import DIFFERENT, UsageError
+from contact_tracker.exports.sequence_figures import draw_comparison
 from contact_tracker.geometry.elements import ContactGeometry, Origins, shifted
 from contact_tracker.recording import write_recording
 from contact_tracker.sequences.comparison import Verdict, compare_outcomes
@@ -137,8 +138,16 @@ def test_places_are_not_compared_where_elements_are_given(first) -> None:
 def test_open_segments_are_no_difference(first) -> None:
     others = tuple(state for state in STATES if state is not Contact.VF)
     opened = replace(first.segments[1], inseparable=others, probability=0.4)
-    found = compare_outcomes(first, with_segments(first, [first.segments[0], opened, *first.segments[2:]]))
+    second = with_segments(first, [first.segments[0], opened, *first.segments[2:]])
+    name = "a$_{b$c.mcap"
+    found = compare_outcomes(first, replace(second, trajectory=replace(first.trajectory, name=name)))
     assert verdicts(found) == ["same", "open", "same", "same"]
+    figure = draw_comparison(found)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    shown = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert shown == ["step same", "step open", "open: others fit"]
+    assert axes.get_title("left").splitlines() == [f"A: {first.trajectory.name}", f"B: {name}"]
 
 
 def test_boundaries_are_as_sure_as_the_beliefs(first, simulated) -> None:

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 import rerun_cli
 
+from contact_tracker.cli import view
+from contact_tracker.cli.main import run
 from contact_tracker.errors import ViewerError
 from contact_tracker.viewer import SILENT, sinks
 from contact_tracker.viewer.sinks import to_viewer
@@ -58,13 +60,17 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_a_screen_other_ways_are_named_at_once(
-    monkeypatch: pytest.MonkeyPatch, free_port: int
+    monkeypatch: pytest.MonkeyPatch, free_port: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(ViewerError, match=r"no screen.*: --web .*view --save"):
         LiveViewer(sink=to_viewer(free_port))
+    monkeypatch.setattr(sinks, "answers", lambda port: None)
+    monkeypatch.setattr(view, "_view", None)  # nothing is read
+    assert run(["view", __file__]) == 1
+    assert "no screen" in capsys.readouterr().err
 
 
 @pytest.fixture

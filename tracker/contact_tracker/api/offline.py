@@ -20,8 +20,9 @@ from contact_tracker.exports.formats import (
     rows_of,
     write_outcome,
 )
-from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
+from contact_tracker.exports.summary_html import counts_html, table_html, warnings_html
 from contact_tracker.geometry.task_frame import T_world_body, TaskFrame, task_frame
+from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.outputs.text import table
@@ -42,7 +43,7 @@ from contact_tracker.trajectory.arguments import (
     path_from,
     warn_of,
 )
-from contact_tracker.trajectory.arrays import is_table, moment_ns
+from contact_tracker.trajectory.arrays import cells_of, is_table, moment_ns
 from contact_tracker.viewer.parts import Part, known_parts
 from contact_tracker.wrenches.wrenches import Wrenches
 
@@ -52,6 +53,10 @@ if TYPE_CHECKING:
     from contact_tracker.exports import parquet
     from contact_tracker.exports.figure import Axes, Figure
     from contact_tracker.viewer.views import Viewer
+
+
+Labels = str | os.PathLike[str] | Any
+"""Your own labels: a file, or a table with named columns, such as a DataFrame."""
 
 
 class Result(Outcome):
@@ -185,7 +190,7 @@ class Result(Outcome):
         self,
         ax: "Axes | None" = None,
         curves: bool = False,
-        labels: str | os.PathLike[str] | None = None,
+        labels: Labels | None = None,
         meanings: Mapping[str, str] | None = None,
     ) -> "Figure":
         """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given, else with what is
@@ -197,16 +202,21 @@ class Result(Outcome):
         """
         from contact_tracker.exports.figure import Figure, draw_figure, draw_on
 
-        outcome, stamps = self, self.trajectory.stamp_ns
+        outcome = self
         if labels is not None:
-            own, _ = read_labels(path_from(labels, "labels"), int(stamps[0]), int(stamps[-1]), meanings)
-            outcome = replace(self, labels=own)
+            outcome = replace(self, labels=self.truth_by(labels, meanings))
         if ax is not None:
             draw_on(ax, outcome)
             figure = ax.get_figure(root=True)
             assert isinstance(figure, Figure)
             return figure
         return draw_figure(outcome, curves)
+
+    def truth_by(self, labels: Labels, meanings: Mapping[str, str] | None) -> Truth:
+        """Your own labels as truth of the recording; parameters and errors as of ``evaluate``."""
+        table = cells_of(labels) if is_table(labels) else path_from(labels, "labels")
+        stamps = self.trajectory.stamp_ns
+        return read_labels(table, int(stamps[0]), int(stamps[-1]), meanings)[0]
 
     def show(self, width: int = 1280, height: int = 720) -> "Viewer":
         """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.
@@ -230,7 +240,9 @@ class Result(Outcome):
         return f"<Result of {self.trajectory!r}: {len(self.segments)} segments, {len(self.beliefs)} ticks>"
 
     def _repr_html_(self) -> str:
-        shown = ribbon_html(self.segments) + table_html(self.segments, self.origin_ns)
+        from contact_tracker.exports.figure import figure_svg
+
+        shown = figure_svg(self) + table_html(self.segments, self.origin_ns)
         return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
 
     def _columns(self, rows: Rows) -> tuple[Columns, Any]:

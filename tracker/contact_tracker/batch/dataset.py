@@ -8,10 +8,12 @@ In a run, the recordings without an up-to-date result get one.
 
 import json
 import os
+import re
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, Self
@@ -37,6 +39,9 @@ from contact_tracker.files import TEMPORARY, whole_file
 from contact_tracker.processes import Jobs
 
 FORMAT: Final = {"format": "contact-tracker batch", "format_version": 2}
+_NUMBER: Final = re.compile(r"\d[\d.]*(?:e[+-]?\d+)?")
+_KIND: Final = re.compile(r": | \(|; ")
+"""What ends the beginning of a warning, which is the same in all recordings."""
 _MARK: Final = "dataset.json"
 _SUMMARY: Final = "summary.parquet"
 _SIGNATURES: Final = "signatures.parquet"
@@ -232,6 +237,7 @@ class Batch:
     done, unchanged : recordings with a new row, and those whose row is kept.
     bad, damaged : of both, those without a result and those with a partial one.
     warned : of the new ones, those with warnings.
+    warnings : of these, those with a warning of each kind: its beginning, without its numbers.
     """
 
     settings: Settings
@@ -244,6 +250,7 @@ class Batch:
     bad: int = 0
     damaged: int = 0
     warned: int = 0
+    warnings: Counter[str] = field(default_factory=Counter)
 
     @property
     def total(self) -> int:
@@ -302,5 +309,7 @@ class Batch:
             self.report(f"{shown(name)}: as before: see the column {column} of the summary")
         elif new is not None and (is_bad or is_damaged):
             self.report(new["error"] or f"{new['recording']}: {new['damage']}")
-        self.warned += new is not None and bool(new["warnings"])
+        lines = [] if new is None else (new["warnings"] or "").splitlines()
+        self.warned += bool(lines)
+        self.warnings.update({_KIND.split(_NUMBER.sub("...", line), maxsplit=1)[0] for line in lines})
         self.set_done(self.total)

@@ -26,6 +26,7 @@ DATASET is a copy with the contacts of its frames (docs/batch.md). If a LOG does
 folder without recordings, no recording is processed, and the exit code is {INPUT}."""
 EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
 _MOST_SHOWN: Final = 10
+_MOST_KINDS: Final = 6
 _MOST_NAMED: Final = 3
 _NOTHING_THERE: Final = "no such file or folder"
 
@@ -108,7 +109,12 @@ def run(args: argparse.Namespace) -> int:
         f"{args.output / 'summary.parquet'}"
     )
     if batch.warned:
-        say(f"warnings: {batch.warned} of the new ones have some: see the column warnings of the summary")
+        kinds = "; ".join(f"{kind} ({count})" for kind, count in batch.warnings.most_common(_MOST_KINDS))
+        more = "; ..." if len(batch.warnings) > _MOST_KINDS else ""
+        say(
+            f"warnings: {batch.warned} of the new ones have some: {kinds}{more}: the column warnings of "
+            "the summary has them in full"
+        )
     return DAMAGED if batch.bad or batch.damaged else DONE
 
 

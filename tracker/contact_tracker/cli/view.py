@@ -52,6 +52,10 @@ def run(args: argparse.Namespace) -> int:
     if args.save is not None and len(logs) > 1:
         raise UsageError(f"{args.save} can hold one recording: save each LOG of its own; rerun opens several")
     check = check_output(args.save, args.overwrite, arguments.files_read(logs, args.model, args.known))
+    if args.save is None and not args.web:
+        from contact_tracker.viewer.sinks import to_viewer
+
+        to_viewer()  # without a screen an error, before anything is read
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     with _opener(args, check, len(logs) > 1) as open_view:
         works = (partial(_view, log, args, model, known_map, open_view) for log in logs)

@@ -22,7 +22,9 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "matrix": MATRIX,
 }
 """Roles of numbered columns, or of the values of a list, by a name for all of them."""
-ROLES: Final = (TIME, REST, *POSITION, *QUATERNION, *ANGLES, *MATRIX)
+ANGLE: Final = "angle"
+"""The role of the angle of a rotation vector whose other columns are a unit vector."""
+ROLES: Final = (TIME, REST, *POSITION, *QUATERNION, *ANGLES, *MATRIX, ANGLE)
 TICK: Final = "100ns"
 TIME_UNITS_NS: Final[Mapping[str, int]] = TIMES_NS | {TICK: 100}
 _RATE: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?Hz", re.IGNORECASE)
@@ -45,7 +47,7 @@ class TableReading:
     euler : rotations are Euler angles in this order, in scipy's letters (``xyz`` about fixed axes, ``XYZ``
         about those of the body), with ``:deg`` or ``:rad`` if the names do not say it. ``rx``, ``ry``, ``rz``
         are the angles about these axes; if a letter occurs twice, the first, second and third.
-    rotation_vector : rotations are vectors along the axis, as long as the angle.
+    rotation_vector : rotations are vectors along the axis, as long as the angle, if that has no column.
     matrix : rotations are matrices whose numbered values go along ``rows`` or ``columns``.
     columns : names of columns by role, one of ``ROLES`` or ``GROUPS``; columns without names are
         ``c0``, ``c1``, ... ``state[3:7]`` are values 3 to 6 of a list, or of columns ``state_0``, ...

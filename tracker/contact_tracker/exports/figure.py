@@ -1,19 +1,22 @@
 """A figure for papers and notebooks, drawn by matplotlib."""
 
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from matplotlib import get_backend, pyplot
+from matplotlib import get_backend, pyplot, rc_context
 from matplotlib.axes import Axes as Axes
 from matplotlib.figure import Figure as Figure
 from matplotlib.figure import FigureBase
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from contact_tracker.ground_truth import Truth
 from contact_tracker.outputs.outcome import Outcome
@@ -22,23 +25,35 @@ from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.viewer.parts import SIDES, Part, known_parts
 
-_NAME_SIZE: Final = 9.0
+NAME_SIZE: Final = 9.0
 """Of the names in the ribbons (points)."""
+_LEAST_SIZE: Final = 5.0
+_PART_SIZE: Final = 8.0
+"""Of the names of what is known (points)."""
+_IN_FRONT: Final = 1000
+"""Order of drawing of names, after all parts."""
 _ROW: Final = 3.2
 _MAP: Final = 4.2
 """Heights (inches) of a plot over time, and of what is known."""
 DOTS_PER_INCH: Final = 200
 _ROOM: Final = 1.2
 """Width of a span with a name, by that of the name."""
+_PAGE: Final[Any] = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.simplify_threshold": 0.5}
+"""Text as text, the same file each time, and curves within half a pixel."""
+PLAIN_TEXT: Final = rc_context({"text.parse_math": False})
+"""For functions that write names, in which dollars are no formulas."""
 _SPANS: Final = 4
 """Most times of touch that are listed of a part."""
 _MOST_LISTED: Final = 8
 """Most parts of a side whose times of touch are listed."""
 _RIBBON: Final = (1.04, 1.18)
+_LANE: Final = 0.03
+"""Height of a further contact, in the lower part of its segment."""
 _TRUTH: Final = (1.22, 1.32)
 """Where the labels are above the probabilities, and the truth above them."""
 
 
+@PLAIN_TEXT
 def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
     """The segments and their probabilities on one axes, below them the paper's objective functions over
     windows, if asked for, and what is known of the object and its surroundings."""
@@ -60,15 +75,18 @@ def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
     return figure
 
 
+@PLAIN_TEXT
 def draw_on(axes: Axes, outcome: Outcome) -> None:
-    """The probabilities of all states, and above them the segments, by name where it fits and hatched where
-    the motion fits other contacts as well, below the truth if it is known."""
+    """The probabilities of all states, and above them the segments, by name where it fits, hatched where
+    the motion fits other contacts as well, with their further contacts, below the truth if it is known."""
     beliefs, segments, origin_ns, truth = outcome.beliefs, outcome.segments, outcome.origin_ns, outcome.truth
     seconds = (beliefs.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in segments]
     if len(seconds):
         axes.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
     low, high = _RIBBON
+    is_labelled = truth is not None and len(seconds) > 0
+    axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, (_TRUTH[1] if is_labelled else high) + 0.02))
     for segment, (start_s, duration_s) in zip(segments, spans, strict=True):
         axes.broken_barh(
             [(start_s, duration_s)],
@@ -79,17 +97,23 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             hatch="///" if segment.inseparable else None,
             linewidth=0.0,
         )
-        _name(axes, start_s, duration_s, _RIBBON, segment.contact)
+        for number, one in enumerate(segment.further):
+            first_s = (max(one.start_ns, segment.start_ns) - origin_ns) * 1e-9
+            last_s = (
+                min(segment.end_ns if one.end_ns is None else one.end_ns, segment.end_ns) - origin_ns
+            ) * 1e-9
+            lane = low + number * _LANE, _LANE
+            colour = fraction(COLOUR[one.contact])
+            axes.broken_barh([(first_s, last_s - first_s)], lane, facecolor=colour, edgecolor="white")
+        write_name(axes, start_s, duration_s, _RIBBON, segment.contact)
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=fraction(COLOUR[state]), label=state.value)
-    axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, high + 0.02))
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
-    if truth is not None and len(seconds):
+    if truth is not None and is_labelled:
         _draw_truth(axes, truth.between(*beliefs.stamp_ns[[0, -1]].tolist()), origin_ns)
-        axes.set_ylim(0.0, _TRUTH[1] + 0.02)
     handles, _ = axes.get_legend_handles_labels()
     if any(one.inseparable for one in segments):
-        handles.append(Patch(facecolor="white", edgecolor="grey", hatch="///", label="open: others fit"))
+        handles.append(open_patch())
     axes.legend(handles=handles, ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 
@@ -112,25 +136,43 @@ def _draw_truth(axes: Axes, truth: Truth, origin_ns: int) -> None:
             edgecolor="grey",
             linewidth=0.5,
         )
-        _name(axes, start_s, duration_s, _TRUTH, name or str(one.contact))
+        write_name(axes, start_s, duration_s, _TRUTH, name or str(one.contact))
     for name, (low, high) in (("truth", _TRUTH), ("labels", _RIBBON)):
         place = -0.01, 0.5 * (low + high)
         transform = axes.get_yaxis_transform()
-        axes.text(*place, name, transform=transform, ha="right", va="center", fontsize=_NAME_SIZE)
+        axes.text(*place, name, transform=transform, ha="right", va="center", fontsize=NAME_SIZE)
 
 
-def _name(axes: Axes, start_s: float, duration_s: float, ribbon: tuple[float, float], text: str) -> None:
-    """Write a name in its span, if it is wide enough."""
-    first_s, last_s = axes.get_xlim()
-    points = 72.0 * axes.get_window_extent().width / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
-    width = TextPath((0.0, 0.0), text, size=_NAME_SIZE).get_extents().width
-    if duration_s / (last_s - first_s) * points > _ROOM * width:
-        middle = start_s + 0.5 * duration_s, 0.5 * sum(ribbon)
-        axes.text(*middle, text, fontsize=_NAME_SIZE, ha="center", va="center", clip_on=True)
+def write_name(axes: Axes, start_s: float, duration_s: float, ribbon: tuple[float, float], text: str) -> None:
+    """Write a name in its span: upright where that is narrow, not at all where it does not fit either way."""
+    size, extent = axes.get_window_extent(), TextPath((0.0, 0.0), text, size=NAME_SIZE).get_extents()
+    points = 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
+    (first_s, last_s), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    width = duration_s / (last_s - first_s) * points * size.width
+    height = (ribbon[1] - ribbon[0]) / (top - bottom) * points * size.height
+    is_level = width > _ROOM * extent.width
+    scale = 1.0 if is_level else min(1.0, height / (_ROOM * extent.width), width / (_ROOM * extent.height))
+    if scale * NAME_SIZE >= _LEAST_SIZE:
+        axes.text(
+            start_s + 0.5 * duration_s,
+            0.5 * sum(ribbon),
+            text,
+            fontsize=scale * NAME_SIZE,
+            rotation="horizontal" if is_level else "vertical",
+            ha="center",
+            va="center",
+            clip_on=True,
+        )
+
+
+def open_patch() -> Patch:
+    """What a legend says of hatched segments."""
+    return Patch(facecolor="white", edgecolor="grey", hatch="///", label="open: others fit")
 
 
 def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> None:
     """The object in the body frame, its surroundings in the world frame, and when parts were touched."""
+    drawn = list[tuple[Axes3D, list[Part]]]()
     for side, (name, frame) in enumerate(zip(SIDES, ("body", "world"), strict=True)):
         own = [one for one in parts if one.side == side]
         if not own:
@@ -143,7 +185,6 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
             axes.add_collection3d(Poly3DCollection(faces, alpha=0.3, facecolor=colour, linewidth=0.0))
             for strip in part.outline:
                 axes.plot(*strip.T, color=colour, linewidth=1.0)
-            axes.text(*part.label_m, part.name, color=colour, fontsize=8, ha="center", va="bottom")
             if part.touched_ns:
                 spans = [
                     f"{(a - origin_ns) * 1e-9:.1f} to {(b - origin_ns) * 1e-9:.1f}"
@@ -161,6 +202,33 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
         axes.set_title(f"{name} ({frame} frame)", fontsize=10)
         if 0 < len(axes.get_legend_handles_labels()[0]) <= _MOST_LISTED:
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), frameon=False, fontsize=7)
+        drawn.append((axes, own))
+    figure.get_figure(root=True).draw_without_rendering()
+    for axes, own in drawn:
+        _write_names(axes, own)
+
+
+def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:
+    """Write the names of parts where these are, or below, where others are already."""
+    points, taken = 72.0 / axes.get_figure(root=True).dpi, list[tuple[float, float, float]]()
+    for number, part in enumerate(parts):
+        place = proj_transform(*part.label_m, axes.get_proj())[:2]
+        x, begin = points * axes.transData.transform(place)
+        half, y = 0.5 * TextPath((0.0, 0.0), part.name, size=_PART_SIZE).get_extents().width, begin
+        while any(abs(x - u) < half + other and abs(y - v) < 1.2 * _PART_SIZE for u, v, other in taken):
+            y -= 0.5 * _PART_SIZE
+        taken.append((x, y, half))
+        axes.annotate(
+            part.name,
+            place,
+            (0.0, y - begin),
+            textcoords="offset points",
+            color=f"C{number % 10}",
+            fontsize=_PART_SIZE,
+            ha="center",
+            path_effects=[withStroke(linewidth=2.0, foreground="white")],
+            zorder=_IN_FRONT,
+        )
 
 
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
@@ -168,6 +236,17 @@ def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     figure = draw_figure(outcome)
     figure.savefig(path, format=suffix.removeprefix("."), dpi=DOTS_PER_INCH)
     pyplot.close(figure)
+
+
+def figure_svg(outcome: Outcome) -> str:
+    """The segments and their probabilities as an SVG element for a page."""
+    figure, axes = pyplot.subplots(figsize=(11.8, _ROW), layout="constrained")
+    draw_on(axes, outcome)
+    text = StringIO()
+    with rc_context(_PAGE):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    pyplot.close(figure)
+    return text.getvalue()[text.getvalue().index("<svg") :]
 
 
 def _draw_curves(axes: Axes, curves: WindowCurves, origin_ns: int) -> None:

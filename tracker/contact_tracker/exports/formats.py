@@ -49,7 +49,7 @@ FORMATS: Final = {
     ".jsonl": Format(("ticks", "segments")),
     ".parquet": Format(("ticks", "segments")),
     ".mcap": Format((), "foxglove_scene", "write_mcap", "foxglove", "an MCAP file for Foxglove"),
-    ".html": Format((), "report_html", "write_report", "report", "a report"),
+    ".html": Format((), "report_html", "write_report"),
     **dict.fromkeys(FIGURES, Format((), "figure", "write_figure")),
     ".srt": Format(("segments",)),
     ".tex": Format(("segments",)),

@@ -1,19 +1,22 @@
 """A report in one self-contained HTML file: ribbon, posteriors, geometry in 3D, notes.
 
-The file includes plotly, which draws it (extra ``report``).
+The pictures in 3D are drawn in the page by ``report.js``, which it includes.
 """
 
+import json
+from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from plotly.graph_objects import Figure, Mesh3d, Scatter, Scatter3d
+from numpy.typing import ArrayLike, DTypeLike
 
 from contact_tracker import __version__
 from contact_tracker.errors import printable
-from contact_tracker.exports.summary_html import counts_html, ribbon_html, table_html, warnings_html
+from contact_tracker.exports.figure import figure_svg
+from contact_tracker.exports.summary_html import counts_html, table_html, warnings_html
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
@@ -21,38 +24,48 @@ from contact_tracker.outputs.text import COLOUR, Colour, describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.parts import SIDES, Part, known_parts
-from contact_tracker.viewer.scene import GREY, Drawing, Eye, Upward, draw_all, extent_of, poses_within
+from contact_tracker.viewer.scene import (
+    EMPTY,
+    GREY,
+    UP,
+    Drawing,
+    Mesh,
+    Upward,
+    draw_all,
+    extent_of,
+    poses_within,
+)
 
 _ABOUT_GEOMETRY: Final = (
-    "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
-    "what is less probable than 0.5, or largely unobserved, is hidden at first.</p>"
+    "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse, move it with shift, zoom with the "
+    "wheel; a double click resets. A click on a name shows or hides; at first all but the longest contacts "
+    "are hidden, and what is less probable than 0.5, or largely unobserved.</p>"
 )
 _ABOUT_OBJECT: Final = (
     "<h2>The object, in the body frame</h2><p>What is known of it: a known body, or of each face, edge and "
     "vertex what was touched.</p>"
 )
-MOST_TICKS: Final = 4000
-"""Most ticks in the plot of the posteriors; more are thinned out."""
 MOST_PATH_POSES: Final = 3000
-MOST_DRAWN: Final = 60
+MOST_DRAWN: Final = 40
 """Number of longest segments whose elements are drawn."""
+MOST_SHOWN: Final = 10
+"""Number of these that are shown at first."""
 _PROBABLE: Final = 0.5
 _UNOBSERVED: Final = 2
 """Elements with this many unobserved directions may be far off."""
-_LEFT_PX: Final = 50
-_RIGHT_PX: Final = 10
-"""Margins of the plot of the posteriors, and of the ribbon above it, so that their times are aligned."""
-_SPACE: Final[dict[str, Any]] = {
-    "margin": {"l": 0, "r": 0, "t": 10, "b": 0},
-    "legend": {"y": 0.93},
-    "scene": {"aspectmode": "data", **{f"{a}axis": {"title": f"{a} (m)"} for a in "xyz"}},
-    "template": "plotly_white",
-}
+_ABOVE_OBJECT: Final = (1.0, 1.3, 0.9)
+"""Where the object is seen from."""
 _STYLE: Final = (
     "body{font:15px/1.45 system-ui,sans-serif;max-width:1180px;margin:24px auto;padding:0 16px;color:#222}"
     "h1{font-size:22px;margin:0 0 4px}h2{font-size:17px;margin:26px 0 6px}table{border-collapse:collapse}"
-    "td,th{border-bottom:1px solid #e4e4e4;font-size:13px}p{margin:4px 0}"
+    "td,th{border-bottom:1px solid #e4e4e4;font-size:13px}th{white-space:nowrap}p{margin:4px 0}"
+    "svg{width:100%;height:auto}.picture{display:flex}canvas{flex:1;min-width:0;cursor:grab;touch-action:none}"
+    "ul{list-style:none;margin:0;padding:0;font-size:12px;overflow:auto;cursor:pointer}"
+    "li{border-left:14px solid;padding-left:6px;margin-bottom:4px}"
 )
+_BREAK: Final = np.full((1, 3), np.nan)
+Shape = dict[str, Any]
+"""Of a picture in 3D: a surface, lines, and a label, shown and hidden together with all of its name."""
 
 
 def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
@@ -61,96 +74,57 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
     title = escape(printable(f"Contacts in {trajectory.name}"))
     facts = f"{len(trajectory)} poses, {trajectory.duration_s:.2f} s of motion, {len(segments)} segments"
     facts += f"; {outcome.noise}" if outcome.noise else ""
-    legend = " ".join(
-        f'<span style="background:rgb{COLOUR[state]};padding:1px 7px">{state.value}</span>'
-        for state in STATES
-    )
-    settings = {"include_plotlyjs": False, "full_html": False, "config": {"displaylogo": False}}
+    script = Path(__file__).with_name("report.js").read_text(encoding="utf-8")
     with path.open("w", encoding="utf-8") as file:
         file.write(f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>')
-        file.write(f"<style>{_STYLE}</style><script>{_plotly_js()}</script></head><body><h1>{title}</h1>")
+        file.write(f"<style>{_STYLE}</style><script>{script}</script></head><body><h1>{title}</h1>")
         file.write(warnings_html(outcome.warnings))
         file.write(f"<p>{escape(printable(facts))}</p>{counts_html(outcome.counts)}")
-        ribbon = f'<div style="margin:0 {_RIGHT_PX}px 0 {_LEFT_PX}px">{ribbon_html(segments)}</div>'
-        file.write(f"<h2>Labels</h2>{ribbon}<p>{legend}</p>")
-        file.write("<h2>Probabilities</h2>" + _posteriors(outcome).to_html(**settings))
-        file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts).to_html(**settings))
+        file.write(f"<h2>Labels and probabilities</h2>{figure_svg(outcome)}")
+        file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts))
         if any(one.side == 0 for one in parts):
-            file.write(_ABOUT_OBJECT + _object(parts).to_html(**settings))
+            file.write(_ABOUT_OBJECT + _picture(_known(parts, 0), _ABOVE_OBJECT, UP, 420))
         file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
 
 
-def _plotly_js() -> str:
-    from plotly.offline import get_plotlyjs
-
-    return str(get_plotlyjs())
-
-
-def _posteriors(outcome: Outcome) -> Figure:
-    beliefs, segments = outcome.beliefs, outcome.segments
-    every = 1 + len(beliefs) // MOST_TICKS
-    seconds = ((beliefs.stamp_ns - outcome.origin_ns) * 1e-9)[::every]
-    figure = Figure()
-    for column, state in enumerate(STATES):
-        share = beliefs.probability[::every, column]
-        line = {"color": _rgb(COLOUR[state]), "width": 1.6}
-        figure.add_trace(Scatter(x=seconds, y=share.round(4), name=state.value, mode="lines", line=line))
-    figure.update_layout(
-        height=300,
-        margin={"l": _LEFT_PX, "r": _RIGHT_PX, "t": 40, "b": 45},
-        xaxis={"title": "time (s)", "automargin": False},
-        yaxis={"title": "probability", "range": [0.0, 1.02], "automargin": False},
-        hovermode="x",
-        legend={"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom"},
-        template="plotly_white",
+def _picture(shapes: Iterable[Shape], eye: ArrayLike, up: ArrayLike, height_px: int) -> str:
+    """A picture in 3D, seen from the direction ``eye`` (3,)."""
+    view = {"eye": np.asarray(eye).tolist(), "up": np.asarray(up).tolist(), "shapes": list(shapes)}
+    data = json.dumps(view, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return (
+        f'<div class="picture" style="height:{height_px}px"><canvas></canvas><ul></ul></div>'
+        f"<script>draw3d(document.currentScript.previousElementSibling,{data})</script>"
     )
-    if segments:
-        ends_ns = np.array([segments[0].start_ns, segments[-1].end_ns]) - outcome.origin_ns
-        figure.update_xaxes(range=(ends_ns * 1e-9).tolist())
-    return figure
 
 
-def _geometry(outcome: Outcome, parts: Sequence[Part]) -> Figure:
+def _geometry(outcome: Outcome, parts: Sequence[Part]) -> str:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.trajectory.poses, outcome.segments
     extent = extent_of(outcome.trajectory.vertices_m)
-    figure, upward = Figure([*_path(outcome), *_known(parts, 1)]), Upward(extent)
-    longest = sorted(segments, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
+    shapes, upward = [*_path(outcome), *_known(parts, 1)], Upward(extent)
+    in_contact = [segment for segment in segments if segment.geometry is not None]
+    longest = sorted(in_contact, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
+    shown = [segment for segment in longest if _is_determined(segment)][:MOST_SHOWN]
     for segment in sorted(longest, key=lambda s: s.start_ns):
         if segment.geometry is not None:
             within = poses_within(poses, segment.start_ns, segment.end_ns)
             drawing = draw_all(_touching(segment, within), within, extent, upward.direction)
             assert drawing is not None
             upward.add(segment.geometry, within, segment.end_ns - segment.start_ns)
-            figure.add_traces(list(_elements(segment, within, drawing, parts, outcome.origin_ns)))
-    figure.update_layout(height=620, **_SPACE)
-    if len(poses):
-        figure.update_layout(scene_camera=_camera(upward.eye(extent.radius_m)))
-    return figure
+            common = _named(segment, outcome.origin_ns, segment in shown)
+            shapes += _elements(common, COLOUR[segment.contact], within, drawing, parts)
+    return _picture(shapes, *upward.eye(extent.radius_m), 620)
 
 
-def _object(parts: Sequence[Part]) -> Figure:
-    return Figure([*_known(parts, 0)]).update_layout(height=420, **_SPACE)
-
-
-def _known(parts: Sequence[Part], side: int) -> Iterator[Mesh3d | Scatter3d]:
+def _known(parts: Sequence[Part], side: int) -> Iterator[Shape]:
     """What is known of one side, in its frame."""
-    for number, part in enumerate(one for one in parts if one.side == side):
-        name = f"{SIDES[side]}: {printable(part.name)}" if side else printable(part.name)
-        group = {"name": name, "legendgroup": f"{SIDES[side]} {number}"}
-        if len(part.mesh.triangles):
-            yield _mesh(part.mesh.vertices, part.mesh.triangles, GREY, 0.3, hoverinfo="name", **group)
-        yield _lines(part.outline or (part.label_m[None],), GREY, showlegend=True, **group)
-
-
-def _camera(eye: Eye) -> dict[str, Any]:
-    """Camera in plotly's units, in which the scene has about size one."""
-    place = 1.9 * eye[0] / np.linalg.norm(eye[0])
-    return {
-        "eye": dict(zip("xyz", place.tolist(), strict=True)),
-        "up": dict(zip("xyz", eye[1].tolist(), strict=True)),
-    }
+    for part in parts:
+        if part.side == side:
+            name = printable(part.name)
+            label = {"label": name, "label_m": part.label_m.round(5).tolist()}
+            title = f"{SIDES[side]}: {name}" if side else name
+            yield _shape(title, GREY, part.mesh, 0.3, part.outline, **label)
 
 
 def _touching(segment: Segment, within: Poses) -> tuple[ContactGeometry, ...]:
@@ -160,7 +134,7 @@ def _touching(segment: Segment, within: Poses) -> tuple[ContactGeometry, ...]:
     return next((one for one in parts if one.start_ns <= at_ns <= one.end_ns), parts[0]).geometries
 
 
-def _path(outcome: Outcome) -> Iterator[Scatter3d]:
+def _path(outcome: Outcome) -> Iterator[Shape]:
     """A line per state, with breaks where others hold."""
     poses, segments = outcome.trajectory.poses, outcome.segments
     poses = poses[:: 1 + len(poses) // MOST_PATH_POSES]
@@ -169,43 +143,35 @@ def _path(outcome: Outcome) -> Iterator[Scatter3d]:
     contacts = [segments[i].contact if 0 <= i < len(segments) else None for i in number]
     for state in STATES:
         is_here = np.array([contact is state for contact in contacts], bool)
-        if not is_here.any():
-            continue
-        place = np.where(is_here[:, None], poses.position_m, np.nan)
-        line = {"color": _rgb(COLOUR[state]), "width": 4}
-        x, y, z = place.T.round(5)
-        name = f"path in {state.value}"
-        yield Scatter3d(x=x, y=y, z=z, mode="lines", line=line, name=name, connectgaps=False)
+        if is_here.any():
+            place = np.where(is_here[:, None], poses.position_m, np.nan)
+            yield _shape(f"path in {state.value}", COLOUR[state], strips=[place], width=2.5)
+
+
+def _named(segment: Segment, origin_ns: int, shown: bool) -> Shape:
+    assert segment.geometry is not None
+    return {
+        "name": f"{segment.contact.value} from {(segment.start_ns - origin_ns) * 1e-9:.1f} s",
+        "text": printable(describe(segment.geometry, segment.inseparable)),
+        "shown": shown,
+    }
 
 
 def _elements(
-    segment: Segment, within: Poses, drawing: Drawing, parts: Sequence[Part], origin_ns: int
-) -> Iterator[Mesh3d | Scatter3d]:
-    """The touching pair, and what is known of the object, at the middle of the segment.
+    common: Shape, colour: Colour, within: Poses, drawing: Drawing, parts: Sequence[Part]
+) -> Iterator[Shape]:
+    """The touching pair, and what is known of the object, at the middle of the poses ``within``.
 
-    ``within`` are the segment's poses, ``drawing`` the drawing of the pair.
+    ``drawing`` is that of the pair.
     """
-    assert segment.geometry is not None
     middle = within[len(within) // 2 : len(within) // 2 + 1]
     rotation, position = middle.rotation[0], middle.position_m[0]
     on_object, _, on_environment, _ = drawing.meshes
-    start_s = (segment.start_ns - origin_ns) * 1e-9
-    name = f"{segment.contact.value} from {start_s:.1f} s"
-    text = printable(describe(segment.geometry, segment.inseparable)).replace(" on ", "<br>on ")
-    common: dict[str, Any] = {
-        "name": name,
-        "legendgroup": name,
-        "hovertext": escape(text, quote=False).replace("&lt;br&gt;", "<br>"),
-        "visible": True if _is_determined(segment) else "legendonly",
-    }
-    colour = COLOUR[segment.contact]
-    yield _mesh(on_environment.vertices, on_environment.triangles, colour, 0.45, showlegend=True, **common)
-    moved = on_object.vertices @ rotation.T + position
-    yield _mesh(moved, on_object.triangles, colour, 0.9, **common)
+    yield _shape(mesh=on_environment, colour=colour, opacity=0.45, **common)
+    moved = on_object._replace(vertices=on_object.vertices @ rotation.T + position)
+    yield _shape(mesh=moved, colour=colour, **common)
     strips = [strip @ rotation.T + position for one in parts if one.side == 0 for strip in one.outline]
-    if strips:
-        shown = {"legendgroup": name, "visible": common["visible"]}
-        yield _lines(strips, GREY, showlegend=False, hoverinfo="skip", **shown)
+    yield _shape(strips=strips, colour=GREY, **common)
 
 
 def _is_determined(segment: Segment) -> bool:
@@ -214,19 +180,30 @@ def _is_determined(segment: Segment) -> bool:
     return segment.probability >= _PROBABLE and all(len(one.unobserved) < _UNOBSERVED for one in pair)
 
 
-def _mesh(vertices: Any, triangles: Any, colour: Colour, opacity: float, **more: Any) -> Mesh3d:
-    x, y, z = np.asarray(vertices, float).reshape(-1, 3).T.round(5)
-    i, j, k = np.asarray(triangles).reshape(-1, 3).T
-    return Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, color=_rgb(colour), opacity=opacity, flatshading=True, **more)
+def _shape(
+    name: str,
+    colour: Colour,
+    mesh: Mesh = EMPTY,
+    opacity: float = 1.0,
+    strips: Iterable[Array] = (),
+    **more: Any,
+) -> Shape:
+    """A surface, and lines (N, 3) each, which NaN interrupts."""
+    broken = np.concatenate([np.zeros((0, 3)), *(row for strip in strips for row in (strip, _BREAK))])
+    is_gap = np.isnan(broken[:, 0])
+    return {
+        "name": name,
+        "text": "",
+        "shown": True,
+        "colour": colour,
+        "opacity": opacity,
+        "width": 1,
+        "vertices": _base64(mesh.vertices, "<f4"),
+        "triangles": _base64(mesh.triangles, "<u4"),
+        "lines": _base64(broken[~is_gap | ~np.roll(is_gap, 1)], "<f4"),
+        **more,
+    }
 
 
-def _lines(strips: Iterable[Array], colour: Colour, **more: Any) -> Scatter3d:
-    """Lines (N, 3); one point is a marker."""
-    broken = np.concatenate([row for strip in strips for row in (strip, np.full((1, 3), np.nan))])
-    x, y, z = broken.T.round(5)
-    style = {"line": {"color": _rgb(colour), "width": 2}, "marker": {"color": _rgb(colour), "size": 4}}
-    return Scatter3d(x=x, y=y, z=z, mode="lines" if len(broken) > 2 else "markers", **style, **more)
-
-
-def _rgb(colour: Colour) -> str:
-    return "rgb({},{},{})".format(*colour)
+def _base64(values: ArrayLike, kind: DTypeLike) -> str:
+    return b64encode(np.asarray(values, kind).tobytes()).decode()

@@ -11,7 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Polygon
 
-from contact_tracker.exports.figure import DOTS_PER_INCH, fraction
+from contact_tracker.errors import printable
+from contact_tracker.exports.figure import (
+    DOTS_PER_INCH,
+    NAME_SIZE,
+    PLAIN_TEXT,
+    fraction,
+    open_patch,
+    write_name,
+)
 from contact_tracker.files import accept_any, whole_file
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR
@@ -30,33 +38,47 @@ _BAND: Final = {
 }
 _RIBBONS: Final = ((1.0, 1.25), (0.0, 0.25))
 """Heights of the first and of the second take."""
-_NARROW: Final = 0.025
-"""Share of the axes' width below which a segment has no name."""
 
 
+@PLAIN_TEXT
 def draw_comparison(comparison: Comparison) -> Figure:
     """Two ribbons of contacts, with a band between the segments of each step, coloured by what differs."""
     figure, axes = pyplot.subplots(figsize=(10.0, 3.2), layout="constrained")
     takes = [steps_of(one) for one in comparison.takes]
-    width_s = max(steps[-1].end_s for steps in takes)
+    axes.set(xlim=(0.0, max(steps[-1].end_s for steps in takes)), ylim=(-0.02, 1.27), xlabel="time (s)")
     for steps, ribbon in zip(takes, _RIBBONS, strict=True):
         for one in steps:
-            _draw_segment(axes, one, ribbon, width_s)
+            _draw_segment(axes, one, ribbon)
     for step in comparison.steps:
         _draw_step(axes, step)
     shown = dict.fromkeys(one.verdict for one in comparison.steps)
     for verdict in shown:
         colour, hatch = _BAND[verdict]
-        axes.fill([], [], facecolor=colour, hatch=hatch, edgecolor="grey", linewidth=0.3, label=verdict.value)
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    axes.set(xlim=(0.0, width_s), ylim=(-0.02, 1.27), xlabel="time (s)")
+        axes.fill(
+            [],
+            [],
+            facecolor=colour,
+            hatch=hatch,
+            edgecolor="grey",
+            linewidth=0.3,
+            label=f"step {verdict.value}",
+        )
+    handles, _ = axes.get_legend_handles_labels()
+    if any(one.is_open for steps in takes for one in steps):
+        handles.append(open_patch())
+    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    names = [
+        f"{letter}: {printable(one.trajectory.name)}"
+        for letter, one in zip("AB", comparison.takes, strict=True)
+    ]
+    axes.set_title("\n".join(names), loc="left", fontsize=NAME_SIZE)
     axes.set_yticks([sum(ribbon) / 2.0 for ribbon in _RIBBONS], ["A", "B"])
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
     return figure
 
 
-def _draw_segment(axes: Axes, one: Step, ribbon: tuple[float, float], width_s: float) -> None:
+def _draw_segment(axes: Axes, one: Step, ribbon: tuple[float, float]) -> None:
     low, high = ribbon
     axes.broken_barh(
         [(one.start_s, one.end_s - one.start_s)],
@@ -67,9 +89,7 @@ def _draw_segment(axes: Axes, one: Step, ribbon: tuple[float, float], width_s: f
         hatch="///" if one.is_open else None,
         linewidth=0.5,
     )
-    if one.end_s - one.start_s > _NARROW * width_s:
-        place = 0.5 * (one.start_s + one.end_s), 0.5 * (low + high)
-        axes.text(*place, one.contact.value, ha="center", va="center", fontsize=8)
+    write_name(axes, one.start_s, one.end_s - one.start_s, ribbon, one.contact.value)
 
 
 def _draw_step(axes: Axes, one: ComparedStep) -> None:
@@ -87,6 +107,7 @@ def _draw_step(axes: Axes, one: ComparedStep) -> None:
     )
 
 
+@PLAIN_TEXT
 def draw_graph(graph: ContactGraph) -> Figure:
     """The contacts on a circle in the order of their first times, and arrows with numbers of transitions."""
     figure, axes = pyplot.subplots(figsize=(8.0, 8.0), layout="constrained")

@@ -1,61 +1,16 @@
-"""HTML of a ribbon and a table of segments, for notebooks and reports."""
+"""HTML of a table of segments, of counts and warnings, for notebooks and reports."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
-from contact_tracker.outputs.text import COLOUR, segment_rows
-from contact_tracker.states import Contact
+from contact_tracker.outputs.text import segment_rows
 from contact_tracker.tracking.belief import Segment
 
 MOST_ROWS: Final = 200
 _BANNER: Final = "border-left:4px solid #e08000;margin:3px 0;padding:2px 8px"
 _CELL: Final = "padding:2px 10px 2px 0;text-align:left;vertical-align:top"
-
-
-def ribbon_html(segments: Sequence[Segment], height_px: int = 22) -> str:
-    """Segments by duration, paler with lower probability; below them their further contacts."""
-    first = [_bar(_lasts_ns(s), s.contact, s.probability) for s in segments]
-    lanes = [_lane(first, height_px)]
-    for number in range(max((len(s.further) for s in segments), default=0)):
-        bars = [bar for s in segments for bar in _further_bars(s, number)]
-        lanes.append(_lane(bars, height_px // 2))
-    return "".join(lanes)
-
-
-def _lane(bars: Sequence[str], height_px: int) -> str:
-    style = f"display:flex;height:{height_px}px;width:100%;margin-bottom:3px"
-    return f'<div style="{style}">{"".join(bars)}</div>'
-
-
-def _bar(lasts_ns: int, contact: Contact, probability: float, joins: str = "") -> str:
-    red, green, blue = COLOUR[contact]
-    colour = f"rgba({red},{green},{blue},{0.25 + 0.75 * probability:.3f})"
-    style = f"flex:{lasts_ns} 0 0;background:{colour};overflow:hidden"
-    title = escape(f"{joins}{contact.value}, probability {probability:.2f}")
-    return f'<div style="{style}" title="{title}"></div>'
-
-
-def _further_bars(segment: Segment, number: int) -> Iterator[str]:
-    """The bar of a further contact, and the gaps before and after it."""
-    if number >= len(segment.further):
-        yield _gap(_lasts_ns(segment))
-        return
-    one = segment.further[number]
-    start_ns = min(max(one.start_ns, segment.start_ns), segment.end_ns)
-    end_ns = segment.end_ns if one.end_ns is None else min(max(one.end_ns, start_ns), segment.end_ns)
-    yield _gap(start_ns - segment.start_ns)
-    yield _bar(max(end_ns - start_ns, 1), one.contact, one.probability, "+ ")
-    yield _gap(segment.end_ns - end_ns)
-
-
-def _gap(lasts_ns: int) -> str:
-    return f'<div style="flex:{lasts_ns} 0 0"></div>' if lasts_ns > 0 else ""
-
-
-def _lasts_ns(segment: Segment) -> int:
-    return max(segment.end_ns - segment.start_ns, 1)
 
 
 def table_html(segments: Sequence[Segment], origin_ns: int) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from contact_tracker.adaptation.report import Report
 from contact_tracker.config.parameters import Model
-from contact_tracker.errors import NoTruth
+from contact_tracker.errors import NoTruth, UnreadableRecording
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
@@ -94,7 +94,7 @@ class Outcome:
     def truth(self) -> Truth | None:
         """The ``labels``, or the truth of the recording, if it can be read again."""
         if self.labels is None and self.log is not None:
-            with suppress(NoTruth):  # nothing that is drawn needs it
+            with suppress(NoTruth, UnreadableRecording):  # nothing that is drawn needs it
                 return read_truth(self.log)
         return self.labels
 

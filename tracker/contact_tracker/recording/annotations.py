@@ -116,12 +116,15 @@ _START: Final = ("start", "begin", "begin_time", "start_time", "onset", "from", 
 _END: Final = ("end", "stop", "end_time", "offset", "to", "tmax")
 _LABEL: Final = ("contact", "label", "state", "annotation", "value", "timeserieslabels", "text")
 _UNIT: Final = re.compile(r"(.+?)[\s_-]*(?:[\[(](\w+)[\])]|[_-](?:\s*)(s|sec|ss\.msec|ms|us|ns))")
-_CLOCK: Final = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
+_CLOCK: Final = re.compile(r"(?:(\d+) days? )?(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
 ANY: Final = "any"
 """The name of all contacts: the object touches."""
 _BYTES: Final = 2**26
 _SLACK_NS: Final = 60 * 10**9
 """Labels may begin and end so long before and after the poses."""
+
+
+Table = Sequence[Sequence[str]]
 
 
 class _Row(NamedTuple):
@@ -131,15 +134,16 @@ class _Row(NamedTuple):
 
 
 def read_labels(
-    path: str, first_ns: int, last_ns: int, meanings: Mapping[str, str] | None = None
+    labels: str | Table, first_ns: int, last_ns: int, meanings: Mapping[str, str] | None = None
 ) -> tuple[Truth, str]:
-    """The truth by the labels in a file, and one line on how their times are taken.
+    """The truth by the labels in a table, and one line on how their times are taken.
 
     Parameters
     ----------
-    path : a table with the columns ``start``, ``end`` and ``contact`` (or ``label``), separated by commas,
-        semicolons or tabs; or JSON of Label Studio. Times are in seconds, unless the names of their columns
-        have another unit, or as ``0:01:02.5``; since the first pose, or as the stamps of the recording.
+    labels : a table with the columns ``start``, ``end`` and ``contact`` (or ``label``): its cells, the names
+        first, or a file of them, separated by commas, semicolons or tabs; or JSON of Label Studio. Times
+        are in seconds, unless the names of their columns have another unit, or as ``0:01:02.5``; since the
+        first pose, or as the stamps of the recording.
     first_ns, last_ns : stamps of the first and last pose.
     meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` for what is not
         scored. Names of states need none.
@@ -151,14 +155,8 @@ def read_labels(
     ChoiceError
         It is not said what a label means.
     """
-    try:
-        with open(path, encoding="utf-8-sig", errors="replace") as file:
-            text = file.read(_BYTES)
-    except OSError as error:
-        raise NoTruth(f"{path}: {error.strerror}{near_file(path)}") from error
-    rows = sorted(
-        _rows_of_json(path, text) if text.lstrip()[:1] in ("[", "{") else _rows_of_table(path, text)
-    )
+    path = labels if isinstance(labels, str) else "labels"
+    rows = sorted(_rows_of_file(path) if isinstance(labels, str) else _rows_of_table(path, labels))
     if not rows:
         raise NoTruth(f"{path}: it has no label")
     is_stamp = rows[0].start_ns >= first_ns - _SLACK_NS and rows[-1].start_ns <= last_ns + _SLACK_NS
@@ -216,12 +214,23 @@ def _meaning(path: str, name: str, meanings: Mapping[str, str]) -> tuple[Contact
         ) from None
 
 
-def _rows_of_table(path: str, text: str) -> Iterator[_Row]:
+def _rows_of_file(path: str) -> Iterator[_Row]:
+    try:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
+            text = file.read(_BYTES)
+    except OSError as error:
+        raise NoTruth(f"{path}: {error.strerror}{near_file(path)}") from error
+    if text.lstrip()[:1] in ("[", "{"):
+        return _rows_of_json(path, text)
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:
         raise NoTruth(f"{path}: it is empty")
     mark = next((mark for mark in ("\t", ";") if mark in lines[0]), ",")
-    names, *rows = csv.reader(lines, delimiter=mark)
+    return _rows_of_table(path, list(csv.reader(lines, delimiter=mark)))
+
+
+def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
+    names, *rows = table
     columns = [_column(names, some) for some in (_START, _END, _LABEL)]
     if any(column is None for column in columns):
         raise NoTruth(f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact")
@@ -274,8 +283,9 @@ def _time_ns(path: str, value: Any, unit_ns: int) -> int:
     clock = _CLOCK.fullmatch(text)
     try:
         if clock is not None:
-            seconds = float(clock[3].replace(",", "."))
-            return round((3600 * int(clock[1] or 0) + 60 * int(clock[2]) + seconds) * 1e9)
+            days, hours, minutes = (int(part or 0) for part in clock.groups()[:3])
+            seconds = float(clock[4].replace(",", "."))
+            return round((86_400 * days + 3600 * hours + 60 * minutes + seconds) * 1e9)
         stamp_ns = stamp_of_date(text)
         return exact_ns(text, unit_ns) if stamp_ns is None else stamp_ns
     except (ValueError, OverflowError) as error:

@@ -44,6 +44,8 @@ _NANOSECONDS: Final = 10
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 _TWICE: Final = "a position and a quaternion"
+_AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
+_OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (
         "UR's RTDE",
@@ -57,6 +59,11 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
     ("FANUC", ("x", "w", "p", "r"), reading_of("rx=W,ry=P,rz=R", euler="xyz:deg", unit="mm")),
     ("Polhemus", ("x", "az", "el", "roll"), reading_of("rz=Az,ry=El,rx=Roll", euler="ZYX:deg", unit="cm")),
+    (_AXIS_ANGLE, ("rx", "ry", "rz", "angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("axis_x", "axis_z", "angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("rot_axis_x", "rot_angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("ax", "ay", "az", "angle"), reading_of("rx=ax,ry=ay,rz=az", rotation_vector=True)),
+    (_AXIS_ANGLE, ("ux", "uy", "uz", "theta"), reading_of("rx=ux,ry=uy,rz=uz", rotation_vector=True)),
     (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
     (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
@@ -189,7 +196,7 @@ def _timed(values: Sequence[str], begin: int, pose: TableReading) -> TableReadin
 def _proposal(columns: Columns, reading: TableReading, path: str) -> str | None:
     """What the columns seem to be, and the command that reads them so; None if nothing fits."""
     reading, about_time, about_rate = _with_time(columns, reading)
-    lower = {name.lower() for name in columns.names}
+    lower = {*map(str.lower, columns.names), *columns.plain}
     for system, names, meant in KNOWN:
         one = meant.with_(reading)
         if lower.issuperset(names) and not _fault(columns, one):
@@ -197,7 +204,10 @@ def _proposal(columns: Columns, reading: TableReading, path: str) -> str | None:
     fault = _fault(columns, reading)
     if fault is None:
         return f"{about_time}: read them by {reading.command(path)}{about_rate}"
-    ways = [reading.with_(reading_of(**one)) for one in ({"euler": "xyz:deg"}, {"rotation_vector": True})]
+    others: tuple[dict[str, Any], ...] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
+    if _OPENSIM.match(str(fault)):
+        others = ({"euler": "XYZ:deg"}, {"euler": "XYZ:rad"})
+    ways = [reading.with_(reading_of(**one)) for one in others]
     if isinstance(fault, OpenReading) and not any(_fault(columns, one) for one in ways):
         commands = " or ".join(one.command(path) for one in ways)
         return (

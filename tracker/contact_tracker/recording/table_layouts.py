@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.quantities import TIMES_NS
 from contact_tracker.config.table_reading import (
+    ANGLE,
     ANGLES,
     GROUPS,
     MATRIX,
@@ -45,6 +46,13 @@ def _from_vectors(vectors: Array, unit: str) -> Array:
     return from_rotation_vectors(np.radians(vectors) if unit == "deg" else vectors)
 
 
+def _from_axes(values: Array, unit: str) -> Array:
+    """Quaternions of unit vectors and angles; zero for an axis of another length."""
+    axes, angles = values[:, :3], values[:, 3:]
+    is_axis = np.abs(np.linalg.norm(axes, axis=1) - 1.0) < _PLAUSIBLE
+    return np.where(is_axis[:, None], _from_vectors(axes * angles, unit), 0.0)
+
+
 def _from_matrices(rows: Array, _: str) -> Array:
     """Quaternions of the rotations nearest to matrices; zero for what is none, which the pose gate counts."""
     matrices = rows.reshape(-1, 3, 3)
@@ -59,6 +67,7 @@ ROTATIONS: Final[Mapping[str, tuple[tuple[str, ...], Callable[[Array, str], Arra
     "quaternion": (QUATERNION, lambda values, _: values),
     "euler": (ANGLES, _from_euler),
     "rotation_vector": (ANGLES, _from_vectors),
+    "axis_angle": ((*ANGLES, ANGLE), _from_axes),
     "matrix": (MATRIX, _from_matrices),
 }
 """Kinds of rotation: the roles of their columns, and the function from their values (N, k), and text on how
@@ -227,6 +236,8 @@ def bodies_of(
         if not kinds or not places.keys() >= set(POSITION):
             continue
         kind = reading.kind or "quaternion"
+        if kind == "rotation_vector" and "axis_angle" in kinds:
+            kind = "axis_angle"
         if kind not in kinds:
             if reading.kind is None:
                 open_names = open_names or [columns[places[r]][0] for r in ROTATIONS[kinds[0]][0]]
@@ -234,7 +245,7 @@ def bodies_of(
         roles, _ = ROTATIONS[kind]
         position = [columns[places[r]] for r in POSITION]
         metres = _metres_of([(label, reading.unit or named or unit) for label, named in position])
-        how = _how(reading, [columns[places[role]] for role in roles])
+        how = _how(reading, [columns[places[role]] for role in roles[3:] or roles])
         bodies.append(Body(name, tuple(places[r] for r in (*POSITION, *roles)), metres, kind, how))
     if open_names and not bodies:
         raise OpenReading.of(open_names)
@@ -292,8 +303,9 @@ _POSITION: Final = re.compile(
 _PREFIXED: Final = re.compile(_BODY + r"(?<![a-z])[pt]([xyz])")
 _ANGLE: Final = re.compile(
     _BODY + r"(?<![a-z])(?:(roll|pitch|yaw)"
-    r"|(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle)[._/: -]*([xyz]))"
+    r"|(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)[._/: -]*([xyz]))"
 )
+_AXIS_ANGLE: Final = re.compile(_BODY + r"(?<![a-z])(?:rot_?)?(?:angle|theta)")
 _TURN: Final = {"roll": "x", "pitch": "y", "yaw": "z"}
 _ELEMENT: Final = re.compile(_BODY + r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])")
 NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
@@ -426,6 +438,8 @@ def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
         yield _body(match[1]), "qw"
     if match := _ANGLE.fullmatch(plain):
         yield _body(match[1]), f"r{_TURN.get(match[2] or '', match[3])}"
+    if match := _AXIS_ANGLE.fullmatch(plain):
+        yield _body(match[1]), ANGLE
     if match := _ELEMENT.fullmatch(plain):
         yield _body(match[1]), f"r{match[3]}{match[2]}" if by_columns else f"r{match[2]}{match[3]}"
 

@@ -289,15 +289,22 @@ _ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, p
 _PICKLE: Final = (
     f"it is a pickle, which runs code when it is loaded: if you trust it, load it in Python; {_ARRAYS}"
 )
+_HDF5: Final = (
+    ", which is not read: file = h5py.File({name!r}); file.visititems(lambda *one: print(*one)) shows the "
+    "names and shapes of its arrays"
+)
+_MATLAB: Final = (
+    "it is a file of MATLAB{arrays}, which is not read: data = scipy.io.loadmat({name!r}, squeeze_me=True); "
+    + _ARRAYS
+)
 _OTHERS: Final = {
     b"\x04\x22\x4d\x18": "it is compressed: lz4 -d {name} first",
     b"\x1f\x8b": "it is compressed: gunzip {name} first",
     b"PK\x03\x04": "it is compressed: unzip {name} first",
     b"BZh": "it is compressed: bunzip2 {name} first",
-    b"\x89HDF\r\n\x1a\n": "it is HDF5, which is not read: file = h5py.File({name!r}); "
-    f"file.visit(print) shows the names of its arrays; {_ARRAYS}",
-    b"MATLAB ": "it is a file of MATLAB{arrays}, which is not read: "
-    f"data = scipy.io.loadmat({{name!r}}, squeeze_me=True); {_ARRAYS}",
+    b"\x89HDF\r\n\x1a\n": f"it is HDF5{_HDF5}; {_ARRAYS}",
+    b"MATLAB 7.3": f"it is HDF5 of MATLAB{_HDF5}, transposed; {_ARRAYS}",
+    b"MATLAB ": _MATLAB,
     b"ARROW1": "it is a table of Arrow (Feather), which is not read: "
     "table = pyarrow.feather.read_table({name!r}); contact_tracker.Trajectory.from_dataframe(table) takes it",
     b"\x80\x04\x95": _PICKLE,
@@ -322,9 +329,9 @@ def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
     format, or named as a table."""
     text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
-    if text is not None:
-        arrays = _arrays_of_matlab(path) if "{arrays}" in text else ""
-        raise UnreadableRecording(text.format(name=os.path.basename(path), arrays=arrays))
+    arrays = _arrays_of_matlab(path) if text == _MATLAB or path.lower().endswith(".mat") else ""
+    if text is not None or arrays:  # MATLAB 4 has no first bytes of its own
+        raise UnreadableRecording((text or _MATLAB).format(name=os.path.basename(path), arrays=arrays))
     if begin and path.lower().endswith(TABLE_ENDINGS):
         raise UnreadableRecording("it is named as a table, but is not text")
 

@@ -18,6 +18,7 @@ from dataclasses import replace
 from itertools import islice, pairwise
 from typing import IO, Any, Final
 
+from contact_tracker.config.quantities import LENGTHS
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import encoding_of
@@ -39,13 +40,32 @@ from contact_tracker.recording.table_layouts import (
     number,
 )
 
+_LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
 _HEAD_LINES: Final = 64
 _LONGEST_CELL: Final = 64
 """Texts of numbers and times are cut to this length (characters) in long lines."""
 _EMPTY: Final = f",;{BLANKS}"
-_COMMENT: Final = "#"
+_COMMENT: Final = re.compile(r"#|%|//|;(?!(?:[^;]*;){2})")
+"""How comments begin; rows of which the first cell is empty have more semicolons than one."""
+_LENGTH_WORD: Final = r"((?:milli|centi|micro)met(?:er|re)s?|inch(?:es)?|mm|cm|um|\u00b5m|\u03bcm)(?!\w)"
+_LENGTH_NAME: Final = (
+    r"(?:units?|einheit(?:en)?|scale|positions?|translations?|lengths?|x\W{1,3}y\W{1,3}z)\W{1,8}"
+)
+_LENGTH_UNIT: Final = re.compile(
+    rf"(?<![^\W_]){_LENGTH_NAME}(?:{_LENGTH_NAME}|(?:are|is|in|of|s|sec|seconds)\W{{1,8}}){{0,4}}"
+    rf"{_LENGTH_WORD}|(?<!\w){_LENGTH_WORD}(?:\W{{1,3}}\2(?!\w)){{2}}",
+    re.IGNORECASE,
+)
+"""A unit of positions in the words of a comment or a preamble, or three times in a row."""
+_SENTENCE: Final = 1000
+"""Length of the beginning of a line in which words are looked for."""
+_PAIR: Final = re.compile(
+    r"(?<![^\s,;{(])([A-Za-z_][\w./]{0,99})\s{0,8}[=:]\s{0,8}(?![A-Za-z_]\w{0,99}[=:])"
+    r"([\[(][^\])]{0,500}[\])]|[^\s,;})]+)"
+)
+"""A value with its name, as ``x=1.0`` or ``q: [0, 0, 0, 1]``."""
 _CUT_OFF: Final = (
     "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
 )
@@ -89,12 +109,12 @@ class TextTable:
         self._path, self._encoding = path, encoding_of(begin)
         self._is_document = False
         with self._opened() as file:
-            head = list(islice(_lines(file), _HEAD_LINES))
+            lines = head = list(islice(_lines(file), _HEAD_LINES))
         if _is_document(head):
             self._is_document = True
             with self._opened() as file:
                 head = list(islice(_entries_in(file), _HEAD_LINES))
-        self.layout = _layout_of(head, reading, path)
+        self.layout = _layout_in_unit(lines, head, reading, path)
         self.damage: tuple[str, ...] = ()
 
     def __iter__(self) -> Iterator[dict[int, Sequence[str]]]:
@@ -111,7 +131,7 @@ class TextTable:
         with self._opened() as file:
             lines = _entries_in(file) if self._is_document else _lines(file)
             for line in islice(lines, layout.skip, None):
-                if line.startswith(_COMMENT):
+                if _COMMENT.match(line):
                     continue
                 if not line.strip(_EMPTY):
                     if layout.kind == "Vicon":
@@ -174,8 +194,10 @@ def _table_of(lines: Sequence[str], separator: str) -> list[list[str]]:
 
 
 def _fields_of(line: str) -> dict[str, str]:
-    """The numbers and texts in a JSON object by their names, as ``pose.position.x`` and ``state[0]``; raises
-    ValueError."""
+    """The numbers and texts in a JSON object, or of values with their names, as ``pose.position.x`` and
+    ``state[0]``; raises ValueError."""
+    if not line.lstrip().startswith("{"):
+        return _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
         given = json.loads(line, parse_float=str, parse_int=str)
     except RecursionError as error:
@@ -252,6 +274,32 @@ def _fields_in(line: str, layout: TableLayout) -> dict[str, str]:
     """The values in a row by their names, where cells have several."""
     cells = map(_values_in, _cells_of(line, layout.separator))
     return _flattened(dict(zip(layout.heads, cells, strict=False)))
+
+
+def _layout_in_unit(
+    lines: Sequence[str], head: Sequence[str], reading: TableReading, path: str
+) -> TableLayout:
+    """The layout of rows ``head``; raises also where positions would be in metres, and the first lines of the
+    file say another unit."""
+    stated = (
+        _LENGTH_UNIT.search("\n".join(line[:_SENTENCE] for line in lines)) if reading.unit is None else None
+    )
+    word = "" if stated is None else str(stated[1] or stated[2]).lower()
+    unit = next((unit for unit in LENGTHS if LENGTHS[unit] == LENGTHS_M.get(word)), None)
+    in_unit = reading.with_(reading_of(unit=unit))
+    try:
+        layout = _layout_of(head, reading, path)
+    except UnreadableRecording:
+        if unit is None:
+            raise
+        return _layout_of(head, in_unit, path)  # the command that is proposed has the unit
+    if unit is not None and any(body.metres == 1.0 for body in layout.bodies):
+        in_metres = reading.with_(reading_of(unit="m"))
+        raise UnreadableRecording(
+            f"a unit is {word} above its rows: if it is that of positions, read them by "
+            f"{in_unit.command(path)} or, if these are in metres, {in_metres.command(path)}"
+        )
+    return layout
 
 
 def _layout_of(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -376,6 +424,12 @@ def _separator_after(word: str, line: str) -> str:
     return mark if mark in (";", "\t") else ","
 
 
+def _has_names(line: str) -> bool:
+    """Whether a row has the values of a pose with their names."""
+    values = _fields_of(line).values() if _PAIR.search(line) else ()
+    return sum(are_numbers([value]) for value in values) >= _LEAST_OF_POSE
+
+
 def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
     """The layout of lines with a JSON object each, with the names of all that are in the first ones."""
     names = dict[str, None]()
@@ -399,17 +453,17 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
     row of numbers."""
     first = next((line for line in lines if line.strip()), "")
     stated = _SEPARATOR_LINE.fullmatch(first)
-    rows = [i for i, line in enumerate(lines) if line.strip() and not line.startswith(_COMMENT)]
+    rows = [i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)]
     rows = rows[1:] if stated else rows
     if not rows:
         raise UnreadableRecording(f"its first {len(lines)} lines are empty or comments: leave them out")
-    comments = [rows[0] - 1] if rows[0] and lines[rows[0] - 1].startswith(_COMMENT) else []
+    comments = [rows[0] - 1] if rows[0] and _COMMENT.match(lines[rows[0] - 1]) else []
     errors = dict[int, Exception]()
     """The first of each number of names; of comments at -1."""
     for i in [*comments, *rows]:
         following = [lines[row] for row in rows if row > i]
         separator = stated[1] if stated else _separator(following[0] if i in comments else lines[i])
-        line = lines[i].lstrip("# ") if i in comments else lines[i]
+        line = lines[i].lstrip("#%/; ") if i in comments else lines[i]
         names = [name.strip(BLANKS) for name in _cells_of(line, separator)]
         if i in comments and len(names) != len(_cells_of(following[0], separator)):
             continue
@@ -527,7 +581,7 @@ _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]
 _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
     (lambda first: first.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
     (lambda first: first.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
-    (lambda first: first.lstrip().startswith("{"), _json_layout),
+    (lambda first: first.lstrip().startswith("{") or _has_names(first), _json_layout),
     (lambda first: first.startswith(_QUALISYS), _qualisys_layout),
 )
 """Known formats: whether the first line is of one, and its layout; other files have rows, named or not."""

@@ -1,6 +1,6 @@
 """Results of the tracker: beliefs of ticks, and segments."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -201,8 +201,8 @@ class Segment:
     inseparable: tuple[Contact, ...] = ()
     further: tuple[FurtherContact, ...] = ()
     joint: Joint | None = None
-    motion: ContactMotion | None = None
-    task_frame: TaskFrame | None = None
+    motion: ContactMotion | None = field(default=None, repr=False)
+    task_frame: TaskFrame | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "further", beside(self.further, self.probability))

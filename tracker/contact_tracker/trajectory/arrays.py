@@ -169,6 +169,12 @@ def names_in(table: Any) -> list[str]:
     return [str(one) for one in names]
 
 
+def cells_of(table: Any) -> list[list[str]]:
+    """The names of the columns of a table, and below them its values as text."""
+    names = names_in(table)
+    return [names, *([str(value) for value in row] for row in zip(*(table[n] for n in names), strict=True))]
+
+
 def with_columns(
     table: Any, reading: TableReading, stamp: Any, position_m: Any, quat_xyzw: Any
 ) -> TableReading:

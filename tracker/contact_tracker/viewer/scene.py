@@ -136,7 +136,7 @@ def _wheel(normal: Array, centre: Array, half_m: float) -> Mesh:
     rim = _mesh(centre + (half_m - thick) * out[:, None] + thick * section)
     angles = np.pi * np.arange(_SPOKES) / _SPOKES
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ basis.T
-    spokes = (_mesh(_capped(way, centre, half_m, 0.5 * thick, _ROUND)) for way in ways)
+    spokes = (_mesh(_capped(way, centre, half_m, 0.5 * thick, _ROUND[::4])) for way in ways)
     return joined([rim, *spokes])
 
 

@@ -48,12 +48,16 @@ def to_file(path: Path) -> Sink:
 
 
 def to_viewer(port: int = PORT) -> Sink:
-    """A sink that shows it in the viewer at ``port``; a viewer is started if nothing listens there."""
+    """A sink that shows it in the viewer at ``port``; a viewer is started if nothing listens there.
+
+    Raises ViewerError at once if a window cannot be opened, and no viewer listens.
+    """
+    has_screen = sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    if not has_screen and answers(port) is None:
+        raise ViewerError(f"there is no screen for the rerun viewer: {_WITHOUT_SCREEN}")
 
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
         speaks = answers(port)
-        if speaks is None and not _has_screen():
-            raise ViewerError(f"there is no screen for the rerun viewer: {_WITHOUT_SCREEN}")
         if speaks is None:
             start(port, WINDOW)
         elif not speaks:
@@ -61,10 +65,6 @@ def to_viewer(port: int = PORT) -> Sink:
         recording.connect_grpc(address(port), default_blueprint=blueprint)
 
     return connect
-
-
-def _has_screen() -> bool:
-    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
 def address(port: int) -> str:

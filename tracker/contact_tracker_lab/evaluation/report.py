@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -10,11 +9,10 @@ from operator import add
 from pathlib import Path
 from typing import Any, Final
 
-from contact_tracker.api.offline import Result
+from contact_tracker.api.offline import Labels, Result
 from contact_tracker.errors import UsageError, printable
-from contact_tracker.recording import read_labels
 from contact_tracker.states import STATES
-from contact_tracker.trajectory.arguments import ModelLike, model_from, path_from
+from contact_tracker.trajectory.arguments import ModelLike, model_from
 from contact_tracker_lab.evaluation.evaluate import Evaluation, FurtherScore, answers_to
 from contact_tracker_lab.evaluation.evaluate import evaluate as evaluate_segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
@@ -105,7 +103,7 @@ class Report:
 
 def evaluate(
     result: Result,
-    labels: str | os.PathLike[str],
+    labels: Labels,
     meanings: Mapping[str, str] | None = None,
     by_arrival: bool = False,
     model: ModelLike = "default",
@@ -114,7 +112,7 @@ def evaluate(
 
     Parameters
     ----------
-    labels : a table with the columns ``start``, ``end`` and ``contact`` (docs/python.md).
+    labels : a file or a DataFrame with the columns ``start``, ``end`` and ``contact`` (docs/python.md).
     meanings : states by label: ``{"touch": "any", "flat": "f-f|e-f", "unclear": "?"}``. Names of states need
         none; coarse labels are right with each of their states.
     by_arrival : track the poses online as well, with ``model``, and score what had been answered when.
@@ -128,14 +126,13 @@ def evaluate(
     Raises
     ------
     NoTruth
-        The file is no such table.
+        It is no such table.
     UsageError
         It is not said what a label means, or an argument is of the wrong type.
     """
     if not isinstance(result, Result):
         raise UsageError(f"a result is what segment returns, not {type(result).__name__}")
-    path, poses = path_from(labels, "labels"), result.trajectory.poses
-    truth, _ = read_labels(path, int(poses.stamp_ns[0]), int(poses.stamp_ns[-1]), meanings)
+    poses, truth = result.trajectory.poses, result.truth_by(labels, meanings)
     answers = answers_to(poses, model_from(model)) if by_arrival else None
     name = Path(result.trajectory.name).name
     found = evaluate_segmentation(poses, truth, result.segmentation, answers)
