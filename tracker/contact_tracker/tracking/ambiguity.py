@@ -304,14 +304,16 @@ def may_be_flush(
     A segment as a whole may show a turn that parts of it do not show.
     """
     flush = np.zeros(len(window), bool)
-    one, other = geometry.environment, geometry.object
-    if label is Contact.FF or not (isinstance(one, Plane) or isinstance(other, Plane)):
-        return flush
+    environment, body = geometry.environment, geometry.object
     assert window.frames is not None
     rows = np.flatnonzero(window.frames)
     R_world_body = window.zeta[rows][:, R].reshape(-1, 3, 3)
-    # the normal of the environment's face in the body frame, or that of the object's in the world frame
-    normal = one.normal @ R_world_body if isinstance(one, Plane) else R_world_body @ other.normal
+    if label is not Contact.FF and isinstance(environment, Plane):
+        normal = environment.normal @ R_world_body  # in the body frame
+    elif label is not Contact.FF and isinstance(body, Plane):
+        normal = R_world_body @ body.normal  # in the world frame
+    else:
+        return flush
     count = min(round(FLUSH_S / tick_s) + 1, len(rows))
     if count < NOW_TICKS:
         return flush

@@ -85,9 +85,10 @@ def predict_transitions(
 
 def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
     """Birth proposals of each contact by the map as it is; those whose inputs are as before are kept."""
-    left_out, current = (), state.current_pair
     if state.uses_later_contacts:
         left_out, current = state.map.shown_after(state.ticks, state.model.tick_s), None
+    else:
+        left_out, current = (), state.current_pair
     before, now = state.cached_proposals, CachedProposals(state.map, left_out, current, frame, ())
     if now[:-1] == before[:-1]:
         return before
