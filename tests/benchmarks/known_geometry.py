@@ -128,8 +128,8 @@ def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, 
         raise SystemExit(f"{path}: its metadata have no vertices of the object")
     object = elements_of(convex(vertices_m), number_name, accuracy, body.rotation, body.by_m)
     return Map(
-        surroundings if level in ("surroundings", "both") else (),
-        object if level in ("object", "both") else (),
+        listed_environment=surroundings if level in ("surroundings", "both") else (),
+        listed_object=object if level in ("object", "both") else (),
         object_complete=level in ("object", "both"),
     )
 

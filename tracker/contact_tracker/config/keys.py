@@ -27,19 +27,22 @@ MOST_BYTES: Final = 1_000_000
 _NUMBER: Final = int | float | np.integer | np.floating
 
 
-def read_toml(path: Path, fault: type[KeyFault], given: str, unreadable: str) -> dict[str, Any]:
+def read_toml(
+    path: Path, fault: type[KeyFault], given: str, unreadable: str, near: str | None = None
+) -> dict[str, Any]:
     """The keys of a TOML file, not validated.
 
     Parameters
     ----------
     fault : is raised if the file, which was ``given`` by this name, cannot be read or parsed.
     unreadable : the beginning of the text if it cannot be read.
+    near : its end, by default a file that may be meant.
     """
     try:
         content = read_regular(path, MOST_BYTES)
     except (OSError, ValueError) as error:  # names with a zero byte
         reason = getattr(error, "strerror", None) or error
-        raise fault("", f"{unreadable}: {reason}{near_file(given)}") from error
+        raise fault("", f"{unreadable}: {reason}{near or near_file(given)}") from error
     try:
         return parse_toml(content.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through

@@ -46,7 +46,7 @@ def load_model(name_or_path: str = "default") -> Model:
     names = preset_names()
     unreadable = f"{name_or_path!r} is neither one of {', '.join(names)} nor a file that can be read"
     near = suggestion(name_or_path, names)
-    table = read_toml(model_file(name_or_path), ModelError, name_or_path, unreadable + near)
+    table = read_toml(model_file(name_or_path), ModelError, name_or_path, unreadable, near)
     model: Model = _build(Model, Keys(table, fault=ModelError))
     if model.search.window_s < _LEAST_WINDOW_TICKS * model.tick_s:
         raise ModelError("search.window_s", f"must be {_LEAST_WINDOW_TICKS} ticks (tick_s) at least")
@@ -104,7 +104,7 @@ def _by_state(
     keys: Keys, key: str, entry: Callable[[Keys, str], Any] = _count, absent: Any = 0.0
 ) -> tuple[Any, ...]:
     """Seven values from a table of the states' names, ``absent`` where one is not in it."""
-    own = keys.table(key)
+    own = keys.table(key, is_required=True)
     values = tuple(entry(own, state.value) if state.value in own else absent for state in STATES)
     own.finish()
     return values

@@ -189,11 +189,12 @@ def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
 
 class CachedProposals(NamedTuple):
     """``proposals`` of each contact with what they were computed from: the map without the sightings
-    ``left_out``, the pair that touches already, and the frame."""
+    ``left_out``, the pair that touches already, the one of the last contact, and the frame."""
 
     map: GrowingMap
     left_out: tuple[int, ...]
     current: tuple[Key, Key] | None
+    latest: tuple[Key, Key] | None
     frame: Frame | None
     proposals: tuple[BirthProposals, ...]
 
@@ -203,7 +204,7 @@ class CachedProposals(NamedTuple):
         kinds = None if self.current is None else tuple(self.map.elements[key].kind for key in self.current)
         current = self.current if kinds == kinds_of(model) else None
         frame = None if self.frame is None else self.frame[: 2 if kinds_of(model)[1] == "f" else 3]
-        return self.map, self.left_out, current, frame
+        return self.map, self.left_out, current, self.latest, frame
 
 
 class TickInput(NamedTuple):

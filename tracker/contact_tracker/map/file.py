@@ -83,7 +83,14 @@ def map_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambd
     object, object_complete = _elements(object_keys, folder, note)
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
     environment = mark_covered(environment)
-    known = Map(environment, object, up, environment_complete, object_complete, learned)
+    known = Map(
+        listed_environment=environment,
+        listed_object=object,
+        up=up,
+        environment_complete=environment_complete,
+        object_complete=object_complete,
+        learned=learned,
+    )
     pairs = {model.contact.value: len(named_pairs(known, model)) for model in CONTACT_MODELS}
     for of, count, most in (
         *((f" for {contact}", count, MOST_PAIRS_OF_CONTACT) for contact, count in pairs.items()),

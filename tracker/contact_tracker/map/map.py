@@ -53,7 +53,7 @@ class Up:
     spread_rad: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Map:
     """Elements that are listed with names, of the object in the body frame and of the environment in the
     world frame, and those that were ``learned`` from another recording, with which the map of a recording

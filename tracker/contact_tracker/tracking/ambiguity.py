@@ -58,7 +58,8 @@ FLUSH_S: Final = 1.0
 FLUSH_RAD: Final = float(np.radians(0.3))
 """... by more than this standard deviation, beyond that of the noise: faces that touch rock by as much. On 32
 recordings it has not turned in 5.0 of 6.2 s of f-f that is surely taken for another contact, and in 5.4 of
-326 s that are surely right; with 0.2 deg in 2.8 and 3.2 s, with 0.5 deg in 5.2 and 12.3 s."""
+326 s that are surely right; with 0.2 deg in 2.8 and 3.2 s, with 0.5 deg in 5.2 and 12.3 s, for half of
+``FLUSH_S`` in 5.5 and 10.9 s, for twice as long in 4.0 and 1.8 s."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""

@@ -87,14 +87,16 @@ def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
     """Birth proposals of each contact by the map as it is; those whose inputs are as before are kept."""
     if state.uses_later_contacts:
         left_out, current = state.map.shown_after(state.ticks, state.model.tick_s), None
+        latest = state.map.latest_before(state.ticks)
     else:
-        left_out, current = (), state.current_pair
-    before, now = state.cached_proposals, CachedProposals(state.map, left_out, current, frame, ())
+        left_out, current, latest = (), state.current_pair, state.map.whole.latest
+    before, now = state.cached_proposals, CachedProposals(state.map, left_out, current, latest, frame, ())
     if now[:-1] == before[:-1]:
         return before
-    view = state.map.without(left_out) if left_out else state.map.whole
-    latest = state.map.latest_before(state.ticks) if state.uses_later_contacts else view.latest
-    view, share = replace(view, current=current, latest=latest), state.model.geometry.revisit_prior
+    view = replace(
+        state.map.without(left_out) if left_out else state.map.whole, current=current, latest=latest
+    )
+    share = state.model.geometry.revisit_prior
     return now._replace(
         proposals=tuple(
             kept

@@ -1,6 +1,6 @@
 """The state of a contact filter between two ticks."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,12 @@ from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.transition_model import log_initial
 
 Array = NDArray[np.float64]
+
+
+def _constant(array: NDArray[Any]) -> NDArray[Any]:
+    """The array as a value that all filters share."""
+    array.setflags(write=False)
+    return array
 
 
 class FilterState(NamedTuple):
@@ -58,9 +64,9 @@ class FilterState(NamedTuple):
     """Free motion as this filter sees it, if its ticks have been averaged for another one."""
     window: Window = EMPTY_WINDOW
     """The latest ticks by which the hypotheses have been updated."""
-    residual: Array = np.full(len(CONTACT_MODELS), np.nan)
+    residual: Array = _constant(np.full(len(CONTACT_MODELS), np.nan))
     """(6,) whitened residual of each contact, see ``Belief``."""
-    best_rows: NDArray[np.int64] = np.full(len(CONTACT_MODELS), -1)
+    best_rows: NDArray[np.int64] = _constant(np.full(len(CONTACT_MODELS), -1))
     """(6,) row of the best hypothesis in each bank; -1 for an empty one."""
     ticks: int = 0
     """Number of ticks so far."""
@@ -77,7 +83,7 @@ class FilterState(NamedTuple):
     """The last test of free motion for a curved surface."""
     hazard_exposure: float = 0.0
     """Exposure to a change of state at the last boundary, in ticks of motion."""
-    log_transition: Array = np.zeros((len(STATES), len(STATES)))
+    log_transition: Array = _constant(np.zeros((len(STATES), len(STATES))))
     """(7, 7) log probabilities of change at that boundary, from row to column."""
     log_normaliser: float = 0.0
     """Sum of the normalisation constants of the weights (nats)."""
@@ -127,7 +133,7 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Filte
         banks,
         LiveHypotheses.of(banks, -1),
         empty,
-        CachedProposals(empty, (), None, None, tuple(map(uninformed_proposal, CONTACT_MODELS))),
+        CachedProposals(empty, (), None, None, None, tuple(map(uninformed_proposal, CONTACT_MODELS))),
         log_initial(model),
         log_initial(model),
         np.zeros((len(STATES), length, len(STATES))),
