@@ -158,7 +158,10 @@ WRONG = [
         (with_seen(SEEN | table), f"transitions.counts.{key}", reason)
         for table, key, reason in CONTACTS_TABLES
     ),
-    *((with_seen({k: v for k, v in SEEN.items() if k != one}), one, "missing") for one in SEEN),
+    *(
+        (with_seen({k: v for k, v in SEEN.items() if k != one}), f"transitions.counts.{one}", "missing")
+        for one in SEEN
+    ),
     *((toml(changed(*one)), ".".join(filter(None, one[:2])), reason) for one, reason in CHANGES),
     *((toml({k: v for k, v in DEFAULT.items() if k != one}), one, "missing") for one in SECTIONS),
     *((toml({one: 3.0} | {k: v for k, v in DEFAULT.items() if k != one}), one, "table") for one in SECTIONS),
