@@ -1,4 +1,4 @@
-"""Whether contacts use what the map names, and where it is.
+"""Whether contacts use what the map names and where it is, and whether elements found twice agree.
 
 If no contact is on any named element of a side, but some are on others, the named ones may be elsewhere. If
 one is wrong by more than its standard deviations, but by less than what refutes it, contacts are still found

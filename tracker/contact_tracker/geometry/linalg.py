@@ -1,4 +1,5 @@
-"""Linear algebra of one small matrix by direct calls of LAPACK, whose wrappers take several times longer."""
+"""Linear algebra of one small matrix by direct calls of LAPACK, whose wrappers take several times longer, and
+the damping of Gauss-Newton steps."""
 
 from typing import Final
 

@@ -1,4 +1,5 @@
-"""Findings in a stream of poses that the user has to know, because labels would be wrong otherwise.
+"""Findings in a stream of poses that the user has to know, because labels would be wrong otherwise: filtered
+poses, two bodies on one topic, units and conventions.
 
 All statistics are computed on blocks of poses counted from the first one, so that they do not depend on
 batches. Repeated poses are left out.

@@ -1,5 +1,5 @@
-"""Maps in TOML files (docs/map.md): loading with validation, also from a table of the same keys, and writing
-of what was learned."""
+"""Files of maps (docs/map.md): TOML, loaded with validation, also from a table of the same keys, and written
+with what was learned; and the STL and OBJ meshes that they name, as faces, edges and vertices."""
 
 import math
 import re

@@ -1,4 +1,5 @@
-"""Many minima of one objective at once: batched Levenberg-Marquardt on the Kronecker form.
+"""The paper's objectives in Kronecker form and their minima: many at once by batched Levenberg-Marquardt, or
+one by SLSQP.
 
 ``F = v.T K v`` with ``v = x (x) y`` is a sum of squares that are linear in v, so that ``J.T K J`` with
 ``J = dv/dtheta`` is the Gauss-Newton matrix, and steps need no sums over frames. Since v is a product, all

@@ -1,6 +1,8 @@
 """The online filter of contacts for one model of the noise, as in the figure of docs/theory.md.
 
 tick -> window -> births and transitions -> hypotheses (fit, evidence) -> weights of the states -> belief
+
+Also the forward pass with it over the ticks of a recording.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
