@@ -128,6 +128,12 @@ def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
     assert [changes.update(belief(*one))[0] for one in given] == [True, False, True, True, False]
 
 
+def test_further_contacts_that_begin_at_about_the_same_time_are_reported_as_often_as_they_end() -> None:
+    changes, now = Changes(), (further(4), further(5))
+    reported = [changes.update(belief_at(6, further=those)) for those in (now[:1], now, now, now[1:], ())]
+    assert [(len(begin), len(end)) for _, begin, end in reported] == [(1, 0), (1, 0), (0, 0), (0, 1), (0, 1)]
+
+
 def probabilities(found: list[tuple[FinishedSegment, SegmentFit]]) -> NDArray[np.float64]:
     return np.concatenate([segment.with_fit(fit)[1].probability for segment, fit in found])
 

@@ -267,9 +267,19 @@ class Changes:
             self.label, self.open = belief.contact, opened
         self.settled = settles or (self.settled and not changed and not opens)
         before, self.further = self.further, belief.further
-        joins = [one for one in belief.further if not any(_is_same(one, other) for other in before)]
-        leaves = [one for one in before if not any(_is_same(one, other) for other in belief.further)]
-        return is_news, joins, leaves
+        return is_news, _without(belief.further, before), _without(before, belief.further)
+
+
+def _without(contacts: Iterable[FurtherContact], others: Iterable[FurtherContact]) -> list[FurtherContact]:
+    """The contacts that are none of the others, of which each is one contact only."""
+    rest, left = [*others], list[FurtherContact]()
+    for contact in contacts:
+        same = next((i for i, other in enumerate(rest) if _is_same(contact, other)), None)
+        if same is None:
+            left.append(contact)
+        else:
+            del rest[same]
+    return left
 
 
 def _is_same(one: FurtherContact, other: FurtherContact) -> bool:
