@@ -97,6 +97,10 @@ CALLS: dict[str, tuple[Callable[[Given, Any], Any], tuple[Any, ...]]] = {
     "read(parent)": (lambda given, value: ct.read(given.log, parent=value, child="a"), NO_TEXTS),
     "from_arrays(order)": (lambda given, value: given.arrays(order=value), (None, *NO_TEXTS)),
     "from_arrays(unit)": (lambda given, value: given.arrays(unit=value), (None, *NO_TEXTS)),
+    "from_arrays(lengths)": (
+        lambda given, value: given.arrays(positions_m=given.position_m[:value]),
+        (0, 1, FEW - 1),
+    ),
     "from_dataframe(table)": (lambda _, value: ct.Trajectory.from_dataframe(value), NO_TABLES),
     **{
         f"from_dataframe({name})": (
@@ -140,6 +144,23 @@ CALLS: dict[str, tuple[Callable[[Given, Any], Any], tuple[Any, ...]]] = {
         lambda given, value: ct.segment(given.trajectory, mass_kg=value),
         (1.0,),
     ),
+    "segment(progress)": (
+        lambda given, value: ct.segment(given.trajectory, progress=value),
+        (True, 3, "print", []),
+    ),
+    "compare(second)": (lambda given, value: ct.compare(given.result, value), (None, 3, b"a", [])),
+    "evaluate(labels)": (lambda given, value: ct.evaluate(given.result, value), (*NO_PATHS, "none.csv")),
+    "evaluate(result)": (lambda given, value: ct.evaluate(value, given.log), (None, 3, "a", [])),
+    "plot(ax)": (lambda given, value: given.result.plot(ax=value), (True, 3, "text", [])),
+    "plot(labels)": (lambda given, value: given.result.plot(labels=value), (True, 3, b"a", "none.csv")),
+    "PlanFollower(plan)": (lambda _, value: ct.PlanFollower(value), (None, 3, "plan.toml", [])),
+    "PlanFollower.update(belief)": (
+        lambda given, value: ct.PlanFollower(given.result.plan).update(value),
+        (None, 3, "f-f", []),
+    ),
+    "Plan.read(path)": (lambda _, value: ct.Plan.read(value), (*NO_PATHS, "none.toml")),
+    "Map.load(path)": (lambda _, value: ct.Map.load(value), (*NO_PATHS, "none.toml")),
+    "Result.load(path)": (lambda _, value: ct.Result.load(value), (*NO_PATHS, "none.contacts")),
     "Tracker(lag_s)": (lambda _, value: ct.Tracker(lag_s=value), (*NO_NUMBERS, None, 1e3)),
     "update(stamp_ns)": (lambda _, value: update(0, value), (None, True, np.True_, 1.5, 1j, "1", [1])),
     "update(position_m)": (

@@ -81,6 +81,16 @@ def test_steady_motion_is_no_rest(speed_m_s: float) -> None:
     assert not at_rest(ticks(along(speed_m_s * TICK_S * np.arange(TICKS))), TICK_S).any()
 
 
+@pytest.mark.parametrize(("amplitude", "rests"), [(2.5, True), (20.0, False)])
+def test_an_object_that_vibrates_rests_but_not_one_that_is_shaken(amplitude: float, rests: bool) -> None:
+    """From tick to tick, in deviations of a tick of 20 poses by noise; the rest ends where motion begins."""
+    way_m = along(np.concatenate([np.zeros(30), 0.02 * np.arange(1.0, 11.0)]))
+    way_m[10:30] += amplitude * QUIET_M * np.random.default_rng(0).normal(size=(20, 3))
+    resting = at_rest(ticks(way_m, np.full(40, 20.0)), TICK_S)
+    assert (resting[15:30] == rests).all()
+    assert not resting[31:].any()
+
+
 def test_a_gap_is_no_rest_but_may_lie_within_one() -> None:
     place, frames = along(np.zeros(TICKS)), np.ones(TICKS)
     frames[20:40] = 0.0

@@ -200,12 +200,14 @@ class Result(Outcome):
         Your own ``labels`` (and their ``meanings``, as of ``evaluate``) are drawn instead of the truth in the
         recording.
         """
-        from contact_tracker.exports.figure import Figure, draw_figure, draw_on
+        from contact_tracker.exports.figure import Axes, Figure, draw_figure, draw_on
 
         outcome = self
         if labels is not None:
             outcome = replace(self, labels=self.truth_by(labels, meanings))
         if ax is not None:
+            if not isinstance(ax, Axes):
+                raise UsageError(f"ax are axes of matplotlib, not {type(ax).__name__}")
             draw_on(ax, outcome)
             figure = ax.get_figure(root=True)
             assert isinstance(figure, Figure)
@@ -315,6 +317,8 @@ def segment(
         if wrench is None:
             raise UsageError("mass_kg is of use with wrench only")
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
+    if progress is not None and not callable(progress):
+        raise UsageError(f"progress is a function that takes the number of poses, not {progress!r}")
     given = model_from(model, noise, accuracy)
     notes = list[str]()
     known_map = map_of(known, notes.append, states)

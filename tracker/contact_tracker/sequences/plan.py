@@ -23,6 +23,7 @@ from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.sequences.steps import LEAST_PROBABILITY, steps_of
 from contact_tracker.states import STATES, Contact, states_from
 from contact_tracker.tracking.belief import Belief
+from contact_tracker.trajectory.arguments import path_from
 
 Array = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ class Plan:
     def read(cls, path: str) -> "Plan":
         """The plan in a TOML file (docs/assembly.md); raises UsageError."""
         try:
-            keys = Keys(read_table(path))
+            keys = Keys(read_table(path_from(path)))
             duration_sd = keys.number("duration_sd", DURATION_SD, _LEAST_DURATION_SD, 1.0)
             rows = keys.tables("step")
             keys.finish()
@@ -158,6 +159,8 @@ class PlanFollower:
     """
 
     def __init__(self, plan: Plan) -> None:
+        if not isinstance(plan, Plan):
+            raise UsageError(f"plan is a Plan, as of Plan.read, not {type(plan).__name__}")
         self.plan = plan
         count = ceil(plan.duration_sd**-2)
         lengths = [int(min(max((one.duration_s or 0.0) / STAGE_S, 1.0), count)) for one in plan.steps]
@@ -179,6 +182,8 @@ class PlanFollower:
 
     def update(self, belief: Belief) -> Progress:
         """Take the next belief in."""
+        if not isinstance(belief, Belief):
+            raise UsageError(f"a belief is what Tracker.update returns, not {type(belief).__name__}")
         p = np.maximum(belief.probability, LEAST_PROBABILITY)
         p = p / p.sum()
         predicted = np.full(len(STATES), 1.0 / len(STATES))

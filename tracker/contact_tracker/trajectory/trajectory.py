@@ -135,6 +135,8 @@ class Trajectory:
         """
         reading = stated(unit, time_unit, euler=euler, rotation_vector=rotation_vector, rate=rate)
         place, turn = positions_and_quaternions(positions_m, quaternions, order, reading)
+        if len(place) != len(turn):
+            raise UsageError(f"{len(place)} positions_m and {len(turn)} quaternions: one of each per pose")
         time_ns = None if have_own_unit(stamps) else reading.time_ns or TIMES_NS["s"]
         return cls._passed(stamps, time_ns, np.hstack([place * LENGTHS[reading.unit or "m"], turn]), reading)
 
