@@ -49,7 +49,8 @@ class TaskFrame:
         x, y, z and angular velocity about x, y, z. The others are free. Without friction, the contact
         transmits the same coordinates of the wrench, and all others are zero.
     covariance : (6, 6) of shifts of the origin along x, y, z (m), and of turns of the frame about x, y, z
-        (rad), from those of the elements (docs/theory.md, T51); None if one of these is unknown.
+        (rad), from those of the elements (docs/theory.md, T51); None if one of these is unknown, or the
+        edges are too nearly parallel.
     pitch_m_per_rad : of screws, whose velocity along z is not zero but so much for each radian about z.
     """
 
@@ -210,7 +211,8 @@ def _across(geometry: ContactGeometry, pose: Array) -> Array:
 
 
 def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array | None:
-    """Covariance (6, 6) of the frame that is built of independent ``elements``, to first order (T51)."""
+    """Covariance (6, 6) of the frame that is built of independent ``elements``, to first order (T51); None
+    if one of theirs is unknown, or a step makes edges parallel."""
     frame = build(*elements)
     assert frame is not None
     total = np.zeros((6, 6))
@@ -224,8 +226,8 @@ def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array
             moved = [
                 build(*elements[:i], _of(element, values + s), *elements[i + 1 :]) for s in (step, -step)
             ]
-            assert moved[0] is not None
-            assert moved[1] is not None
+            if moved[0] is None or moved[1] is None:
+                return None
             changes[:3, k] = frame[:3, :3].T @ (moved[0] - moved[1])[:3, 3]
             turn = frame[:3, :3].T @ (moved[0] - moved[1])[:3, :3]
             changes[3:, k] = turn[2, 1], turn[0, 2], turn[1, 0]
