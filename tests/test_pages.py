@@ -1,5 +1,6 @@
 """The pages of the site run as written, and the site contains all of them."""
 
+import hashlib
 import re
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -146,6 +147,11 @@ def test_the_gallery_says_what_was_not_run(
     assert re.findall(r"^contact-tracker .*", written, re.MULTILINE) == re.findall(
         r"^contact-tracker .*", published, re.MULTILINE
     )
+    command = "contact-tracker segment 06_drawer.mcap --known k.toml"
+    entry = {"name": "", "source": "", "asks": "", "command": command}
+    entry["sha256"] = hashlib.sha256(b"another").hexdigest()
+    assert gallery.section(1, entry, tmp_path).endswith("Not run here.\n")
+    assert "k.toml is absent" in capsys.readouterr().err
     for picture in re.findall(r"\(images/(.*)\)", published):
         assert (DOCS / "images" / picture).stat().st_size > 10_000
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +14,8 @@ import pytest
 from contact_tracker import processes
 from contact_tracker.errors import ContactTrackerError
 from contact_tracker.processes import Workers, local_processes
+from contact_tracker_lab import physics
+from contact_tracker_lab.benchmark.runner import measured
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
 
@@ -156,3 +159,30 @@ def test_more_processes_than_the_platform_allows_are_not_started(monkeypatch: py
     monkeypatch.setattr(processes, "MOST_WORKERS", 2)
     with Workers(5, prepare) as workers:
         assert workers._max_workers == 2
+
+
+class Killing:
+    """An argument that kills the process to which it is given."""
+
+    name = "killing"
+
+    def __reduce__(self) -> tuple[Callable[[int], object], tuple[int]]:
+        return os._exit, (9,)
+
+
+def test_commands_of_the_lab_say_in_one_line_that_a_process_was_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(physics, "_engine", prepare)
+    monkeypatch.setattr(physics, "make", print)
+    monkeypatch.setattr(physics, "SETS", {"set": (Killing(),)})
+    with pytest.raises(SystemExit):
+        physics.main([str(tmp_path), "--processes", "1"])
+    assert "error: a process has ended before its work was done" in capsys.readouterr().err
+    with pytest.raises(ContactTrackerError, match="a process has ended"):
+        dict(measured(print, {"set": [(Killing(),)]}, 1))
+
+
+def test_a_text_that_ends_a_function_is_given_to_the_caller() -> None:
+    with pytest.raises(SystemExit, match="no such"), Workers(1) as pool:
+        pool.submit(sys.exit, "no such").result()

@@ -1,9 +1,10 @@
-"""Writes docs/gallery.md and its pictures from public recordings that you have fetched:
+"""Writes docs/gallery.md and its pictures from extracts of public recordings in a folder:
 
     python docs/examples/gallery.py FOLDER
 
 Which ones, gallery.toml says. Each is looked for in FOLDER and below it by its name, and has to be the one of
-which the page is written. One that is not found is said in a line, and the page says that it was not run.
+which the page is written; TOML files that its command names are beside it, with any content. One of which
+something is not found is said in a line, and the page says that it was not run.
 """
 
 import hashlib
@@ -60,14 +61,28 @@ def spans(named: list[tuple[Segment, str]], result: Result) -> str:
     return ", ".join(f"{name} from {first:.1f} to {last:.1f} s" for name, first, last in times)
 
 
+def recording(entry: dict[str, Any], folder: Path) -> tuple[Path | None, str]:
+    """The path of an entry's recording, or None and what is absent."""
+    _, _, file, *options = shlex.split(entry["command"])
+    paths = sorted(folder.rglob(file)) if "sha256" in entry else []
+    known = [path for path in paths if hashlib.sha256(path.read_bytes()).hexdigest() == entry["sha256"]]
+    if not known:
+        return None, f"{folder} has no {file}" + (" of the known content" if paths else "")
+    for option in options:
+        if option.endswith(".toml") and not known[0].with_name(option).is_file():
+            return None, f"{known[0].with_name(option)} is absent"
+    return known[0], ""
+
+
 def segmented(command: str, path: Path) -> Result:
     """The result of a command for the recording at a path, beside which are other files that it names."""
     _, verb, _, *options = shlex.split(command)
-    options = [str(path.with_name(one)) if one.endswith(".toml") else one for one in options]
+    options = [str(path.with_name(option)) if option.endswith(".toml") else option for option in options]
     with TemporaryDirectory() as scratch:
         kept = f"{scratch}/result.contacts"
         words = [sys.executable, "-m", "contact_tracker", verb, "-q", str(path), *options, "-o", kept]
-        subprocess.run(words, check=True)
+        if code := subprocess.run(words).returncode:
+            raise SystemExit(f"{command}: exit code {code}")
         return Result.load(kept)
 
 
@@ -75,13 +90,11 @@ def section(number: int, entry: dict[str, Any], folder: Path) -> str:
     """The part of the page on a recording, run if it is there."""
     name, command = entry["name"], entry["command"]
     head = f"## {name}\n\nFrom {entry['source']}. {entry['asks']}\n\n```sh\n{command}\n```\n\n"
-    file = shlex.split(command)[2]
-    found = sorted(folder.rglob(file)) if "sha256" in entry else []
-    is_it = [hashlib.sha256(path.read_bytes()).hexdigest() == entry["sha256"] for path in found]
-    if not any(is_it):
-        say(f"{name}: left out, {folder} has no {file}" + (" of the known content" if found else ""))
+    path, absent = recording(entry, folder)
+    if path is None:
+        say(f"{name}: left out, {absent}")
         return head + "Not run here.\n"
-    result = segmented(command, found[is_it.index(True)])
+    result = segmented(command, path)
     picture = f"images/gallery_{number}.png"
     result.plot().savefig(DOCS / picture, dpi=60)
     said = FIGURES[entry.get("figure", "contacts")](result)
@@ -91,7 +104,7 @@ def section(number: int, entry: dict[str, Any], folder: Path) -> str:
 
 def main() -> None:
     if len(sys.argv) != 2 or not Path(sys.argv[1]).is_dir():
-        raise SystemExit("usage: python docs/examples/gallery.py FOLDER, in which is what you have fetched")
+        raise SystemExit("usage: python docs/examples/gallery.py FOLDER, in which the recordings are")
     content = tomllib.loads((DOCS / "examples" / "gallery.toml").read_text(encoding="utf-8"))
     sections = [
         section(number, entry, Path(sys.argv[1])) for number, entry in enumerate(content["recording"], 1)

@@ -105,20 +105,21 @@ def test_a_copy_has_the_contacts_of_its_frames(simulated, outcome, tmp_path, ver
 
 @pytest.mark.parametrize("version", ["v2.0", "v2.1", "v3.0"])
 def test_statistics_are_those_of_the_new_columns(simulated, outcome, tmp_path, version) -> None:
-    """Of all frames, and of each episode, in place of those of an earlier ``subtask_index``."""
+    """Of all frames, and of each episode, in place of those of an earlier ``subtask_index``. An episode
+    without frames, here 2, gets none."""
     source, meta = write_data_set(tmp_path / "data", [simulated] * 2, version), tmp_path / "data" / "meta"
     stale = {"min": [7], "max": [9], "mean": [8.0], "std": [1.0], "count": [5], "q50": [8.0]}
     features = {"action": stale, "subtask_index": stale}
     if version == "v2.1":
-        lines = (json.dumps({"episode_index": k, "stats": features}) for k in range(2))
+        lines = (json.dumps({"episode_index": k, "stats": features}) for k in range(3))
         (meta / "episodes_stats.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
     else:
         (meta / "stats.json").write_text(json.dumps(features), encoding="utf-8")
     episodes = meta / "episodes" / "chunk-000" / "file-000.parquet"
     if version == "v3.0":
         episodes.parent.mkdir(parents=True)
-        columns = {f"stats/{name}/{key}": [v, v] for name, one in features.items() for key, v in one.items()}
-        write_table(pyarrow.table({"episode_index": [1, 0], **columns}), episodes)
+        columns = {f"stats/{name}/{key}": [v] * 3 for name, one in features.items() for key, v in one.items()}
+        write_table(pyarrow.table({"episode_index": [1, 0, 2], **columns}), episodes)
     with patch("contact_tracker.batch.lerobot.segmented", return_value=outcome):
         LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
     tables = [read_table(path) for path in sorted((tmp_path / "copy" / "data").rglob("*.parquet"))]
@@ -129,12 +130,16 @@ def test_statistics_are_those_of_the_new_columns(simulated, outcome, tmp_path, v
     meta = tmp_path / "copy" / "meta"
     if version == "v2.1":
         found = [json.loads(one) for one in (meta / "episodes_stats.jsonl").read_text().splitlines()]
-        assert [one["episode_index"] for one in found] == [0, 1]
+        assert [one["episode_index"] for one in found] == [0, 1, 2]
+        assert found[2]["stats"] == features
         assert_statistics(found[0]["stats"], first, stale)
     else:
         assert_statistics(json.loads((meta / "stats.json").read_text()), whole, stale)
     if version == "v3.0":
-        row = read_table(meta / episodes.relative_to(tmp_path / "data" / "meta")).to_pylist()[1]
+        rows = read_table(meta / episodes.relative_to(tmp_path / "data" / "meta")).to_pylist()
+        row, absent = rows[1:]
+        assert absent["stats/action/mean"] == stale["mean"]
+        assert absent["stats/subtask_index/mean"] is None
         names = ("action", "subtask_index", "contact_probability")
         nested = {one: {key: row[f"stats/{one}/{key}"] for key in stale} for one in names}
         assert_statistics(nested, first, stale)
@@ -156,7 +161,9 @@ def assert_statistics(found, values, others) -> None:
     assert found["subtask_index"]["count"] == found["contact_probability"]["count"] == [len(values)]
 
 
-@pytest.mark.parametrize("text", ["[", "[]", '{"action": 3}'])
+@pytest.mark.parametrize(
+    "text", ["[", "[]", '{"action": 3}', "[" * 100_000, "{}" + " " * 20_000_000], ids=len
+)
 def test_statistics_that_cannot_be_read_are_one_line(simulated, outcome, tmp_path, text) -> None:
     source = write_data_set(tmp_path / "data", [simulated], "v3.0")
     (source / "meta" / "stats.json").write_text(text, encoding="utf-8")
@@ -166,6 +173,15 @@ def test_statistics_that_cannot_be_read_are_one_line(simulated, outcome, tmp_pat
     ):
         LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
     assert not (tmp_path / "copy").exists()
+
+
+def test_a_data_set_without_frames_is_refused(simulated, tmp_path) -> None:
+    source = write_data_set(tmp_path / "data", [simulated], "v3.0")
+    (file,) = source.rglob("file-000.parquet")
+    write_table(read_table(file)[:0], file)
+    (source / "meta" / "stats.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(UnreadableRecording, match="there are no frames"):
+        LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
 
 
 @pytest.mark.long

@@ -152,3 +152,15 @@ def test_a_frame_of_unknown_deviations_has_none() -> None:
 def test_parallel_edges_have_no_common_normal() -> None:
     line = Line(np.array([0.0, 0.0, 1.0]), np.zeros(3))
     assert task_frame(Contact.EE, ContactGeometry(line, line), np.eye(4)) is None
+
+
+@pytest.mark.parametrize("sine", [1.2e-6, 1.5e-6])
+def test_a_frame_of_nearly_parallel_edges_has_no_deviations(sine: float) -> None:
+    """A step of the differences makes them parallel."""
+    lines = [
+        Line(np.array([slope, 0.0, 1.0]), np.array([0.0, y, 0.0]), 1e-6 * np.eye(6))
+        for slope, y in ((0.0, 0.0), (sine, 0.1))
+    ]
+    frame = task_frame(Contact.EE, ContactGeometry(*lines), np.eye(4))
+    assert frame is not None
+    assert frame.covariance is None

@@ -185,4 +185,6 @@ def _run(function: Callable[..., T], arguments: tuple[Any, ...], options: dict[s
     try:
         return function(*arguments, **options)
     except SystemExit as end:  # temporary files have been removed
+        if isinstance(end.code, str):
+            raise
         os._exit(int(end.code or 1))

@@ -16,10 +16,8 @@ import hashlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -34,6 +32,7 @@ from contact_tracker.errors import DIFFERENT, DONE, ContactTrackerError, UsageEr
 from contact_tracker.exports.formats import check_output
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, convex
 from contact_tracker.ground_truth import Truth
+from contact_tracker.processes import Workers
 from contact_tracker.recording import write_recording
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.evaluation.tables import table
@@ -188,7 +187,8 @@ def _planned(rng: np.random.Generator, made: Made) -> list[Leg]:
 
 
 def _stands(leg: Leg) -> bool:
-    """Whether gravity holds the object on the face that it lies on."""
+    """Whether gravity holds the object on the face that it lies on; level within 2.6 deg, and 20 mm from the
+    edges, are choices of the scenario."""
     at, chart = leg.start, leg.chart
     if at.normal[2] < 0.999:
         return False
@@ -287,7 +287,8 @@ PUBLISHED: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
 )
 """The digest of poses and labels with that release of MuJoCo, and the share of the time in each state."""
 _ALIKE: Final = 0.05
-"""Another release, or another processor, may round differently; shares then differ by less than this."""
+"""Another release, or another processor, may round differently; shares then differ by less than this, which
+is a choice, not measured."""
 
 
 def make(made: Made, path: Path, overwrite: bool) -> tuple[list[str], bool]:
@@ -326,7 +327,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for _, path in jobs:
             path.parent.mkdir(parents=True, exist_ok=True)
             check_output(path, args.overwrite)
-        with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+        with Workers(args.processes) as pool:
             futures = [pool.submit(make, *job, args.overwrite) for job in jobs]
             rows, are_alike = zip(*(future.result() for future in futures), strict=True)
     except (ContactTrackerError, OSError) as error:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -40,7 +41,9 @@ NAMES: Final = (*(state.value for state in STATES), "open", "unknown")
 """Of the subtasks: a contact, ``open`` where the motion leaves it open, ``unknown`` in an episode that cannot
 be used."""
 _MOST_BYTES: Final = 20_000_000
-"""Of ``info.json``, which has some kilobytes."""
+"""Of ``info.json`` and ``stats.json``, which have some kilobytes."""
+_MOST_BYTES_OF_EPISODES: Final = 1_000_000_000
+"""Of ``episodes_stats.jsonl``, which has some kilobytes for each episode."""
 _QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
 
@@ -100,7 +103,7 @@ class LeRobot:
                 f"{path}: LeRobot data sets of {', '.join(VERSIONS)} are read, not of {version}; LeRobot "
                 "converts older ones"
             )
-        files = sorted(one.relative_to(path).as_posix() for one in (path / "data").glob("*/*.parquet"))
+        files = sorted(file.relative_to(path).as_posix() for file in (path / "data").glob("*/*.parquet"))
         if not files:
             raise UnreadableRecording(f"{path}: there are no frames, data/*/*.parquet")
         try:
@@ -152,7 +155,7 @@ class LeRobot:
             table |= dict(zip(names, values.T, strict=True))
         how = self.reading
         try:
-            found = Trajectory.from_dataframe(
+            poses = Trajectory.from_dataframe(
                 table,
                 unit=how.unit,
                 time_unit="s",
@@ -167,18 +170,18 @@ class LeRobot:
                 f"{self.folder}: which entries are the pose is not known ({error}); say it as in --columns "
                 f"position=observation.state[0:3],quaternion=observation.state[3:7]; there are {entries}"
             ) from error
-        return replace(found, name=f"{self.folder.name} episode {episode}")
+        return replace(poses, name=f"{self.folder.name} episode {episode}")
 
     def _observations(self) -> list[str]:
         """Features that are lists of numbers, without actions."""
         return [
             name
-            for name, one in self.info["features"].items()
+            for name, feature in self.info["features"].items()
             if name.startswith("observation.")
-            and isinstance(one, dict)
-            and str(one.get("dtype")).startswith("float")
-            and isinstance(one.get("shape"), list)
-            and len(one["shape"]) == 1
+            and isinstance(feature, dict)
+            and str(feature.get("dtype")).startswith("float")
+            and isinstance(feature.get("shape"), list)
+            and len(feature["shape"]) == 1
         ]
 
     def annotate(
@@ -205,6 +208,8 @@ class LeRobot:
         ------
         UsageError
             The folder is there already, or inside of the data set.
+        UnreadableRecording
+            There are no frames, or a file of frames or statistics cannot be read.
         OSError
             It cannot be written.
         """
@@ -213,7 +218,9 @@ class LeRobot:
             raise UsageError(f"cannot write {out}: a copy of a data set is a new folder beside it")
         bad, used = 0, model_from(model, None, None)
         jobs = [(self, number, file, used, known_map) for number, file in self.episodes()]
-        found = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
+        if not jobs:
+            raise UnreadableRecording(f"{self.folder}: there are no frames")
+        results = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
         with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
             copy = Path(folder) / target.name
             for path in self.folder.rglob("*"):
@@ -221,11 +228,11 @@ class LeRobot:
                     raise UsageError(f"{path} is a link to a folder, of which no copy is made: remove it")
             shutil.copytree(self.folder, copy, ignore=self._frames_among)
             labels = dict[str, list[_Labels]]()
-            for (_, number, file, *_), one in zip(jobs, found, strict=True):
-                bad += one.error is not None
-                if one.error is not None:
-                    report(f"{self.folder}: episode {number}: {one.error}")
-                labels.setdefault(file, []).append(one)
+            for (_, number, file, *_), result in zip(jobs, results, strict=True):
+                bad += result.error is not None
+                if result.error is not None:
+                    report(f"{self.folder}: episode {number}: {result.error}")
+                labels.setdefault(file, []).append(result)
             for file, of_file in labels.items():
                 try:
                     frames = ParquetFile(self.folder / file).read()
@@ -234,13 +241,13 @@ class LeRobot:
                 (copy / file).parent.mkdir(parents=True, exist_ok=True)
                 write_table(_with_labels(frames, of_file), copy / file)
             self._write_meta(copy)
-            _write_statistics(copy, [one for of_file in labels.values() for one in of_file])
+            _write_statistics(copy, chain.from_iterable(labels.values()))
             copy.rename(target)
         return bad
 
     def _frames_among(self, where: str, names: list[str]) -> list[str]:
         """Of the names in a folder, the files of frames."""
-        return [one for one in names if Path(where, one).relative_to(self.folder).as_posix() in self.files]
+        return [name for name in names if Path(where, name).relative_to(self.folder).as_posix() in self.files]
 
     def _write_meta(self, copy: Path) -> None:
         features = dict(self.info["features"])
@@ -281,7 +288,7 @@ def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_num
     numbers, if there are as many; else by number."""
     names = description.get("names")
     if isinstance(names, dict):
-        lists = [one for one in names.values() if isinstance(one, list)]
+        lists = [value for value in names.values() if isinstance(value, list)]
         names = lists[0] if lists else list(names)
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         names = []
@@ -310,8 +317,11 @@ def _labels_at(
     outcome: Outcome, stamp_ns: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Numbers of ``NAMES``, and probabilities, at some stamps."""
-    starts = np.array([one.start_ns for one in outcome.segments])
-    names = np.array([NAMES.index("open" if one.inseparable else one.contact) for one in outcome.segments])
+    segments = outcome.segments
+    starts = np.array([segment.start_ns for segment in segments])
+    names = np.array(
+        [NAMES.index("open" if segment.inseparable else segment.contact) for segment in segments]
+    )
     number = np.maximum(np.searchsorted(starts, stamp_ns, side="right") - 1, 0)
     tick = np.minimum(np.searchsorted(outcome.beliefs.stamp_ns, stamp_ns), len(outcome.beliefs) - 1)
     return names[number], outcome.beliefs.probability[tick].astype(np.float32)
@@ -321,8 +331,8 @@ def _with_labels(frames: Any, labels: Iterable[_Labels]) -> Any:
     """A table of frames with their contacts, in place of those that it may have."""
     episode = frames["episode_index"].to_numpy()
     subtask, probability = np.zeros(len(frames), np.int64), np.zeros((len(frames), len(STATES)), np.float32)
-    for one in labels:
-        subtask[episode == one.episode], probability[episode == one.episode] = one.subtask, one.probability
+    for number, of_subtask, of_probability, _ in labels:
+        subtask[episode == number], probability[episode == number] = of_subtask, of_probability
     frames = frames.drop_columns([name for name in (SUBTASK, PROBABILITY) if name in frames.column_names])
     rows = pyarrow.FixedSizeListArray.from_arrays(probability.ravel(), len(STATES))
     frames = frames.append_column(SUBTASK, pyarrow.array(subtask)).append_column(PROBABILITY, rows)
@@ -344,36 +354,34 @@ Statistics = dict[str, dict[str, list[float]]]
 
 def _write_statistics(copy: Path, labels: Iterable[_Labels]) -> None:
     """Put statistics of the new columns beside those of other features, where the data set has them, in place
-    of those of an earlier ``subtask_index``: of all frames in ``stats.json``, of each episode in
+    of those of an earlier ``subtask_index``: of all frames in ``stats.json``, of each episode with frames in
     ``episodes_stats.jsonl`` (v2.1) or in columns of ``episodes`` (v3)."""
     of_episode = {
-        one.episode: {
-            name: _statistics(values)
-            for name, values in ((SUBTASK, one.subtask[:, None]), (PROBABILITY, one.probability))
-        }
-        for one in labels
+        episode: {SUBTASK: _statistics(subtask[:, None]), PROBABILITY: _statistics(probability)}
+        for episode, subtask, probability, _ in labels
     }
     meta, path = copy / "meta", copy
     try:
         if (path := meta / "stats.json").exists():
-            whole = json.loads(path.read_text(encoding="utf-8"))
+            whole = json.loads(read_regular(path, _MOST_BYTES))
             whole |= _chosen(_pooled([*of_episode.values()]), whole)
             path.write_text(json.dumps(whole, indent=4) + "\n", encoding="utf-8")
         if (path := meta / "episodes_stats.jsonl").exists():
-            lines = [json.loads(one) for one in path.read_text(encoding="utf-8").splitlines() if one.strip()]
-            for line in lines:
-                line["stats"] |= _chosen(of_episode[line["episode_index"]], line["stats"])
-            path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+            lines = read_regular(path, _MOST_BYTES_OF_EPISODES).splitlines()
+            rows = [json.loads(line) for line in lines if line.strip()]
+            for row in rows:
+                row["stats"] |= _chosen(of_episode.get(row["episode_index"], {}), row["stats"])
+            path.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
         for path in meta.glob("episodes/*/*.parquet"):
             write_table(_with_columns(ParquetFile(path).read(), of_episode), path)
-    except (*_ERRORS, AttributeError, TypeError) as error:
+    except (*_ERRORS, AttributeError, TypeError, RecursionError) as error:
         name = path.relative_to(copy)
         raise UnreadableRecording(f"{name}: statistics cannot be read: {error!r}") from error
 
 
 def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
     """Of values (N, D), N > 0, each a list of D, and ``count`` of one."""
-    found = {
+    statistics = {
         "min": values.min(axis=0),
         "max": values.max(axis=0),
         "mean": values.mean(axis=0, dtype=float),
@@ -381,40 +389,45 @@ def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
         "count": np.array([len(values)]),
         **{name: np.quantile(values.astype(float), q, axis=0) for name, q in _QUANTILES.items()},
     }
-    return {name: one.tolist() for name, one in found.items()}
+    return {name: value.tolist() for name, value in statistics.items()}
 
 
 def _pooled(episodes: Sequence[Statistics]) -> Statistics:
     """Of several episodes together, as LeRobot pools them: quantiles are means of theirs by their counts."""
     pooled: Statistics = {}
-    for feature in episodes[0]:
-        kept = {name: np.array([one[feature][name] for one in episodes]) for name in episodes[0][feature]}
+    for feature, names in episodes[0].items():
+        kept = {name: np.array([episode[feature][name] for episode in episodes]) for name in names}
         count = kept["count"]
         share = count / count.sum()
         means = {name: (share * kept[name]).sum(axis=0) for name in ("mean", *_QUANTILES)}
         variance = (share * (kept["std"] ** 2 + (kept["mean"] - means["mean"]) ** 2)).sum(axis=0)
-        found = {"min": kept["min"].min(axis=0), "max": kept["max"].max(axis=0), "std": np.sqrt(variance)}
-        found |= {"count": count.sum(axis=0), **means}
-        pooled[feature] = {name: one.tolist() for name, one in found.items()}
+        whole = {"min": kept["min"].min(axis=0), "max": kept["max"].max(axis=0), "std": np.sqrt(variance)}
+        whole |= {"count": count.sum(axis=0), **means}
+        pooled[feature] = {name: value.tolist() for name, value in whole.items()}
     return pooled
 
 
-def _chosen(found: Statistics, features: Mapping[str, Mapping[str, Any]]) -> Statistics:
+def _chosen(statistics: Statistics, features: Mapping[str, Mapping[str, Any]]) -> Statistics:
     """Those statistics that other ``features`` have, which depends on the version of LeRobot."""
-    known = {name for one in features.values() for name in one}
-    return {feature: {k: v for k, v in one.items() if k in known} for feature, one in found.items()}
+    known = set(chain.from_iterable(features.values()))
+    return {
+        feature: {name: value for name, value in of_feature.items() if name in known}
+        for feature, of_feature in statistics.items()
+    }
 
 
 def _with_columns(episodes: Any, of_episode: Mapping[int, Statistics]) -> Any:
-    """A table of episodes with columns ``stats/FEATURE/NAME`` of the new features, if others have them."""
-    names = [one for one in episodes.column_names if one.startswith("stats/")]
-    known = {one.rpartition("/")[2]: None for one in names}
-    episodes = episodes.drop_columns([one for one in names if one.split("/")[1] in (SUBTASK, PROBABILITY)])
+    """A table of episodes with columns ``stats/FEATURE/NAME`` of the new features, if others have them; null
+    for episodes without frames."""
+    columns = [column for column in episodes.column_names if column.startswith("stats/")]
+    known = {column.rpartition("/")[2]: None for column in columns}
+    replaced = [column for column in columns if column.split("/")[1] in (SUBTASK, PROBABILITY)]
+    episodes = episodes.drop_columns(replaced)
     numbers = episodes["episode_index"].to_pylist()
     for feature in (SUBTASK, PROBABILITY):
         for name in known:
-            rows = [of_episode[number][feature].get(name) for number in numbers]
-            if rows and None not in rows:
+            rows = [of_episode[k][feature].get(name) if k in of_episode else None for k in numbers]
+            if any(rows):
                 episodes = episodes.append_column(f"stats/{feature}/{name}", pyarrow.array(rows))
-    metadata = {key: one for key, one in (episodes.schema.metadata or {}).items() if key != b"huggingface"}
+    metadata = {key: text for key, text in (episodes.schema.metadata or {}).items() if key != b"huggingface"}
     return episodes.replace_schema_metadata(metadata)  # "datasets" finds the columns by itself

@@ -49,7 +49,8 @@ class TaskFrame:
         x, y, z and angular velocity about x, y, z. The others are free. Without friction, the contact
         transmits the same coordinates of the wrench, and all others are zero.
     covariance : (6, 6) of shifts of the origin along x, y, z (m), and of turns of the frame about x, y, z
-        (rad), from those of the elements (docs/theory.md, T51); None if one of these is unknown.
+        (rad), from those of the elements (docs/theory.md, T51); None if one of these is unknown, or the
+        edges are too nearly parallel.
     pitch_m_per_rad : of screws, whose velocity along z is not zero but so much for each radian about z.
     """
 
@@ -74,7 +75,7 @@ class TaskFrame:
         """Standard deviations (6,) of ``covariance``, in m and rad."""
         if self.covariance is None:
             return None
-        return [float(one) for one in np.sqrt(np.maximum(np.diag(self.covariance), 0.0))]
+        return [float(sd) for sd in np.sqrt(np.maximum(np.diag(self.covariance), 0.0))]
 
     def to_json(self) -> dict[str, Any]:
         """The entry ``task_frame`` of a segment or joint."""
@@ -82,7 +83,9 @@ class TaskFrame:
             "name": self.name,
             "origin_m": self.T_world_task[:3, 3].tolist(),
             "quat_xyzw": self.quat_xyzw.tolist(),
-            "constrained": [name for name, one in zip(TWIST, self.is_constrained, strict=True) if one],
+            "constrained": [
+                name for name, is_taken in zip(TWIST, self.is_constrained, strict=True) if is_taken
+            ],
             "covariance": None if self.covariance is None else self.covariance.tolist(),
         }
 
@@ -145,20 +148,16 @@ def T_world_body(position_m: ArrayLike, quat_xyzw: ArrayLike) -> Array:
 def contact_frame(contact: Contact, geometry: ContactGeometry, pose: Array) -> Array | None:
     """``T_world_task`` of a contact of this ``geometry`` at a pose (4, 4); None for edges that are
     parallel."""
-    return _frame_at(contact, pose, _across(geometry, pose), geometry.has_open_offset[1])(
-        geometry.object, geometry.environment
-    )
+    return _frame_at(contact, geometry, pose)(geometry.object, geometry.environment)
 
 
 def task_frame(contact: Contact, geometry: ContactGeometry, pose: Array) -> TaskFrame | None:
     """The task frame of a contact of this ``geometry`` at a pose (4, 4); None for edges that are parallel."""
-    is_open = geometry.has_open_offset[1]
-    build = _frame_at(contact, pose, _across(geometry, pose), is_open)
-    frame = build(geometry.object, geometry.environment)
+    frame = contact_frame(contact, geometry, pose)
     if frame is None:
         return None
-    covariance = _covariance(build, geometry.object, geometry.environment)
-    if is_open and covariance is not None:
+    covariance = _covariance(_frame_at(contact, geometry, pose), geometry.object, geometry.environment)
+    if geometry.has_open_offset[1] and covariance is not None:
         assert geometry.environment.covariance is not None
         covariance[2, 2] += geometry.environment.covariance[3, 3]
     is_constrained = np.zeros(6, bool)
@@ -181,21 +180,22 @@ def joint_frame(kind: StrEnum, axis: Line | Point, free: str, pitch_m_per_rad: f
 
 
 def _frame_at(
-    contact: Contact, pose: Array, across: Array, is_open: bool
+    contact: Contact, geometry: ContactGeometry, pose: Array
 ) -> Callable[[Element, Element], Array | None]:
-    """The task frame (4, 4) as a function of the elements; x of faces without an edge is along ``across``."""
+    """The task frame (4, 4) as a function of the elements of object and environment, near ``geometry``; x of
+    faces without an edge is along the same axis for all of them."""
+    across, is_open = _across(geometry, pose), geometry.has_open_offset[1]
 
-    def build(body: Element, theirs: Element) -> Array | None:
-        ours = _in_world(body, pose)
-        match ours, theirs:
-            case Plane(), Plane():
-                return _at_face(pose[:3, 3] if is_open else _onto(pose[:3, 3], theirs), theirs, across)
+    def build(object: Element, environment: Element) -> Array | None:
+        match _in_world(object, pose), environment:
+            case Plane(), Plane() as face:
+                return _at_face(pose[:3, 3] if is_open else _onto(pose[:3, 3], face), face, across)
             case (Line(direction, point_m), Plane() as face) | (Plane() as face, Line(direction, point_m)):
                 return _at_face(_onto(point_m, face), face, direction)
             case (Point(point_m), Plane() as face) | (Plane() as face, Point(point_m)):
                 return _at_face(point_m, face, across)
-            case Line(), Line():
-                return _at_crossing(ours, theirs)
+            case Line() as edge, Line() as environment_edge:
+                return _at_crossing(edge, environment_edge)
         raise ValueError(f"{contact.value} has no such elements")
 
     return build
@@ -210,7 +210,8 @@ def _across(geometry: ContactGeometry, pose: Array) -> Array:
 
 
 def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array | None:
-    """Covariance (6, 6) of the frame that is built of independent ``elements``, to first order (T51)."""
+    """Covariance (6, 6) of the frame that is built of independent ``elements``, to first order (T51); None
+    if one of theirs is unknown, or a step makes edges parallel."""
     frame = build(*elements)
     assert frame is not None
     total = np.zeros((6, 6))
@@ -224,8 +225,8 @@ def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array
             moved = [
                 build(*elements[:i], _of(element, values + s), *elements[i + 1 :]) for s in (step, -step)
             ]
-            assert moved[0] is not None
-            assert moved[1] is not None
+            if moved[0] is None or moved[1] is None:
+                return None
             changes[:3, k] = frame[:3, :3].T @ (moved[0] - moved[1])[:3, 3]
             turn = frame[:3, :3].T @ (moved[0] - moved[1])[:3, :3]
             changes[3:, k] = turn[2, 1], turn[0, 2], turn[1, 0]
@@ -267,16 +268,18 @@ def _at_face(origin_m: Array, face: Plane, along: Array) -> Array:
     return _frame(origin_m, face.normal, along)
 
 
-def _at_crossing(ours: Line, theirs: Line) -> Array | None:
+def _at_crossing(edge: Line, environment_edge: Line) -> Array | None:
     """The frame midway between two lines where they are nearest; None if they are parallel."""
-    normal = np.cross(ours.direction, theirs.direction)
+    normal = np.cross(edge.direction, environment_edge.direction)
     sine = float(np.linalg.norm(normal))
     if sine < PARALLEL:
         return None
-    between_m = theirs.point_m - ours.point_m
-    along = [float(np.cross(between_m, other.direction) @ normal) / sine**2 for other in (theirs, ours)]
-    nearest = (one.point_m + s * one.direction for one, s in zip((ours, theirs), along, strict=True))
-    return _frame(np.mean(list(nearest), axis=0), normal / sine, ours.direction)
+    between_m = environment_edge.point_m - edge.point_m
+    points_m = [
+        line.point_m + np.cross(between_m, crossing.direction) @ normal / sine**2 * line.direction
+        for line, crossing in ((edge, environment_edge), (environment_edge, edge))
+    ]
+    return _frame(np.mean(points_m, axis=0), normal / sine, edge.direction)
 
 
 def _frame(origin_m: Array, z: Array, along: Array) -> Array:

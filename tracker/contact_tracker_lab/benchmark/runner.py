@@ -5,14 +5,13 @@ import json
 import os
 import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from tqdm import tqdm
 
 from contact_tracker.cli.terminal import show
+from contact_tracker.processes import Workers
 from contact_tracker_lab.evaluation.tables import table
 
 Key = TypeVar("Key", bound=Hashable)
@@ -62,10 +61,16 @@ def find_sets(folder: Path, wanted: Sequence[str]) -> dict[str, list[Path]]:
 def measured(
     measure: Callable[..., Found], jobs: Mapping[Key, Sequence[Job]], processes: int
 ) -> Iterator[tuple[Key, list[Found]]]:
-    """For each key the results of ``measure`` with each of its jobs, in processes of one thread each."""
+    """For each key the results of ``measure`` with each of its jobs, in processes of one thread each.
+
+    Raises
+    ------
+    ContactTrackerError
+        A process was killed, for example because it took too much memory.
+    """
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with Workers(processes) as pool:
         futures = {key: [pool.submit(measure, *job) for job in some] for key, some in jobs.items()}
         for key, some in tqdm(futures.items(), file=sys.stderr, disable=None):
             yield key, [one.result() for one in some]
