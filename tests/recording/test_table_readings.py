@@ -26,6 +26,7 @@ from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from contact_tracker.recording.table_layouts import TableLayout
 from mcap_logs import smooth_poses
 
 POSES = smooth_poses(120)
@@ -413,6 +414,20 @@ def test_values_in_comments_are_no_rows(tmp_path: Path, above: str, share: str) 
     path = SHARES[share](tmp_path / "a.csv")
     path.write_text(f"{above}\n{path.read_text()}")
     assert_read(path)
+
+
+def test_many_words_are_refused_soon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = list[int]()
+
+    def count(names: Sequence[str], *others: object) -> TableLayout:
+        tried.append(len(names))
+        raise UnreadableRecording("none")
+
+    monkeypatch.setattr("contact_tracker.recording.text_tables.layout_of_names", count)
+    path = write(tmp_path / "a.csv", [], [[f"w{i}" for i in range(4000)]] * 64)
+    with pytest.raises(UnreadableRecording, match="none"):
+        open_log(str(path))
+    assert sum(tried) <= 5 * 4000
 
 
 @pytest.mark.parametrize("system", PROPOSALS)

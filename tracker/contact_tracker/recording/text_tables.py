@@ -44,6 +44,8 @@ _LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
 _HEAD_LINES: Final = 64
+_MOST_TRIED: Final = 4 * MOST_COLUMNS
+"""Words in which names of columns are looked for, 20 000 a second."""
 _LONGEST_CELL: Final = 64
 """Texts of numbers and times are cut to this length (characters) in long lines."""
 _EMPTY: Final = f",;{BLANKS}"
@@ -485,6 +487,7 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
     comments = [rows[0] - 1] if rows[0] and _COMMENT.match(lines[rows[0] - 1]) else []
     errors = dict[int, Exception]()
     """The first of each number of names; of comments at -1."""
+    tried = 0
     for i in [*comments, *rows]:
         following = [lines[row] for row in rows if row > i]
         separator = stated[1] if stated else _separator(following[0] if i in comments else lines[i])
@@ -494,6 +497,9 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
             continue
         if _are_values(names) or any(not isinstance(_values_in(name), str) for name in names):
             break  # the rows have begun
+        tried += len(names)
+        if tried > _MOST_TRIED:
+            break
         units = _units(following, separator)
         named = _distinct([name or f"{UNNAMED}{place}" for place, name in enumerate(names)])
         inner = _names_in_groups(named, following[bool(units) :], separator)
