@@ -650,6 +650,10 @@ def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:
         Trajectory.from_arrays(SINCE_NS // 100, 1e3 * P, angles, **given),
         Trajectory.from_dataframe(table, **given),
         Trajectory.from_dataframe(pyarrow.table(table), columns={"time": "t"}, **given),
+        Trajectory.from_dataframe(
+            pandas.DataFrame(np.column_stack([T, POSE])),
+            columns=dict(zip(["time", *NAMES.split(",")], "01234567", strict=True)),
+        ),
         Trajectory.from_dataframe(pandas.DataFrame(table).set_index("t"), **given),
         Trajectory.from_dataframe(pandas.DataFrame(POSE, pandas.to_timedelta(SINCE_NS), NAMES.split(","))),
         Trajectory.from_arrays(T, P, TURN),
