@@ -26,7 +26,7 @@ from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.recording.table_layouts import TableLayout
+from contact_tracker.recording.table_layouts import TableLayout, quaternions
 from mcap_logs import smooth_poses
 
 POSES = smooth_poses(120)
@@ -602,6 +602,13 @@ def test_lost_tracking_is_counted(tmp_path: Path) -> None:
     log = open_log(str(path), table=build_parser().parse_args(["info", "a", "--matrix", "rows"]).table)
     assert len(Poses.collect(log)) == 117
     assert log.counts == {"nonfinite": 2, "bad_quaternion": 1}
+
+
+def test_no_turn_needs_no_axis() -> None:
+    values = np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.3], [0.0, 0.0, 1.0, np.pi]])
+    np.testing.assert_allclose(
+        quaternions("axis_angle", values, "rad"), np.eye(4)[[3, 0, 2]] * [[1], [0], [1]], atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(

@@ -47,10 +47,10 @@ def _from_vectors(vectors: Array, unit: str) -> Array:
 
 
 def _from_axes(values: Array, unit: str) -> Array:
-    """Quaternions of unit vectors and angles; zero for an axis of another length."""
+    """Quaternions of unit vectors and angles; zero for an axis of another length with an angle."""
     axes, angles = values[:, :3], values[:, 3:]
     is_axis = np.abs(np.linalg.norm(axes, axis=1) - 1.0) < _PLAUSIBLE
-    return np.where(is_axis[:, None], _from_vectors(axes * angles, unit), 0.0)
+    return np.where(is_axis[:, None] | (angles == 0.0), _from_vectors(axes * angles, unit), 0.0)
 
 
 def _from_matrices(rows: Array, _: str) -> Array:
