@@ -2,15 +2,18 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
 import pytest
 
 import contact_tracker
+from contact_tracker import Trajectory
 from contact_tracker.cli.main import run
-from contact_tracker.errors import ChoiceError, NoTruth
+from contact_tracker.errors import ChoiceError, NoTruth, UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.recording import read_labels
 from contact_tracker.recording.annotations import meanings_of
@@ -149,6 +152,23 @@ def test_a_result_and_the_command_compare_with_labels(
     other = write_log(tmp_path / "b.mcap", [poses_topic(poses, "/a")])
     assert run(["evaluate", str(log), str(other), "--labels", str(labels)]) == 2
     assert "--labels are of one recording" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("table", "error", "message"),
+    [
+        (pandas.DataFrame([[0.0, 0.5, "free"]]), NoTruth, "its columns are 0, 1, 2: needed are start"),
+        (pandas.DataFrame([[0, 1, 2]], columns=["start", "end", "end"]), UsageError, "two columns are end"),
+        (pandas.DataFrame([[0, 1]], columns=[0, "0"]), UsageError, "two columns are 0: name each"),
+        ({"start": [0.0], "end": [0.5, 1.0], "contact": ["free"]}, UsageError, "lists of one length"),
+        ({"start": 0.0, "end": 0.5, "contact": "free"}, UsageError, "lists of one length"),
+    ],
+)
+def test_tables_that_are_none_of_labels(table: Any, error: type[Exception], message: str) -> None:
+    result = contact_tracker.segment(Trajectory(smooth_poses(20)))
+    for take in (result.plot, partial(contact_tracker.evaluate, result)):
+        with pytest.raises(error, match=message):
+            take(labels=table)
 
 
 def test_labels_of_a_figure_are_read_before_any_work(

@@ -6,8 +6,10 @@ import json
 import re
 import shutil
 import subprocess
+import warnings
 from base64 import b64decode
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import combinations
@@ -445,8 +447,9 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     _, axes = pyplot.subplots()
     axes.set(xlim=(0.0, 100.0), ylim=(0.0, 10.0))
     for duration_s in (20.0, 3.0, 0.5):
-        write_name(axes, 10.0, duration_s, (0.0, 1.0), "free")
+        write_name(axes, 10.0, duration_s, (0.0, 1.0), "\x07")
     assert [text.get_rotation() for text in axes.texts] == [0.0, 90.0]
+    assert axes.texts[0].get_text() == r"\x07"  # a page with control characters is not well-formed
     pyplot.close("all")
 
 
@@ -573,12 +576,39 @@ def test_the_ribbon_has_a_bar_for_each_further_contact() -> None:
         Segment(0, 10, Contact.VF, 1.0, wall, (), (joins, stays)),
         Segment(10, 30, Contact.FREE, 1.0, None),
     )
+    spans_s = [bars.intervalx for bars in bars_of(segments)]
+    np.testing.assert_allclose(np.diff(spans_s)[:, 0] * 1e9, [10, 3, 4, 20], atol=1e-3)
+
+
+def test_a_contact_that_comes_again_keeps_its_lane_in_the_ribbon() -> None:
+    plane = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+    walls = [ContactGeometry(Point(np.full(3, float(i))), plane) for i in range(6)]
+    runs = tuple(
+        FurtherContact(Contact.EF, 0.9, a, a + 2, replace(wall), (), 2) for a in (1, 5) for wall in walls
+    )
+    ribbon, *bars = bars_of([Segment(0, 10, Contact.VF, 1.0, walls[0], (), runs)])
+    lanes = np.array([bar.intervaly for bar in bars])
+    np.testing.assert_allclose(lanes[:6], lanes[6:])
+    np.testing.assert_allclose(lanes[1:6, 0], lanes[:5, 1])
+    assert lanes.max() <= ribbon.y1 + 1e-9
+
+
+def bars_of(segments: Sequence[Segment]) -> list[Any]:
+    """The boxes of the segments in a figure and of their further contacts."""
     few = recorded(FACE_TO_EDGE).poses[:9]
     trajectory = Trajectory(Poses(np.arange(9), few.position_m, few.quat_xyzw))
     _, axes = pytest.importorskip("matplotlib.pyplot").subplots()
-    draw_on(axes, Outcome(trajectory, Segmentation(segments)))
-    spans_s = [bars.get_paths()[0].get_extents().intervalx for bars in axes.collections]
-    np.testing.assert_allclose(np.diff(spans_s)[:, 0] * 1e9, [10, 3, 4, 20], atol=1e-3)
+    draw_on(axes, Outcome(trajectory, Segmentation(tuple(segments))))
+    return [bars.get_paths()[0].get_extents() for bars in axes.collections]
+
+
+def test_a_recording_of_one_pose_has_figures(poses: Poses, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib").use("Agg")
+    result = contact_tracker.segment(Trajectory(poses[:1]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result.save(tmp_path / "a.html")
+    assert "<p>1 pose, 0.00 s of motion, 1 segment" in (tmp_path / "a.html").read_text()
 
 
 def test_a_recording_of_rerun_has_no_rows_to_choose() -> None:

@@ -26,6 +26,7 @@ from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from contact_tracker.recording.table_layouts import TableLayout, quaternions
 from mcap_logs import smooth_poses
 
 POSES = smooth_poses(120)
@@ -103,8 +104,9 @@ def commented(mark: str, path: Path) -> Path:
 
 
 def named_values(form: str, path: Path) -> Path:
+    lead, _, form = form.rpartition(" .. ")
     pairs = (
-        [form.format(*one) for one in zip(["t", *NAMES.split(",")], line, strict=True)]
+        [lead, *(form.format(*one) for one in zip(["t", *NAMES.split(",")], line, strict=True))]
         for line in rows(T, POSE)
     )
     return write(path, [], pairs, " ")
@@ -166,7 +168,15 @@ SHARES: dict[str, Writer] = {
     },
     **{
         f"values with their names, {form}": partial(named_values, form)
-        for form in ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO pose: {}={}", "- {{{}: {},")
+        for form in (
+            "{}={}",
+            "{}: {}",
+            "{} = {};",
+            "{}:{},",
+            "INFO pose: .. {}={}",
+            "of: {}={}",
+            "- { .. {}: {},",
+        )
     },
     "OpenSim": lambda path: write(
         path,
@@ -315,6 +325,9 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
             ),
             "# units: s, mm",
             "# x, y, z in mm",
+            *("# all in mm", "# measured in mm", "# units: deg, mm", "# distances in mm", "# xyz [mm]"),
+            *("# pos: mm, rot: quaternion", "# All positions are given in millimeters.", "unit_mm"),
+            "Exported on Monday by me with all of the lengths in mm",
         )
     },
     "units in a comment below the names": (f"t,{NAMES}\n# s,mm,mm,mm,-,-,-,-", rows(T, 1e3 * P, Q), MM),
@@ -347,6 +360,74 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
         ["--columns", "time=c0,nanoseconds=c1,position=c[3:6],quaternion=c[6:10]"],
     ),
 }
+
+
+@pytest.mark.parametrize(
+    ("above", "names"),
+    [
+        ("# residual positions: mm", NAMES.replace("x,y,z,", "x [m],y [m],z [m],")),
+        ("# mean error 0.3 mm", NAMES),
+        ("# by me", f"{NAMES},gap [mm]"),
+    ],
+)
+def test_lengths_of_something_else_leave_metres(tmp_path: Path, above: str, names: str) -> None:
+    assert_read(write(tmp_path / "a.csv", [above, f"t,{names}"], rows(T, POSE, *[T] * names.count("gap"))))
+
+
+@pytest.mark.parametrize("word", ["inches", "feet", "decimetres"])
+def test_lengths_without_a_command_are_refused(tmp_path: Path, word: str) -> None:
+    path = write(tmp_path / "a.csv", [f"# positions in {word}", f"t,{NAMES}"], rows(T, POSE))
+    with pytest.raises(UnreadableRecording, match=f"a unit is {word} .*, convert them to metres.* --unit m$"):
+        open_log(str(path))
+    assert_read(path, "--unit", "m")
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "t={} s {}={} cm y={} z={} qx={} qy={} qz={} qw={}",
+        "t={} {}={} y={} z={} qx={} qy={} qz={} qw={} mm",
+        "t={} {}=({},{},{}) mm q=({},{},{},{})",
+    ],
+)
+def test_text_between_values_with_names_is_refused(tmp_path: Path, form: str) -> None:
+    lines = [form.format(t, "x", *pose) for (t, *pose) in rows(T, POSE)]
+    path = write(tmp_path / "a.txt", lines, [])
+    for columns in (None, "time=t,position=x,quaternion=q"):
+        with pytest.raises(
+            UnreadableRecording, match=r"beside its values with names there is '.*m?'.* x_cm=29"
+        ):
+            open_log(str(path), table=reading_of(columns))
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "# fx=500 fy=500 cx=320 cy=240 k1=0 k2=0",
+        "# t:0 qw:1 qx:0 qy:0 qz:0 x:0 y:0 z:0 start pose",
+        "% T = [1 0 0 0; 0 1 0 0; 0 0 1 0; 0 0 0 1]",
+        "// qw:1 qx:0 qy:0 qz:0 x:0 y:0 z:0 start pose",
+    ],
+)
+@pytest.mark.parametrize("share", ["camel case", "values with their names, {}={}"])
+def test_values_in_comments_are_no_rows(tmp_path: Path, above: str, share: str) -> None:
+    path = SHARES[share](tmp_path / "a.csv")
+    path.write_text(f"{above}\n{path.read_text()}")
+    assert_read(path)
+
+
+def test_many_words_are_refused_soon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = list[int]()
+
+    def count(names: Sequence[str], *others: object) -> TableLayout:
+        tried.append(len(names))
+        raise UnreadableRecording("none")
+
+    monkeypatch.setattr("contact_tracker.recording.text_tables.layout_of_names", count)
+    path = write(tmp_path / "a.csv", [], [[f"w{i}" for i in range(4000)]] * 64)
+    with pytest.raises(UnreadableRecording, match="none"):
+        open_log(str(path))
+    assert sum(tried) <= 5 * 4000
 
 
 @pytest.mark.parametrize("system", PROPOSALS)
@@ -523,6 +604,13 @@ def test_lost_tracking_is_counted(tmp_path: Path) -> None:
     assert log.counts == {"nonfinite": 2, "bad_quaternion": 1}
 
 
+def test_no_turn_needs_no_axis() -> None:
+    values = np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.3], [0.0, 0.0, 1.0, np.pi]])
+    np.testing.assert_allclose(
+        quaternions("axis_angle", values, "rad"), np.eye(4)[[3, 0, 2]] * [[1], [0], [1]], atol=1e-9
+    )
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -569,6 +657,10 @@ def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:
         Trajectory.from_arrays(SINCE_NS // 100, 1e3 * P, angles, **given),
         Trajectory.from_dataframe(table, **given),
         Trajectory.from_dataframe(pyarrow.table(table), columns={"time": "t"}, **given),
+        Trajectory.from_dataframe(
+            pandas.DataFrame(np.column_stack([T, POSE])),
+            columns=dict(zip(["time", *NAMES.split(",")], "01234567", strict=True)),
+        ),
         Trajectory.from_dataframe(pandas.DataFrame(table).set_index("t"), **given),
         Trajectory.from_dataframe(pandas.DataFrame(POSE, pandas.to_timedelta(SINCE_NS), NAMES.split(","))),
         Trajectory.from_arrays(T, P, TURN),

@@ -25,7 +25,7 @@ from contact_tracker.geometry.task_frame import T_world_body, TaskFrame, task_fr
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.outputs.outcome import Outcome, segmented
-from contact_tracker.outputs.text import table
+from contact_tracker.outputs.text import counted, table
 from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_wrenches
 from contact_tracker.recording.wrenches import RecordedEvidence, evidence_of
 from contact_tracker.sequences.graph import ContactGraph
@@ -239,7 +239,8 @@ class Result(Outcome):
         return "\n".join((*banner, *table(self.segments, self.origin_ns, self.with_wrenches)))
 
     def __repr__(self) -> str:
-        return f"<Result of {self.trajectory!r}: {len(self.segments)} segments, {len(self.beliefs)} ticks>"
+        counts = counted(len(self.segments), "segment"), counted(len(self.beliefs), "tick")
+        return f"<Result of {self.trajectory!r}: {', '.join(counts)}>"
 
     def _repr_html_(self) -> str:
         from contact_tracker.exports.figure import figure_svg

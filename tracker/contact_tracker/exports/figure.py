@@ -18,11 +18,14 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
+from contact_tracker.errors import printable
+from contact_tracker.geometry.elements import flat
 from contact_tracker.ground_truth import Truth
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR, Colour
 from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.states import CONTACTS, STATES
+from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.viewer.parts import SIDES, Part, known_parts
 
 NAME_SIZE: Final = 9.0
@@ -48,7 +51,7 @@ _MOST_LISTED: Final = 8
 """Most parts of a side whose times of touch are listed."""
 _RIBBON: Final = (1.04, 1.18)
 _LANE: Final = 0.03
-"""Height of a further contact, in the lower part of its segment."""
+"""Largest height of a further contact, in the lower part of its segment."""
 _TRUTH: Final = (1.22, 1.32)
 """Where the labels are above the probabilities, and the truth above them."""
 
@@ -82,8 +85,9 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     beliefs, segments, origin_ns, truth = outcome.beliefs, outcome.segments, outcome.origin_ns, outcome.truth
     seconds = (beliefs.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in segments]
-    if len(seconds):
-        axes.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
+    first_s = min([*seconds[:1], *(start_s for start_s, _ in spans)], default=0.0)
+    if len(seconds) and seconds[-1] > first_s:
+        axes.set_xlim(first_s, seconds[-1])
     low, high = _RIBBON
     is_labelled = truth is not None and len(seconds) > 0
     axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, (_TRUTH[1] if is_labelled else high) + 0.02))
@@ -97,12 +101,15 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             hatch="///" if segment.inseparable else None,
             linewidth=0.0,
         )
-        for number, one in enumerate(segment.further):
+        contacts = list(map(_contact, segment.further))
+        numbers = {contact: i for i, contact in enumerate(dict.fromkeys(contacts))}
+        lane_height = min(_LANE, (high - low) / max(1, len(numbers)))
+        for one, contact in zip(segment.further, contacts, strict=True):
             first_s = (max(one.start_ns, segment.start_ns) - origin_ns) * 1e-9
             last_s = (
                 min(segment.end_ns if one.end_ns is None else one.end_ns, segment.end_ns) - origin_ns
             ) * 1e-9
-            lane = low + number * _LANE, _LANE
+            lane = low + numbers[contact] * lane_height, lane_height
             colour = fraction(COLOUR[one.contact])
             axes.broken_barh([(first_s, last_s - first_s)], lane, facecolor=colour, edgecolor="white")
         write_name(axes, start_s, duration_s, _RIBBON, segment.contact)
@@ -115,6 +122,11 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     if any(one.inseparable for one in segments):
         handles.append(open_patch())
     axes.legend(handles=handles, ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+
+
+def _contact(one: FurtherContact) -> tuple[str, ...]:
+    """What the runs of a further contact have in common."""
+    return one.contact, str(flat(one.geometry.object)), str(flat(one.geometry.environment))
 
 
 def _curves(outcome: Outcome) -> WindowCurves | None:
@@ -145,6 +157,7 @@ def _draw_truth(axes: Axes, truth: Truth, origin_ns: int) -> None:
 
 def write_name(axes: Axes, start_s: float, duration_s: float, ribbon: tuple[float, float], text: str) -> None:
     """Write a name in its span: upright where that is narrow, not at all where it does not fit either way."""
+    text = printable(text)
     size, extent = axes.get_window_extent(), TextPath((0.0, 0.0), text, size=NAME_SIZE).get_extents()
     points = 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
     (first_s, last_s), (bottom, top) = axes.get_xlim(), axes.get_ylim()

@@ -20,7 +20,7 @@ from contact_tracker.exports.summary_html import counts_html, table_html, warnin
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.text import COLOUR, Colour, describe
+from contact_tracker.outputs.text import COLOUR, Colour, counted, describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.parts import SIDES, Part, known_parts
@@ -72,7 +72,8 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
     """Write the report; OSError if the file cannot be written."""
     segments, trajectory, parts = outcome.segments, outcome.trajectory, known_parts(outcome)
     title = escape(printable(f"Contacts in {trajectory.name}"))
-    facts = f"{len(trajectory)} poses, {trajectory.duration_s:.2f} s of motion, {len(segments)} segments"
+    poses, count = counted(len(trajectory), "pose"), counted(len(segments), "segment")
+    facts = f"{poses}, {trajectory.duration_s:.2f} s of motion, {count}"
     facts += f"; {outcome.noise}" if outcome.noise else ""
     script = Path(__file__).with_name("report.js").read_text(encoding="utf-8")
     with path.open("w", encoding="utf-8") as file:

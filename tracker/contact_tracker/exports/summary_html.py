@@ -5,7 +5,7 @@ from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
-from contact_tracker.outputs.text import segment_rows
+from contact_tracker.outputs.text import counted, segment_rows
 from contact_tracker.tracking.belief import Segment
 
 MOST_ROWS: Final = 200
@@ -24,7 +24,7 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
         for r in shown
     ]
     more = len(segments) - MOST_ROWS
-    note = f"<p>and {more} more segments</p>" if more > 0 else ""
+    note = f"<p>and {counted(more, 'more segment')}</p>" if more > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
 
 

@@ -102,6 +102,11 @@ class Row(NamedTuple):
     where: str
 
 
+def counted(count: int, noun: str) -> str:
+    """A number of things, as ``1 pose`` and ``2 poses``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def segment_rows(segment: Segment, origin_ns: int) -> Iterator[Row]:
     """A segment, its further contacts (``+``) and its joint (``=``); times in seconds after ``origin_ns``."""
     span = _seconds(segment.start_ns, origin_ns), _seconds(segment.end_ns, origin_ns)

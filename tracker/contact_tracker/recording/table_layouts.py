@@ -47,10 +47,10 @@ def _from_vectors(vectors: Array, unit: str) -> Array:
 
 
 def _from_axes(values: Array, unit: str) -> Array:
-    """Quaternions of unit vectors and angles; zero for an axis of another length."""
+    """Quaternions of unit vectors and angles; zero for an axis of another length with an angle."""
     axes, angles = values[:, :3], values[:, 3:]
     is_axis = np.abs(np.linalg.norm(axes, axis=1) - 1.0) < _PLAUSIBLE
-    return np.where(is_axis[:, None], _from_vectors(axes * angles, unit), 0.0)
+    return np.where(is_axis[:, None] | (angles == 0.0), _from_vectors(axes * angles, unit), 0.0)
 
 
 def _from_matrices(rows: Array, _: str) -> Array:
@@ -163,6 +163,7 @@ class Body:
     metres : factor of the position.
     kind : of the rotation, a key of ``ROTATIONS``.
     how : order and unit of angles.
+    has_unit : whether the unit of the position is stated, by the user, the columns or the format.
     """
 
     name: str
@@ -170,6 +171,7 @@ class Body:
     metres: float
     kind: str = "quaternion"
     how: str = ""
+    has_unit: bool = False
 
     def poses(self, values: Array) -> Array:
         """Positions (m) and quaternions ``xyzw`` (N, 7) of the values of its columns (N, k)."""
@@ -244,9 +246,11 @@ def bodies_of(
             continue
         roles, _ = ROTATIONS[kind]
         position = [columns[places[r]] for r in POSITION]
-        metres = _metres_of([(label, reading.unit or named or unit) for label, named in position])
+        position = [(label, reading.unit or named or unit) for label, named in position]
+        has_unit = all(named for _, named in position)
         how = _how(reading, [columns[places[role]] for role in roles[3:] or roles])
-        bodies.append(Body(name, tuple(places[r] for r in (*POSITION, *roles)), metres, kind, how))
+        own = tuple(places[r] for r in (*POSITION, *roles))
+        bodies.append(Body(name, own, _metres_of(position), kind, how, has_unit))
     if open_names and not bodies:
         raise OpenReading.of(open_names)
     return tuple(bodies)

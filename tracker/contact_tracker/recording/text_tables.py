@@ -44,21 +44,19 @@ _LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
 _HEAD_LINES: Final = 64
+_MOST_TRIED: Final = 4 * MOST_COLUMNS
+"""Words in which names of columns are looked for, 20 000 a second."""
 _LONGEST_CELL: Final = 64
 """Texts of numbers and times are cut to this length (characters) in long lines."""
 _EMPTY: Final = f",;{BLANKS}"
 _COMMENT: Final = re.compile(r"#|%|//|;(?!(?:[^;]*;){2})")
 """How comments begin; rows of which the first cell is empty have more semicolons than one."""
-_LENGTH_WORD: Final = r"((?:milli|centi|micro)met(?:er|re)s?|inch(?:es)?|mm|cm|um|\u00b5m|\u03bcm)(?!\w)"
-_LENGTH_NAME: Final = (
-    r"(?:units?|einheit(?:en)?|scale|positions?|translations?|lengths?|x\W{1,3}y\W{1,3}z)\W{1,8}"
-)
-_LENGTH_UNIT: Final = re.compile(
-    rf"(?<![^\W_]){_LENGTH_NAME}(?:{_LENGTH_NAME}|(?:are|is|in|of|s|sec|seconds)\W{{1,8}}){{0,4}}"
-    rf"{_LENGTH_WORD}|(?<!\w){_LENGTH_WORD}(?:\W{{1,3}}\2(?!\w)){{2}}",
+_LENGTH: Final = re.compile(
+    r"(?<![^\W_])(?<!\d[\s-])((?:nano|micro|milli|centi|deci|kilo)met(?:er|re)s?|inch(?:es)?|feet"
+    r"|[\u00b5\u03bcumcd]m)(?![^\W_])",
     re.IGNORECASE,
 )
-"""A unit of positions in the words of a comment or a preamble, or three times in a row."""
+"""A unit of lengths but metres, unless a number is before it."""
 _SENTENCE: Final = 1000
 """Length of the beginning of a line in which words are looked for."""
 _PAIR: Final = re.compile(
@@ -66,6 +64,9 @@ _PAIR: Final = re.compile(
     r"([\[(][^\])]{0,500}[\])]|[^\s,;})]+)"
 )
 """A value with its name, as ``x=1.0`` or ``q: [0, 0, 0, 1]``."""
+_BETWEEN_PAIRS: Final = f"|,;()[]{{}}{BLANKS}"
+_OF_NEXT: Final = re.compile(r"(?:[A-Za-z_]\w*:)?")
+"""What may be between the pairs: nothing, or what the next ones are of, as ``rot: qx=0``."""
 _CUT_OFF: Final = (
     "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
 )
@@ -197,6 +198,13 @@ def _fields_of(line: str) -> dict[str, str]:
     """The numbers and texts in a JSON object, or of values with their names, as ``pose.position.x`` and
     ``state[0]``; raises ValueError."""
     if not line.lstrip().startswith("{"):
+        _, *between = _PAIR.split(line)[::3]
+        between = [text.strip(_BETWEEN_PAIRS) for text in between]
+        if rest := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
+            raise ValueError(
+                f"beside its values with names there is {rest[:_LONGEST_CELL]!r}: leave it out, and write a "
+                "unit in the name, as in x_cm=29"
+            )
         return _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
         given = json.loads(line, parse_float=str, parse_int=str)
@@ -279,36 +287,53 @@ def _fields_in(line: str, layout: TableLayout) -> dict[str, str]:
 def _layout_in_unit(
     lines: Sequence[str], head: Sequence[str], reading: TableReading, path: str
 ) -> TableLayout:
-    """The layout of rows ``head``; raises also where positions would be in metres, and the first lines of the
-    file say another unit."""
-    stated = (
-        _LENGTH_UNIT.search("\n".join(line[:_SENTENCE] for line in lines)) if reading.unit is None else None
+    """The layout of rows ``head``; raises also where positions would be in metres without being told, and the
+    first lines of the file name another unit."""
+    layout = _layout_of(head, reading, path)
+    if all(body.has_unit for body in layout.bodies):
+        return layout
+    stated = _LENGTH.search("\n".join(line[:_SENTENCE] for line in _about(lines, layout)))
+    if stated is None:
+        return layout
+    factor = LENGTHS_M.get(stated[1].lower())
+    unit = next((unit for unit in LENGTHS if LENGTHS[unit] == factor), None)
+    remedy = (
+        "convert them to metres"
+        if unit is None
+        else f"read them by {reading.with_(reading_of(unit=unit)).command(path)}"
     )
-    word = "" if stated is None else str(stated[1] or stated[2]).lower()
-    unit = next((unit for unit in LENGTHS if LENGTHS[unit] == LENGTHS_M.get(word)), None)
-    in_unit = reading.with_(reading_of(unit=unit))
-    try:
-        layout = _layout_of(head, reading, path)
-    except UnreadableRecording:
-        if unit is None:
-            raise
-        return _layout_of(head, in_unit, path)  # the command that is proposed has the unit
-    if unit is not None and any(body.metres == 1.0 for body in layout.bodies):
-        in_metres = reading.with_(reading_of(unit="m"))
-        raise UnreadableRecording(
-            f"a unit is {word} above its rows: if it is that of positions, read them by "
-            f"{in_unit.command(path)} or, if these are in metres, {in_metres.command(path)}"
-        )
-    return layout
+    raise UnreadableRecording(
+        f"a unit is {stated[1].lower()} above its rows: if it is that of positions, {remedy} or, if these "
+        f"are in metres, by {reading.with_(reading_of(unit='m')).command(path)}"
+    )
+
+
+def _about(lines: Sequence[str], layout: TableLayout) -> Iterator[str]:
+    """Comments, and the lines above the rows of numbers but for the names and units of columns."""
+    is_above = True
+    for i, line in enumerate(lines):
+        cells = _cells_of(line, layout.separator)
+        is_above &= layout.kind == "JSON" or not _are_values(cells)
+        is_head = layout.skip - 2 <= i < layout.skip and len(cells) > max(layout.places)
+        if _COMMENT.match(line) or (is_above and not is_head):
+            yield line
+
+
+def _are_values(cells: Sequence[str]) -> bool:
+    """Whether cells are those of a row of values, not of names."""
+    return 2 * sum(are_numbers([cell]) for cell in cells) > len(cells)
 
 
 def _layout_of(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
     """The layout of a text file by its first lines; raises as ``TextTable``."""
     if any(line.count(mark) >= MOST_COLUMNS for line in lines for mark in ",;\t "):
         raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
-    first = next((line for line in lines if line.strip()), "")
-    known = next((layout for is_known, layout in _FORMATS if is_known(first)), _layout_of_rows)
-    return known(lines, reading, path)
+    begin = next((i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), 0)
+    first = lines[begin] if lines else ""
+    for is_known, layout in _FORMATS:
+        if is_known(first):
+            return layout(["\n"] * begin + list(lines[begin:]), reading, path)
+    return _layout_of_rows(lines, reading, path)
 
 
 def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -426,7 +451,7 @@ def _separator_after(word: str, line: str) -> str:
 
 def _has_names(line: str) -> bool:
     """Whether a row has the values of a pose with their names."""
-    values = _fields_of(line).values() if _PAIR.search(line) else ()
+    values = _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)}).values()
     return sum(are_numbers([value]) for value in values) >= _LEAST_OF_POSE
 
 
@@ -435,8 +460,10 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
     names = dict[str, None]()
     for line in lines:
         try:
-            names.update(dict.fromkeys(_fields_of(line)))
-        except ValueError:
+            names.update(dict.fromkeys(_fields_of(line) if not _COMMENT.match(line) else ()))
+        except ValueError as error:
+            if not line.lstrip().startswith("{"):
+                raise UnreadableRecording(str(error)) from None
             if not names:
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
@@ -460,6 +487,7 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
     comments = [rows[0] - 1] if rows[0] and _COMMENT.match(lines[rows[0] - 1]) else []
     errors = dict[int, Exception]()
     """The first of each number of names; of comments at -1."""
+    tried = 0
     for i in [*comments, *rows]:
         following = [lines[row] for row in rows if row > i]
         separator = stated[1] if stated else _separator(following[0] if i in comments else lines[i])
@@ -467,10 +495,11 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
         names = [name.strip(BLANKS) for name in _cells_of(line, separator)]
         if i in comments and len(names) != len(_cells_of(following[0], separator)):
             continue
-        if 2 * sum(are_numbers([name]) for name in names) > len(names) or any(
-            not isinstance(_values_in(name), str) for name in names
-        ):
+        if _are_values(names) or any(not isinstance(_values_in(name), str) for name in names):
             break  # the rows have begun
+        tried += len(names)
+        if tried > _MOST_TRIED:
+            break
         units = _units(following, separator)
         named = _distinct([name or f"{UNNAMED}{place}" for place, name in enumerate(names)])
         inner = _names_in_groups(named, following[bool(units) :], separator)

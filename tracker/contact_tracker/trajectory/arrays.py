@@ -165,14 +165,25 @@ def names_in(table: Any) -> list[str]:
     """Names of the columns of a table: a DataFrame, a table of Arrow or a mapping."""
     if not is_table(table):
         raise UsageError(f"a table is a DataFrame or a mapping of columns, not {type(table).__name__}")
-    names = getattr(table, "column_names", None) or getattr(table, "columns", table)
-    return [str(one) for one in names]
+    return [str(key) for key in _keys(table)]
+
+
+def _keys(table: Any) -> list[Any]:
+    """What the columns of a table are called in it, as numbers."""
+    return list(getattr(table, "column_names", None) or getattr(table, "columns", table))
 
 
 def cells_of(table: Any) -> list[list[str]]:
-    """The names of the columns of a table, and below them its values as text."""
+    """The names of the columns of a table, and below them its values as text; raises UsageError."""
     names = names_in(table)
-    return [names, *([str(value) for value in row] for row in zip(*(table[n] for n in names), strict=True))]
+    again = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if again is not None:
+        raise UsageError(f"two columns are {again}: name each of them otherwise")
+    try:
+        rows = list(zip(*(table[key] for key in _keys(table)), strict=True))
+    except (TypeError, ValueError) as error:
+        raise UsageError("the columns of a table are lists of one length, as of a DataFrame") from error
+    return [names, *([str(value) for value in row] for row in rows)]
 
 
 def with_columns(
@@ -207,31 +218,31 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     UsageError
         Its columns are not those of one body, or not of numbers.
     """
-    names = names_in(table)
+    keys = _keys(table)
     try:
-        layout = layout_of_names(names, reading, "")
+        layout = layout_of_names(names_in(table), reading, "")
     except (UnreadableRecording, ChoiceError) as error:
         raise UsageError(str(error)) from error
     if len(layout.bodies) > 1:
         bodies = ", ".join(body.name for body in layout.bodies)
         raise UsageError(f"several bodies, {bodies}: name the columns of one, as columns={{'x': ...}}")
     (body,) = layout.bodies
-    columns = [_column(table, names[place]) for place in body.columns]
+    columns = [_column(table, keys[place]) for place in body.columns]
     try:
         values = rows(np.ma.column_stack(columns), "columns of a pose", len(columns))
     except ValueError as error:
         raise UsageError("columns of a pose have different lengths") from error
     if layout.time < 0:
         return np.arange(len(values)), layout.time_ns, body.poses(values)
-    time = _column(table, names[layout.time])
+    time = _column(table, keys[layout.time])
     if layout.rest is not None:
-        seconds, rest = np.asarray(time, np.int64), np.asarray(_column(table, names[layout.rest]), np.int64)
+        seconds, rest = np.asarray(time, np.int64), np.asarray(_column(table, keys[layout.rest]), np.int64)
         return seconds * 10**9 + rest, 1.0, body.poses(values)
     return time, None if have_own_unit(time) else layout.time_ns, body.poses(values)
 
 
-def _column(table: Any, name: str) -> NDArray[Any]:
-    column = table[name]
+def _column(table: Any, key: Any) -> NDArray[Any]:
+    column = table[key]
     if getattr(getattr(column, "dtype", None), "tz", None) is not None:
         return times(column)
     return np.asanyarray(column.to_numpy() if hasattr(column, "to_numpy") else column)
