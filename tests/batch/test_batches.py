@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from collections import Counter
 from contextlib import nullcontext
@@ -399,13 +398,6 @@ def test_a_full_disk_ends_the_run_and_keeps_earlier_results(
     with pytest.raises(OSError, match="No space left"):
         run(recordings, tmp_path / "dataset")
     assert len(summary(tmp_path / "dataset")) == 1
-
-
-def test_batch_does_not_import_numpy_before_processes_start() -> None:
-    """Imports of the command line do not include the tracker's."""
-    program = "import sys; import contact_tracker.cli.batch; print('numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert done.stdout.strip() == "False", done.stderr
 
 
 @pytest.mark.long

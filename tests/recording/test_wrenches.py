@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.mcap_logs import Topic, poses_topic, smooth_poses, transform, wrench_stamped, write_log
+from support.mcap_logs import Topic, poses_topic, smooth_poses, wrench_stamped, write_log
 from support.pressed_objects import pressed
 
 from contact_tracker.cli.main import run
@@ -35,16 +35,6 @@ def test_wrenches_are_read(tmp_path: Path) -> None:
     assert found.wrenches.force_n[0].tolist() == [1.0, 2.0, 3.0]
     assert found.wrenches.moment_nm[-1].tolist() == [0.1, 0.2, 0.3]
     assert (found.dropped, found.frame_id, found.damage) == (0, "object", None)
-
-
-def test_wrenches_in_the_world_are_brought_into_the_body(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses, "world")]))
-    row, force = 17, np.array([1.0, 2.0, 3.0])
-    turn = poses.rotation[row].T
-    np.testing.assert_allclose(found.wrenches.force_n[row], turn @ force)
-    moment = np.array([0.1, 0.2, 0.3]) - np.cross(poses.position_m[row], force)
-    np.testing.assert_allclose(found.wrenches.moment_nm[row], turn @ moment)
 
 
 def test_frames_that_change_are_refused(tmp_path: Path) -> None:
@@ -118,12 +108,3 @@ def test_a_mass_that_is_overruled_is_a_warning(tmp_path: Path) -> None:
     assert found is not None
     (doubt,) = found.warnings
     assert doubt.startswith("the mass that is given, 5 kg, does not fit the wrenches in free motion: 2.00")
-
-
-def test_the_frame_of_another_body_is_refused(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    messages = [(p.stamp_ns, transform(*p, frame="world", child="cube")) for p in poses]
-    pose_topic = Topic("/pose", "geometry_msgs/msg/TransformStamped", messages)
-    path = write_log(tmp_path / "log.mcap", [pose_topic, wrenches_topic(poses, "flange")])
-    with pytest.raises(UsageError, match=r"flange.*cube"):
-        read(path)
