@@ -28,15 +28,6 @@ def read(path: Path, topic: str = "/wrench") -> WrenchLog:
     return read_wrenches(str(path), topic, log.source, Poses.collect(log))
 
 
-def test_wrenches_are_read(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
-    assert found.wrenches.stamp_ns.tolist() == poses.stamp_ns.tolist()
-    assert found.wrenches.force_n[0].tolist() == [1.0, 2.0, 3.0]
-    assert found.wrenches.moment_nm[-1].tolist() == [0.1, 0.2, 0.3]
-    assert (found.dropped, found.frame_id, found.damage) == (0, "object", None)
-
-
 def test_frames_that_change_are_refused(tmp_path: Path) -> None:
     poses = smooth_poses()
     both = wrenches_topic(poses)
