@@ -16,6 +16,7 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE, RANGE_M, PoseGate
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.stamp_order import FOLLOWERS, HELD, RESET_RUN
+from smooth_motion import pass_through
 
 MS = 1_000_000
 UNIT = (0.1, -0.7, 0.1, 0.7)
@@ -23,13 +24,6 @@ UNIT = (0.1, -0.7, 0.1, 0.7)
 
 def pose(stamp_ns: int, x: float = 0.0, quat: tuple[float, float, float, float] = UNIT) -> Pose:
     return Pose(stamp_ns, (x, 0.1, 0.0), quat)
-
-
-def pass_through(poses: list[Pose]) -> tuple[list[Pose], dict[str, int]]:
-    gate = PoseGate()
-    kept = [admitted for p in poses for admitted in gate.admit(p)]
-    kept += gate.finish()
-    return kept, dict(gate.counts)
 
 
 def places(poses: Iterable[Pose]) -> list[tuple[int, tuple[float, float, float]]]:

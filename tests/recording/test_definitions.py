@@ -4,6 +4,7 @@ import builtins
 import struct
 import time
 from collections.abc import Callable, Mapping
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -218,18 +219,10 @@ TOO_DEEP = {**{f"A{i}": f"p/A{i + 1} a" for i in range(60)}, "A60": "uint8 a"}
 ENDLESS = {**{f"A{i}": f"p/A{i + 1} a" for i in range(5000)}, "A5000": "uint8 a"}
 
 
-def write_many(path: Path, definition: str, after: bytes, count: int, channels: int = 1) -> Path:
+def write_many(path: Path, definition: str, after: bytes, count: int) -> Path:
     """A small file of many messages of poses, with further bytes."""
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema(POSE_TYPE, "ros2msg", definition.encode())
-        topics = [writer.register_channel(f"/p{i}", "cdr", schema) for i in range(channels)]
-        for i in range(count):
-            pose = POSES[i % len(POSES) : i % len(POSES) + 1]
-            writer.add_message(topics[i % channels], i, cdr_pose(next(iter(pose))) + after, i)
-        writer.finish()
-    return path
+    rows = [(i, cdr_pose(pose) + after) for i, pose in zip(range(count), cycle(POSES), strict=False)]
+    return write_raw(path, POSE_TYPE, "cdr", "ros2msg", definition.encode(), rows)
 
 
 def write_zeros(path: Path) -> Path:
@@ -303,17 +296,12 @@ def test_many_definitions_take_no_longer_than_their_bytes_explain(
 
 
 def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) -> None:
-    definition = nested("p/E[] a", TINY)
-    with (tmp_path / "a.mcap").open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel(
-            "/p", "cdr", writer.register_schema(POSE_TYPE, "ros2msg", definition.encode())
-        )
-        for i, pose in enumerate(POSES):
-            many = 1_000_000 if i % 2 else 3
-            writer.add_message(channel, i, cdr_pose(pose) + struct.pack("<I", many) + bytes(many), i)
-        writer.finish()
+    rows = [
+        (i, cdr_pose(pose) + struct.pack("<I", many) + bytes(many))
+        for i, (pose, many) in enumerate(zip(POSES, cycle((3, 1_000_000)), strict=False))
+    ]
+    text = nested("p/E[] a", TINY).encode()
+    write_raw(tmp_path / "a.mcap", POSE_TYPE, "cdr", "ros2msg", text, rows)
     log = open_log(str(tmp_path / "a.mcap"))
     assert len(Poses.collect(log)) == (len(POSES) + 1) // 2
     assert log.counts == {"undecodable": len(POSES) // 2}

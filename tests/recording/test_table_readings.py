@@ -202,12 +202,7 @@ def test_text_exports_whose_names_say_what_they_are(tmp_path: Path, share: str) 
 
 
 def test_json_lines(tmp_path: Path) -> None:
-    lines = [
-        json.dumps(
-            {"time": t, "pose": {**dict(zip("xyz", p, strict=True)), "q": dict(zip("xyzw", q, strict=True))}}
-        )
-        for t, p, q in zip(T.tolist(), P.tolist(), Q.tolist(), strict=True)
-    ]
+    lines = [stamped(*one) for one in ENTRIES]
     write(tmp_path / "a.jsonl", lines, [])
     assert_read(tmp_path / "a.jsonl")
     lines[5] = lines[5][:40]
