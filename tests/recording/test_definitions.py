@@ -102,16 +102,6 @@ def test_crafted_definitions_are_not_executed(
 IDL = "module geometry_msgs { module msg { struct PoseStamped { long x[1 << 30000000000]; }; }; };"
 
 
-def test_definitions_in_idl_are_not_read(tmp_path: Path) -> None:
-    """The known definition of the type is used."""
-    log = open_log(str(write(tmp_path / "a.mcap", "ros2idl", IDL)))
-    assert len(Poses.collect(log)) == len(POSES)
-    assert log.counts == {"known_definition": len(POSES)}
-    assert log.remarks[0].endswith(
-        "known definition of geometry_msgs/msg/PoseStamped: definitions in IDL are not read"
-    )
-
-
 def test_other_types_in_idl_are_refused_with_the_remedy(tmp_path: Path) -> None:
     kind = "visualization_msgs/msg/MarkerArray"
     path = write_raw(tmp_path / "a.mcap", kind, "cdr", "ros2idl", IDL.encode(), [(1, b"")])
