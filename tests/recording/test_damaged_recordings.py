@@ -250,6 +250,14 @@ def test_any_number_of_damages_makes_one_line(tmp_path: Path) -> None:
     assert damage.endswith(f"; and {len(chunks) - 4} more")
 
 
+def test_a_damaged_truth_is_not_used_and_reported(tmp_path: Path) -> None:
+    truth = '[{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]'
+    path = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(60))], truth)
+    path.write_bytes(path.read_bytes().replace(b'"v-f"', b'"e-f"'))
+    assert read_truth(str(path)) is None
+    assert "unreadable attachment at byte 33 (its checksum is wrong)" in str(summarise(str(path)).damage)
+
+
 def test_what_follows_the_end_is_reported(tmp_path: Path) -> None:
     poses = smooth_poses(30)
     path = write_log(tmp_path / "a.mcap", [poses_topic(poses)])

@@ -120,7 +120,7 @@ IN_WORLD = carried(PRESSED.wrenches, BODY.at(BODY.stamps_ns))
 def in_frame(*frames: Frame) -> Wrenches:
     """The wrenches in the frame at the end of a chain from the world. The chain may contain ``BODY``, which
     has all stamps."""
-    along = np.eye(4)
+    along = np.eye(4)[None]
     for frame in frames:
         along = along @ frame.at(IN_WORLD.stamp_ns)
     return carried(IN_WORLD, np.linalg.inv(along))
@@ -156,7 +156,8 @@ def read(path: Path, wrenches: str = "/wrench", **choice: str) -> WrenchLog:
     return read_wrenches(str(path), wrenches, log.source, Poses.collect(log))
 
 
-CHAINS = {
+CHAINS: dict[str, list[Frame]] = {
+    "in the frame of the poses": [],
     "on the body": [BODY, static("object", "ft")],
     "on the body, by steps": [BODY, static("object", "gripper"), static("gripper", "ft", TABLE)],
     "in the world": [static("world", "table", TABLE), static("table", "ft")],
@@ -172,7 +173,12 @@ def test_wrenches_of_a_sensor_are_those_of_the_world(tmp_path: Path, name: str, 
     published = [frame for frame in frames if frame is not BODY]
     if poses.type.endswith("PoseStamped") and len(published) < len(frames):
         published.append(BODY)  # otherwise the frame of the body is unknown
-    path = write(tmp_path / "log.mcap", wrench_topic(in_frame(*frames), "ft"), *published, poses=poses)
+    path = write(
+        tmp_path / "log.mcap",
+        wrench_topic(in_frame(*frames), "ft" if frames else "world"),
+        *published,
+        poses=poses,
+    )
     found = read(path, topic="/object/pose")
     assert (found.dropped, found.unplaced, found.bad_transforms) == (0, 0, 0)
     np.testing.assert_array_equal(found.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns)
