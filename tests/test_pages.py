@@ -13,6 +13,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker_lab.simulate import Scenario, Simulated, named_scenario, simulate
 from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
+from short_recordings import shipped
 
 DOCS = ROOT / "docs"
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
@@ -95,8 +96,7 @@ def write_beginnings(folder: Path, *names: str) -> None:
 
 def recorded(seconds: float) -> Poses:
     """The paper's experiment after its rest."""
-    poses = Poses.collect(open_log(str(ROOT / "recordings" / "paper_experiment.mcap")))
-    return poses[1000 : 1000 + round(200 * seconds)]
+    return shipped("paper_experiment")[1000 : 1000 + round(200 * seconds)]
 
 
 @pytest.mark.long

@@ -1,31 +1,24 @@
 """Required accuracy on the repository's recordings (measured values: docs/benchmarks.md)."""
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_truth
+from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.scoring import Subset
-
-RECORDINGS = Path(__file__).resolve().parent.parent / "recordings"
+from short_recordings import SHIPPED, shipped
 
 
 @cache
 def tracked(name: str) -> tuple[OfflineTracker, Segmentation]:
     tracker = OfflineTracker(load_model())
-    return tracker, Segmentation.join(list(tracker.pieces(poses_of(name))))
-
-
-def poses_of(name: str) -> Poses:
-    return Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap")))
+    return tracker, Segmentation.join(list(tracker.pieces(shipped(name))))
 
 
 @pytest.mark.parametrize(
@@ -39,7 +32,7 @@ def poses_of(name: str) -> Poses:
 )
 def test_labels_are_right_geometry_within_its_deviations_and_nothing_is_reported(name, offline, online):
     tracker, segmentation = tracked(name)
-    found = evaluate(poses_of(name), read_truth(str(RECORDINGS / f"{name}.mcap")), segmentation)
+    found = evaluate(shipped(name), read_truth(str(SHIPPED / f"{name}.mcap")), segmentation)
     assert found.offline.accuracy(Subset.ALL) >= offline
     assert found.online.accuracy(Subset.ALL) >= online
     assert found.geometry.within_3_sd >= 0.95
@@ -53,7 +46,7 @@ def test_a_map_that_does_not_win_changes_nothing(monkeypatch: pytest.MonkeyPatch
     """The result is then that of the first pass, as for a recording that is too long for a second one."""
     _, found = tracked("robot_1khz")
     monkeypatch.setattr(offline_smoother, "MOST_TICKS", 10)
-    alone = Segmentation.join(list(OfflineTracker(load_model()).pieces(poses_of("robot_1khz"))))
+    alone = Segmentation.join(list(OfflineTracker(load_model()).pieces(shipped("robot_1khz"))))
     np.testing.assert_array_equal(found.beliefs.probability, alone.beliefs.probability)
     assert [(one.contact, one.start_ns) for one in found.segments] == [
         (one.contact, one.start_ns) for one in alone.segments

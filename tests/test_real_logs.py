@@ -12,17 +12,15 @@ import pytest
 from contact_tracker.cli.main import run
 from contact_tracker.errors import UsageError
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log
 from contact_tracker.trajectory.arguments import model_from
 from distortions import low_pass, thinned, turned
 from mcap_logs import poses_topic, write_log
-
-PAPER = Path(__file__).parents[1] / "recordings" / "paper_experiment.mcap"
+from short_recordings import SHIPPED, shipped
 
 
 def raw(seconds: float) -> Poses:
     """The beginning of a recording, including motion."""
-    return Poses.collect(open_log(str(PAPER)))[800 : 800 + round(200 * seconds)]
+    return shipped("paper_experiment")[800 : 800 + round(200 * seconds)]
 
 
 def millimetres(poses: Poses) -> Poses:
@@ -102,7 +100,7 @@ def test_given_noise_is_used_and_reported(tmp_path: Path, capsys: Any) -> None:
 )
 def test_deviations_without_units_or_sense_are_wrong_usage(value: str, capsys: Any) -> None:
     for option in ("--noise", "--accuracy")[: 1 if value == "0mm,0deg" else 2]:  # accuracies may be zero
-        assert run(["segment", str(PAPER), f"{option}={value}"]) == 2
+        assert run(["segment", str(SHIPPED / "paper_experiment.mcap"), f"{option}={value}"]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert value in line
         assert "0.3mm,0.15deg" in line or "at most 100 mm and 10 deg" in line

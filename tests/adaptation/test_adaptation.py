@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,13 +26,12 @@ from contact_tracker.adaptation.filter_bank import (
     relative_evidence,
 )
 from contact_tracker.config.loading import load_model
-from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS
 from contact_tracker.motion.window import Window
-from contact_tracker.recording import open_log, read_truth
+from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import Tracker
@@ -47,22 +45,19 @@ from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned
 from pose_filter import forward
-from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
+from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, SHIPPED, needs_kernels, recorded, shipped
 from smooth_motion import moving
 
-PAPER = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 AUTOCORRELATION = np.exp(-0.005 / 2.0)
 """From pose to pose at 200 Hz, of an error with a correlation time of 2 s."""
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
-@cache
 def paper() -> Poses:
-    return Poses.collect(open_log(str(PAPER)))
+    return shipped("paper_experiment")
 
 
 def accuracies(poses: Poses, found) -> tuple[float, float]:
-    truth = read_truth(str(PAPER))
+    truth = read_truth(str(SHIPPED / "paper_experiment.mcap"))
     assert truth is not None
     scores = evaluate(poses, truth, found)
     return scores.offline.accuracy(), scores.online.accuracy()

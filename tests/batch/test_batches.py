@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from collections import Counter
 from contextlib import nullcontext
@@ -175,48 +174,52 @@ def test_another_version_processes_all_recordings_again(
     assert run(recordings[:1], tmp_path / "dataset").done == 1
 
 
-def test_recordings_with_possible_system_faults_are_tried_again(
-    tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("place", "error", "code", "said", "bad_again"),
+    [
+        ("batch.segmenting.open_log", MemoryError(), 1, "it takes more memory than there is", 0),
+        (
+            "recording.text_tables.TextTable._opened",
+            OSError(5, "Input/output error"),
+            1,
+            "Input/output error",
+            0,
+        ),
+        (
+            "batch.segmenting.open_log",
+            ZeroDivisionError("by nothing"),
+            errors.UNEXPECTED,
+            "by nothing (test_ba",
+            1,
+        ),
+    ],
+    ids=["memory", "disk", "internal"],
+)
+def test_errors_are_rows_and_those_of_the_system_are_tried_again(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    place: str,
+    error: Exception,
+    code: int,
+    said: str,
+    bad_again: int,
 ) -> None:
-    def refuse(*_: object, **__: object) -> None:
-        raise MemoryError
-
-    with monkeypatch.context() as patch:
-        patch.setattr("contact_tracker.batch.segmenting.open_log", refuse)
-        assert run(recordings[:1], tmp_path / "dataset").bad == 1
-    errors = summary(tmp_path / "dataset")["error"].to_pylist()
-    assert errors == [f"{path}: it takes more memory than there is" for path in recordings[:1]]
-    assert run(recordings[:1], tmp_path / "dataset").bad == 0
-
-
-def test_a_recording_that_the_disk_fails_to_give_is_tried_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    """Internal ones in the next version."""
     log = tmp_path / "a.csv"
     log.write_text("t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{0.01 * i:.2f},0,0,0,0,0,0,1\n" for i in range(60)))
 
-    def fail(_: object) -> None:
-        raise OSError(5, "Input/output error")
+    def fail(*_: object, **__: object) -> None:
+        raise error
 
     with monkeypatch.context() as patch:
-        patch.setattr("contact_tracker.recording.text_tables.TextTable._opened", fail)
+        patch.setattr(f"contact_tracker.{place}", fail)
         assert run([log], tmp_path / "dataset").bad == 1
-    assert summary(tmp_path / "dataset")["error"].to_pylist() == [f"{log}: Input/output error"]
-    assert run([log], tmp_path / "dataset").bad == 0
-
-
-def test_an_internal_error_is_a_row(
-    tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise ZeroDivisionError("by nothing")
-
-    monkeypatch.setattr("contact_tracker.batch.segmenting.open_log", fail)
-    assert run(recordings[:1], tmp_path / "dataset").bad == 1
     (row,) = summary(tmp_path / "dataset").to_pylist()
-    assert row["exit_code"] == errors.UNEXPECTED
-    assert "ZeroDivisionError: by nothing (test_batches.py:" in row["error"]
-    assert run(recordings[:1], tmp_path / "dataset").unchanged == 1  # until the next version
+    assert row["exit_code"] == code
+    assert row["error"].startswith(f"{log}: ")
+    assert said in row["error"]
+    again = run([log], tmp_path / "dataset")
+    assert (again.bad, again.unchanged) == (bad_again, bad_again)
 
 
 def test_a_recording_that_changes_while_it_is_read_has_no_result(
@@ -399,13 +402,6 @@ def test_a_full_disk_ends_the_run_and_keeps_earlier_results(
     with pytest.raises(OSError, match="No space left"):
         run(recordings, tmp_path / "dataset")
     assert len(summary(tmp_path / "dataset")) == 1
-
-
-def test_batch_does_not_import_numpy_before_processes_start() -> None:
-    """Imports of the command line do not include the tracker's."""
-    program = "import sys; import contact_tracker.cli.batch; print('numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert done.stdout.strip() == "False", done.stderr
 
 
 @pytest.mark.long

@@ -16,11 +16,11 @@ from chain_oracle import NOTHING, random_model
 from contact_tracker import __version__
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
-from contact_tracker.errors import ContactTrackerError, InputError
+from contact_tracker.errors import ContactTrackerError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.processes import run_all
-from contact_tracker.recording import need_truth, open_log, read_truth, write_recording
+from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import Contact
 from contact_tracker_lab.calibration.calibrate import Plan, Source, calibrate, score_model, study_recording
 from contact_tracker_lab.calibration.parameters import How, model_text, select
@@ -273,10 +273,3 @@ def test_truth_of_any_part_is_learned_from(logs, begin, end):
     assert study.labelled
     assert (expected.stays.sum() + expected.changes.sum()) * MODEL.tick_s <= seconds + 1.0
     assert np.isfinite(expected.log_evidence)
-
-
-def test_an_error_in_a_process_is_the_users_error_and_ends_all_processes(tmp_path: Path) -> None:
-    (tmp_path / "text.mcap").write_text("no recording at all")
-    with pytest.raises(InputError, match=r"text\.mcap"):
-        run_all(need_truth, [(str(tmp_path / "text.mcap"),)] * 4, 2)
-    assert not active_children()

@@ -1,6 +1,5 @@
 """A map that contradicts the motion is reported, and one that fits is not."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,24 +9,21 @@ from scipy.spatial.transform import Rotation
 import as_values
 from checked_stream import stream_of
 from contact_tracker.checks.contradiction import Contradiction
-from contact_tracker.hypotheses import compiled
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import Map
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_truth
+from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from distortions import moving_average
-from short_recordings import MODEL
+from short_recordings import MODEL, SHIPPED, needs_kernels, shipped
 from smooth_motion import moving, slid_and_tilted
 
-RECORDINGS = Path(__file__).parents[2] / "recordings"
 UP = [0.5657, 0.5557, 0.6092]
 """Upward direction, normal to the faces, in all of them."""
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 def up(direction: list[float]) -> Map:
@@ -35,7 +31,7 @@ def up(direction: list[float]) -> Map:
 
 
 def poses_of(name: str) -> Poses:
-    return gate(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap"))))
+    return gate(shipped(name))
 
 
 def tracked(name: str, known_map: Map) -> tuple[list[str], Segmentation]:
@@ -52,7 +48,7 @@ def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong() -> None:
     assert len(texts) == 1
     assert texts[0].startswith("--up does not fit the motion")
     assert "\n" not in texts[0]
-    truth = read_truth(str(RECORDINGS / f"{name}.mcap"))
+    truth = read_truth(str(SHIPPED / f"{name}.mcap"))
     assert truth is not None
     scores = evaluate(poses_of(name), truth, found)
     assert scores.offline.sure_wrong == 0.0

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,26 +13,21 @@ from contact_tracker.checks import conventions
 from contact_tracker.checks.conventions import Conventions
 from contact_tracker.checks.readings import Given, angles_in, read_turns, readings_of
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
-from contact_tracker.hypotheses import compiled
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.motion.sensor_noise import estimate_noise
-from contact_tracker.recording import open_log
 from contact_tracker.recording.table_layouts import quaternions
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
-from short_recordings import MODEL
+from short_recordings import MODEL, needs_kernels, shipped
 from smooth_motion import moving, slid_and_tilted, smooth
 
-RECORDINGS = Path(__file__).parents[2] / "recordings"
 SIGMA = 3e-4, np.radians(0.15)
 MIRROR = np.diag([1.0, 1.0, -1.0])
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
-@cache
 def recorded(name: str = "paper_experiment") -> Poses:
-    return Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap")))
+    return shipped(name)
 
 
 def with_turns(poses: Poses, turn: Rotation) -> Poses:

@@ -17,7 +17,9 @@ TICK_S = 0.1
 TABLE = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0}
 BENCH = {"name": "bench", "size_m": [2.0, 2.0, 0.1], "position_m": [0.0, 0.0, -0.05]}
 ON_TABLE_M = 0.05
-KNOWN = map_from({"environment": {"plane": [TABLE]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}})
+CUBE = {"box": {"size_m": [2 * ON_TABLE_M] * 3}}
+KNOWN = map_from({"environment": {"plane": [TABLE]}, "object": CUBE})
+ON_BENCH = map_from({"environment": {"box": [BENCH]}, "object": CUBE})
 
 
 def moving(path_m: np.ndarray, rate_hz: float, noise_m: float = 1e-4) -> Poses:
@@ -69,58 +71,48 @@ def test_a_dropped_object_is_reported(rate_hz: float, restitution: float) -> Non
 
 
 def test_a_body_of_faces_is_hit_like_a_single_face() -> None:
-    known_map = map_from(
-        {"environment": {"box": [BENCH]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
-    )
-    assert said(found_in(moving(dropped(148.0, 0.3), 148.0), known_map), TICK_S)
+    assert said(found_in(moving(dropped(148.0, 0.3), 148.0), ON_BENCH), TICK_S)
 
 
-@pytest.mark.parametrize("rate_hz", [30.0, 100.0, 1000.0])
-def test_an_object_that_is_put_down_is_not(rate_hz: float) -> None:
-    found = found_in(moving(placed(rate_hz), rate_hz))
-    assert said(found, TICK_S) == []
-    assert not found.is_near
+def turned_back_above() -> np.ndarray:
+    return heights(0.3 + 0.2 * np.abs(((2.0 * np.arange(0.0, 3.0, 0.01)) % 2.0) - 1.0) * 2.0)
 
 
-def test_an_object_that_slides_fast_is_not() -> None:
+def slid_fast() -> np.ndarray:
     time_s = np.arange(0.0, 3.0, 0.01)
-    path = np.column_stack([0.6 * np.sin(3.0 * time_s), 0.0 * time_s, np.full_like(time_s, ON_TABLE_M)])
-    assert said(found_in(moving(path, 100.0, 5e-4)), TICK_S) == []
+    return np.column_stack([0.6 * np.sin(3.0 * time_s), 0.0 * time_s, np.full_like(time_s, ON_TABLE_M)])
 
 
-def test_an_object_that_turns_back_high_above_is_not() -> None:
-    time_s = np.arange(0.0, 3.0, 0.01)
-    back_and_forth = 0.3 + 0.2 * np.abs(((2.0 * time_s) % 2.0) - 1.0) * 2.0
-    assert said(found_in(moving(heights(back_and_forth), 100.0)), TICK_S) == []
-
-
-@pytest.mark.parametrize("poses", [1, 2])
-def test_outliers_are_no_impacts(poses: int) -> None:
+def with_outliers(poses: int) -> np.ndarray:
     path = heights(np.full(300, ON_TABLE_M))
     for first, off_m in ((40, 0.05), (100, -0.05), (160, 0.05), (220, -0.05)):
         path[first : first + poses, 2] += off_m
-    assert said(found_in(moving(path, 100.0)), TICK_S) == []
+    return path
 
 
-def test_a_gap_is_no_impact() -> None:
-    """Speeds before and after it differ, but not by a hit."""
-    path = placed(100.0)
-    kept = np.r_[0:56, 96:200]
-    whole = moving(path, 100.0)
-    assert said(found_in(whole[kept]), TICK_S) == []
+NO_IMPACTS = {
+    **{f"put down, {rate_hz:g} Hz": moving(placed(rate_hz), rate_hz) for rate_hz in (30.0, 100.0, 1000.0)},
+    "slides fast": moving(slid_fast(), 100.0, 5e-4),
+    "turns back high above": moving(turned_back_above(), 100.0),
+    **{f"outliers of {count}": moving(with_outliers(count), 100.0) for count in (1, 2)},
+    "speeds differ before and after a gap": moving(placed(100.0), 100.0)[np.r_[0:56, 96:200]],
+}
+
+
+@pytest.mark.parametrize("name", NO_IMPACTS)
+def test_other_motion_is_no_impact(name: str) -> None:
+    found = found_in(NO_IMPACTS[name])
+    assert said(found, TICK_S) == []
+    assert not (found.is_near and name.startswith("put down"))
 
 
 def test_beside_a_body_its_faces_end() -> None:
     """An object turns back in the air, half a metre over the bench, in the plane of its side."""
-    known_map = map_from(
-        {"environment": {"box": [BENCH]}, "object": {"box": {"size_m": [2 * ON_TABLE_M] * 3}}}
-    )
     time_s = np.arange(0.0, 2.0, 0.01)
     along = 1.05 + np.abs(time_s - 1.0)
     path = np.column_stack([along, np.zeros_like(along), np.full_like(along, 0.5)])
-    found = found_in(moving(path, 100.0), known_map)
-    assert said(found, TICK_S) == []
-    assert not found_in(moving(path, 100.0)[:90], known_map).is_near
+    assert said(found_in(moving(path, 100.0), ON_BENCH), TICK_S) == []
+    assert not found_in(moving(path, 100.0)[:90], ON_BENCH).is_near
 
 
 def test_bursts_of_poses_keep_little() -> None:

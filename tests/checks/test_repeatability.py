@@ -1,7 +1,6 @@
 """A finding says where estimates of what seems to be one element differ by more than noise allows."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,14 +12,12 @@ from contact_tracker.checks.map_use import Repeatability, difference
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, shifted
 from contact_tracker.motion.pose_validation import gate
-from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.trajectory.arguments import model_from
+from short_recordings import shipped
 
-PAPER = Path(__file__).resolve().parents[2] / "recordings" / "paper_experiment.mcap"
 NONE = SystematicErrors()
 TURN, SHIFT = 1e-3, 1e-3
 """Standard deviations (rad, m) of the elements below."""
@@ -61,7 +58,7 @@ def accuracy_finding(poses, accuracy=None):
 
 @pytest.mark.long
 def test_it_is_found_in_a_bent_volume_and_not_where_errors_are_given():
-    distorted = bent(Poses.collect(open_log(str(PAPER)))[::2], np.random.default_rng(6))
+    distorted = bent(shipped("paper_experiment")[::2], np.random.default_rng(6))
     (found,) = accuracy_finding(distorted)
     assert "--accuracy" in found.text
     assert "\n" not in found.text

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import pytest
 from pyarrow import parquet
-from test_killed_workers import PROC, helpers_of, is_running
 
 from batches import BROKEN, contents, run, write_broken, write_recordings
 from command_line import ENVIRONMENT, PIPE, Done, started
 from command_line import run as command
+
+PROC = Path("/proc")
 
 
 def batch(*arguments: object, stdin: bytes = b"") -> Done:
@@ -68,6 +69,26 @@ def in_the_middle(logs: Path, dataset: Path) -> "Iterator[subprocess.Popen[bytes
         yield process
 
 
+def helpers_of(pid: int) -> list[int]:
+    """The processes of ``multiprocessing`` that any thread of a process has started."""
+    found = []
+    for thread in (PROC / str(pid) / "task").iterdir():
+        try:
+            children = (thread / "children").read_text().split()
+            found += [int(c) for c in children if b"spawn_main" in (PROC / c / "cmdline").read_bytes()]
+        except OSError:  # it has ended meanwhile
+            continue
+    return found
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process is running, and not a zombie."""
+    try:
+        return (PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 @pytest.mark.long
 def test_a_run_that_was_killed_goes_on_to_the_same_dataset(
     logs: Path, whole: dict[str, bytes], tmp_path: Path
@@ -76,7 +97,8 @@ def test_a_run_that_was_killed_goes_on_to_the_same_dataset(
     with in_the_middle(logs, dataset) as process:
         helpers = helpers_of(process.pid) if PROC.is_dir() else []
         process.kill()
-        process.communicate()
+        _, said = process.communicate()
+    assert b"Traceback" not in said
     give_up = time.monotonic() + 60
     while any(is_running(helper) for helper in helpers):  # they write no more
         assert time.monotonic() < give_up

@@ -255,11 +255,12 @@ def test_segment_writes_every_tick_as_json_lines_and_a_table_to_stdout(
 
 
 def test_truncated_input_gives_the_readable_part_and_3(truncated: Path, tmp_path: Path) -> None:
-    for arguments in (["live", truncated, "--json"], ["info", truncated]):
-        done = run(*arguments)
+    whole = truncated.read_bytes()
+    for command, name, stdin in (("live", truncated, b""), ("info", truncated, b""), ("info", "-", whole)):
+        done = run(command, name, "--json", stdin=stdin)
         assert done.returncode == 3, done.stderr
         assert done.stdout.splitlines()
-        assert "truncated.mcap" in done.stderr
+        assert ("it is cut off" if stdin else "truncated.mcap") in done.stderr
         assert "Traceback" not in done.stderr
     assert run("segment", truncated, "-o", tmp_path / "out.csv").returncode == 3
     assert (tmp_path / "out.csv").exists()
@@ -496,23 +497,15 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_live_stream_resumes_after_a_restart_byte_for_byte(recording: Path, tmp_path: Path) -> None:
-    part, log, state = tmp_path / "part.mcap", tmp_path / "log.mcap", tmp_path / "s.state"
+    part, state, output = tmp_path / "part.mcap", tmp_path / "s.state", ""
     whole = recording.read_bytes()
-    log.write_bytes(whole)
-    output = ""
     for share in (0.3, 0.301, 0.6):
         part.write_bytes(whole[: int(share * len(whole))])
-        done = run("live", part, "--state", state)
+        done = run("live", part, "--json", "--state", state)
         assert done.returncode == 3, "it is truncated"
         output += done.stdout
-    done = run("live", log, "--state", state)
-    assert done.returncode == 0
-    output += done.stdout
-    alone = run("live", log).stdout.splitlines(keepends=True)
-    count = len(output.splitlines())
-    assert output == "".join(alone[:count])
-    assert len(alone) - count <= 1, "the last, partial tick waits"
-    again = run("live", log, "--state", state)
+    assert_resumed(output, recording, state)
+    again = run("live", recording, "--state", state)
     assert (again.stdout, again.returncode) == ("", 0)
 
 
@@ -568,6 +561,7 @@ def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: P
     state.write_bytes(state.read_bytes()[:-2000])
     assert_one_line_error(run("live", log, "--state", state), 1, "it is damaged")
     assert_one_line_error(run("live", log, "--state", tmp_path), 1, "it is a folder")
+    assert_one_line_error(run("live", log, "--state", tmp_path / "none" / "s.state"), 2, "no folder")
 
 
 def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path: Path) -> None:
@@ -612,28 +606,3 @@ def test_the_next_part_of_a_recording_whose_clock_was_reset_goes_on(tmp_path: Pa
         errors.append(done.stderr)
     assert "65 poses" in errors[1]
     assert "earlier than one before" not in "".join(errors)
-
-
-def test_a_state_has_a_folder(tmp_path: Path) -> None:
-    nowhere = run("live", RECORDING, "--state", tmp_path / "none" / "s.state")
-    assert_one_line_error(nowhere, 2, "no folder")
-    assert nowhere.stdout == ""
-
-
-@pytest.mark.long
-def test_a_live_stream_that_is_terminated_in_a_gap_loses_no_pose(tmp_path: Path) -> None:
-    """The gate holds some poses back until the next comes, after the gap."""
-    log, state = tmp_path / "gap.csv", tmp_path / "s.state"
-    poses = Poses.collect(open_log(str(RECORDING)))
-    time_s = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
-    keep = (time_s < 2.0) | ((time_s > 4.5) & (time_s < 6.5))
-    rows = np.column_stack([time_s, poses.position_m, poses.quat_xyzw])[keep]
-    np.savetxt(log, rows, delimiter=",", header="t,x,y,z,qx,qy,qz,qw", comments="", fmt="%.9f")
-    words = "live", log, "--json", "--rate", "1", "--state", state
-    with started(*words, stdout=PIPE, stderr=DEVNULL) as live:
-        output = b"".join(live.stdout.readline() for _ in range(15))
-        time.sleep(1.0)  # in the gap
-        live.send_signal(signal.SIGTERM)
-        output += live.stdout.read()
-        assert live.wait(timeout=60) == 128 + signal.SIGTERM
-    assert_resumed(output.decode(), log, state)

@@ -18,9 +18,9 @@ from contact_tracker.recording import open_log
 from contact_tracker.states import Contact
 from contact_tracker.tracker import Tracker
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, transform, write_log
+from short_recordings import shipped
 
 POSES = smooth_poses(300)
-SHIPPED = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
 def write_chain(path: Path, *more: Topic) -> Path:
@@ -132,7 +132,7 @@ def test_the_command_that_was_typed_is_proposed_for_columns_that_may_be_meant_in
 
 
 def test_a_warning_comes_while_the_stream_goes_on_with_the_option_that_is_tried(tmp_path: Path) -> None:
-    path, poses = tmp_path / "a.csv", Poses.collect(open_log(str(SHIPPED)))[3000:5000:2]
+    path, poses = tmp_path / "a.csv", shipped("paper_experiment")[3000:5000:2]
     numbers = np.column_stack([1e-9 * poses.stamp_ns, 1e3 * poses.position_m, poses.quat_xyzw])
     np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
     lines = shown_on_a_terminal("live", path, "--json", "-q").splitlines()

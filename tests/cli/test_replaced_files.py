@@ -166,35 +166,38 @@ def appears_at_the_end(monkeypatch: pytest.MonkeyPatch, happen) -> None:
 
 
 @pytest.mark.parametrize(
-    ("how", "command", "output"), [(os.rename, *WRITES[0]), (os.link, *WRITES[1]), (os.symlink, *WRITES[2])]
+    ("how", "source", "command", "output", "said"),
+    [
+        *(
+            (how, "log.mcap", f"{command} {output} --overwrite", output, "it is the input log.mcap; name")
+            for how, (command, output) in zip((os.rename, os.link, os.symlink), WRITES, strict=False)
+        ),
+        (
+            os.rename,
+            "parts/log_0.mcap",
+            " ".join(WRITES[0]),
+            WRITES[0][1],
+            "a recording; --overwrite replaces",
+        ),
+    ],
 )
-def test_an_input_that_takes_the_place_of_the_output_meanwhile_is_not_replaced(
+def test_a_recording_that_takes_the_place_of_the_output_meanwhile_is_not_replaced(
     how,
+    source: str,
     command: str,
     output: str,
+    said: str,
     folder: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Nor if it was renamed, or recordings may be replaced."""
-    before = Path("log.mcap").read_bytes()
-    appears_at_the_end(monkeypatch, lambda: how("log.mcap", output))
-    assert run([*command.split(), output, "--overwrite"]) == 2
-    done = capsys.readouterr()
-    assert "it is the input log.mcap; name another file" in done.err
+    """If it is an input, not even by a link, or if recordings may be replaced."""
+    before = Path(source).read_bytes()
+    appears_at_the_end(monkeypatch, lambda: how(source, output))
+    assert run(command.split()) == 2
+    assert said in capsys.readouterr().err
     assert Path(output).read_bytes() == before
     assert not [path for path in Path().iterdir() if path.suffix == ".part"]
-
-
-def test_a_recording_that_takes_the_place_of_the_output_meanwhile_is_not_replaced(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command, output = WRITES[0]
-    before = Path("parts/log_0.mcap").read_bytes()
-    appears_at_the_end(monkeypatch, lambda: os.rename("parts/log_0.mcap", output))
-    assert run([*command.split(), output]) == 2
-    assert "it is a recording; --overwrite replaces it" in capsys.readouterr().err
-    assert Path(output).read_bytes() == before
 
 
 compressed = zstandard.ZstdCompressor().compress

@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from contact_motions import touching, x_of
+from contact_motions import elements_of, touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts import family as layout
 from contact_tracker.geometry.elements import Line, Plane, Point
@@ -37,20 +37,6 @@ def scale_sq(model, x, rotation, t):
     """(N,) squared change of the last row per metre, for each pose."""
     zeta = model.lifted(lifted_pose.lift(rotation, t))
     return model.family.scale_sq(np.broadcast_to(x, (len(t), len(x))), zeta[:, :, None] * zeta[:, None, :])
-
-
-def first_and_second(model, x):
-    """x as the paper's elements, in frame 1 and in frame 2; the free offset of f-f is zero."""
-    match model.contact:
-        case Contact.FF:
-            return np.append(x[:3], 0.0), x[3:7]
-        case Contact.EF | Contact.FE:
-            return np.append(x[:3], np.cross(x[3:6], x[:3])), x[6:10]
-        case Contact.VF | Contact.FV:
-            return np.append(x[:3], 1.0), x[3:7]
-        case _:
-            lines = [np.append(d, np.cross(q, d)) for d, q in ((x[:3], x[3:6]), (x[6:9], x[9:12]))]
-            return lines[0], lines[1]
 
 
 @each_model
@@ -89,14 +75,11 @@ def test_rows_give_the_papers_objective(model, seed):
     rng = np.random.default_rng(seed)
     rotation, t = random_poses(rng)
     x = random_x(model, rng)
-    first, second = first_and_second(model, x)
-    obj, environment = (first, second) if model.body_in_1 else (second, first)
     squares = (residuals(model, x, rotation, t) ** 2).sum(axis=0)
     if model.contact in (Contact.EF, Contact.FE):
         squares[0] *= 1.0 + x[3:6] @ x[3:6]
-    assert direct(model.contact, *motion(rotation, t), obj, environment) == pytest.approx(
-        squares.sum(), rel=1e-9
-    )
+    found = direct(model.contact, *motion(rotation, t), *elements_of(model.contact, x))
+    assert found == pytest.approx(squares.sum(), rel=1e-9)
 
 
 @quick

@@ -9,20 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import geometry
-from contact_tracker import hmm
 from contact_tracker.errors import UsageError
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking import ambiguity
-from contact_tracker.tracking.ambiguity import tempered
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.tracking.transition_model import log_initial
 from contact_tracker_lab.benchmark import benchmark, bic, fixed_windows, others, tracked
 from contact_tracker_lab.benchmark.fixed_windows import Emission, Recorded, Windows
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Phases, Score, total
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.evaluation.scoring import Subset, scoring
-from pose_filter import PoseFilter, forward
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
@@ -30,34 +24,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 # --- lags ------------------------------------------------------------------------------------------------
-
-
-def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One pass with lags, against ``hmm.smooth`` over the hypotheses up to that time.
-
-    The trellis lacks hypotheses pruned in the same tick, which have negligible weights.
-    """
-    bare = ambiguity.Freedom(False, False)
-    monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: bare)  # the bare posterior
-    monkeypatch.setattr(ambiguity, "with_rivals", lambda probability, *_: probability)
-    poses = recorded(FACE_TO_EDGE).poses[300:540]
-    seen = RecordedPass.over(forward(poses, MODEL))
-    transition = np.array(seen.change)  # by the map as it was at each tick
-    whole, ticks = seen.trellis, len(seen.beliefs)
-    assert ticks == 12
-    for lag_s, lag in ((0.5, 5), (0.2, 2)):
-        one = PoseFilter(MODEL, lag_s)
-        lagged = [belief for pose in poses for belief in one.update(pose)] + one.finish()
-        assert len(lagged) == ticks
-        for tick in range(ticks):
-            until = min(tick + lag + 1, ticks)
-            known = whole._replace(alive=whole.alive[:until], log_likelihood=whole.log_likelihood[:until])
-            posterior, _ = hmm.smooth(known, log_initial(MODEL), transition[:until])
-            expected = tempered(posterior[tick], MODEL.certainty.posterior_power)
-            np.testing.assert_allclose(lagged[tick].probability, expected, atol=1e-5)
-    online = np.array([belief.probability for belief in seen.beliefs])
-    probability = np.array([belief.probability for belief in lagged])
-    assert np.abs(probability - online).max() > 1e-3  # there is something to know later
 
 
 @settings(max_examples=25, deadline=None)

@@ -409,16 +409,6 @@ def test_subtitles_follow_each_other_as_segments_do(folder: Path, result: contac
         assert text.startswith(f"{segment.contact.value} ({segment.probability:.2f})")
 
 
-def test_csv_has_a_row_per_segment(folder: Path, result: contact_tracker.Result) -> None:
-    with (folder / "out.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    columns = "start_ns end_ns contact probability geometry inseparable contacts joint decided"
-    assert list(rows[0])[: len(columns.split())] == columns.split()
-    assert [(int(r["start_ns"]), r["contact"]) for r in rows] == [
-        (s.start_ns, s.contact.value) for s in result.segments
-    ]
-
-
 def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result) -> None:
     pytest.importorskip("matplotlib").use("Agg")
     pyplot = pytest.importorskip("matplotlib.pyplot")

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +14,9 @@ from contact_tracker.exports.formats import json_line
 from contact_tracker.formations.further import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
-from contact_tracker.hypotheses import compiled
 from contact_tracker.map.map import Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.text import Changes, describe, table
-from contact_tracker.recording import open_log
 from contact_tracker.saved_state import load, save
 from contact_tracker.states import Contact
 from contact_tracker.tracker import Tracker
@@ -29,10 +26,9 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.simulate import Phase, Scenario, Simulated, named_scenario, simulate
+from short_recordings import needs_kernels, shipped
 
 SECOND = 10**9
-RECORDINGS = Path(__file__).parents[2] / "recordings"
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 @cache
@@ -64,7 +60,7 @@ def only_further(name: str) -> FurtherContact:
 @needs_kernels
 def test_no_further_contact_repeats_another() -> None:
     """Wrong orders of quaternions give motion that keeps constraints, but no contacts beside the first."""
-    poses = Poses.collect(open_log(str(RECORDINGS / "paper_experiment.mcap")))[1000:4000]
+    poses = shipped("paper_experiment")[1000:4000]
     poses = replace(poses, quat_xyzw=np.ascontiguousarray(poses.quat_xyzw[:, [1, 2, 3, 0]]))
     _, beliefs = as_values.advance(as_values.start(load_model()), poses)
     for one in (*segmenting.segment(poses, load_model()).segments, *beliefs):

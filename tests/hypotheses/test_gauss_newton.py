@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from contact_motions import touching
+from contact_motions import elements_of, touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.gauss_newton import Prior, every_cost, minimise
 from contact_tracker.motion import lifted_pose
@@ -56,19 +56,6 @@ def sum_of_squares(model, moments, x):
     return float(every_cost(model.family, moments[None], weight, no_prior(model, 1), x[None])[0, 0])
 
 
-def paper_elements(model, x):
-    """(object, environment) of x, as the paper's arrays; f-f with h_o = 0."""
-    if model.contact is Contact.FF:
-        first, second = np.append(x[:3], 0.0), x[3:7]
-    elif model.family.ROWS == 2:
-        first, second = np.append(x[:3], np.cross(x[3:6], x[:3])), x[6:10]
-    elif model.contact is Contact.EE:
-        first, second = (np.append(d, np.cross(q, d)) for d, q in ((x[:3], x[3:6]), (x[6:9], x[9:12])))
-    else:
-        first, second = np.append(x[:3], 1.0), x[3:7]
-    return (first, second) if model.body_in_1 else (second, first)
-
-
 @each_model
 def test_slsqp_finds_nothing_lower(model):
     """On the paper's objective, except for its other weights in e-f, f-e and e-e, and the offset of f-f."""
@@ -80,7 +67,7 @@ def test_slsqp_finds_nothing_lower(model):
         )
         found, best = fit(model, rotation, position)
         x, lowest = found.x[best], found.cost[best]
-        on_papers = direct(model.contact, *paper, *paper_elements(model, x))
+        on_papers = direct(model.contact, *paper, *elements_of(model.contact, x))
         if model.contact in ANGLES_WEIGHTED:
             foot_sq = float(x[3:6] @ x[3:6])
             assert lowest * (1 - 1e-6) <= on_papers <= (1.0 + foot_sq) * lowest * (1 + 1e-6)

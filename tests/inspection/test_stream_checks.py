@@ -18,6 +18,7 @@ from contact_tracker.inspection.stream_checks import (
 )
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from short_recordings import shipped
 from smooth_motion import START_NS, moving, smooth
 
 RECORDINGS = ("paper_experiment", "all_states", "robot_1khz", "vision_30hz")
@@ -28,8 +29,8 @@ def recorded(path):
 
 
 @pytest.fixture(scope="session")
-def recordings(pytestconfig):
-    return {name: recorded(pytestconfig.rootpath / "recordings" / f"{name}.mcap") for name in RECORDINGS}
+def recordings():
+    return {name: shipped(name) for name in RECORDINGS}
 
 
 def until(poses, seconds):

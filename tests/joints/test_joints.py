@@ -1,6 +1,7 @@
 """Joints: their derivatives, and their identification, with and without a joint."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from io import StringIO
@@ -16,7 +17,6 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
-from contact_tracker.hypotheses import compiled
 from contact_tracker.joints.evidence import Joint, find_joint, joint_of
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.motion.lifted_pose import T, lift
@@ -29,11 +29,11 @@ from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.evaluation.geometry_errors import deviation
 from contact_tracker_lab.simulate import Phase, named_scenario, simulate
 from contact_tracker_lab.simulate.motion import band_limited
+from short_recordings import needs_kernels
 
 Array = NDArray[np.float64]
 SIGMA = (3e-4, np.radians(0.15))
 PITCH_M = 0.02
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 EACH_KIND = [
     pytest.param(kind, marks=pytest.mark.long if kind in (JointKind.SLIDER, JointKind.BALL) else ())
     for kind in JointKind
@@ -153,37 +153,39 @@ def ticks_of(turn: Rotation, shift_m: Array, arm_m: float, rng: np.random.Genera
     return Window(np.arange(len(zeta)), zeta, variance, np.tile(moved, (len(zeta), 1)))
 
 
-@pytest.mark.parametrize("play_m", [2e-3, 5e-3])
+def with_play(play_m: float, angle: Array, rng: np.random.Generator) -> Array:
+    """The axis tilts, by that play over 0.1 m, with the angle."""
+    return play_m / 0.1 * np.sin(angle[:, None] / 0.2 + rng.uniform(0.0, 2.0 * np.pi, 2))
+
+
+def jumping(play_m: float, angle: Array, rng: np.random.Generator) -> Array:
+    """The axis jumps from side to side, so that its motion has several directions."""
+    axis = rng.normal(size=2)
+    return play_m / 0.1 * np.sign(angle)[:, None] * axis / np.linalg.norm(axis)
+
+
+@pytest.mark.parametrize(
+    ("tilting", "play_m", "turns_rad"), [(with_play, 2e-3, 0.4), (with_play, 5e-3, 0.4), (jumping, 5e-3, 0.1)]
+)
 @pytest.mark.parametrize("seed", range(3))
-def test_a_hinge_with_play_is_a_hinge(play_m: float, seed: int) -> None:
-    """Its axis tilts, by that play over 0.1 m, with the angle: such errors are no freedom of a ball joint.
-    They may look like a small pitch."""
+def test_a_hinge_with_play_is_a_hinge(
+    tilting: Callable[..., Array], play_m: float, turns_rad: float, seed: int
+) -> None:
+    """Such errors are no freedom of a ball joint. They may look like a small pitch."""
     rng = np.random.default_rng(seed)
-    angle = 0.4 * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0)[:, 0]
-    tilt = play_m / 0.1 * np.sin(angle[:, None] / 0.2 + rng.uniform(0.0, 2.0 * np.pi, 2))
-    turn = Rotation.from_rotvec(np.column_stack([tilt, np.zeros(2000)]))
+    angle = turns_rad * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0)[:, 0]
+    turn = Rotation.from_rotvec(np.column_stack([tilting(play_m, angle, rng), np.zeros(2000)]))
     turn = turn * Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0])
-    window = ticks_of(turn, np.zeros((2000, 3)), 0.15, rng)
-    found = find_joint(window, scales_of(load_model()), [], 1, load_model().systematic)
+    found = find_joint(
+        ticks_of(turn, np.zeros((2000, 3)), 0.15, rng),
+        scales_of(load_model()),
+        [],
+        1,
+        load_model().systematic,
+    )
     assert found is not None
     assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
     assert abs(found.frames.pitch_m) < 0.005
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_hinge_whose_axis_jumps_from_side_to_side_is_a_hinge(seed: int) -> None:
-    """By 5 mm over 0.1 m, where the hinge turns by 0.1 rad: its motion has several directions."""
-    rng = np.random.default_rng(seed)
-    angle = 0.1 * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0)[:, 0]
-    axis = rng.normal(size=2)
-    tilt = 0.05 * np.sign(angle)[:, None] * axis / np.linalg.norm(axis)
-    turn = Rotation.from_rotvec(np.column_stack([tilt, np.zeros(2000)]))
-    window = ticks_of(
-        turn * Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]), np.zeros((2000, 3)), 0.15, rng
-    )
-    found = find_joint(window, scales_of(load_model()), [], 1, load_model().systematic)
-    assert found is not None
-    assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
 
 
 @pytest.mark.parametrize("seed", range(3))

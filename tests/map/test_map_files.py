@@ -326,34 +326,27 @@ def all_of(*boxes) -> set[str]:
     return names(box=list(boxes))
 
 
-@pytest.mark.parametrize("lift_m", [0.0, 0.002, -0.002])
-def test_the_underside_of_a_block_on_a_table_is_left_out(lift_m: float) -> None:
-    lifted = BLOCK | {"position_m": [0.35, 0.05, 0.75 + lift_m]}
-    assert names(plane=[TABLE], box=[lifted]) == {"table"} | {
-        name for name in all_of(lifted) if "-z" not in name.split()
-    }
+def at(box: dict, *place_m: float) -> dict:
+    return box | {"position_m": list(place_m)}
 
 
 @pytest.mark.parametrize(
-    "place_m",
-    [[0.35, 0.05, 0.65], [0.35, 0.05, 0.7599], [0.35, 0.05, 0.67]],
-    ids=["through the table", "10 mm above it", "flush with it"],
+    ("environment", "without_underside"),
+    [
+        *(({"plane": [TABLE], "box": [at(BLOCK, 0.35, 0.05, z)]}, "block") for z in (0.75, 0.752, 0.748)),
+        # through the table, 10 mm above it, and flush with it
+        *(({"plane": [TABLE], "box": [at(BLOCK, 0.35, 0.05, z)]}, None) for z in (0.65, 0.7599, 0.67)),
+        ({"box": [BLOCK, UPPER]}, "upper"),
+        ({"box": [BLOCK, at(UPPER, 0.45, 0.05, 0.84)]}, None),  # it overhangs
+        ({"box": [BLOCK, at(UPPER, 0.35, 0.55, 0.84)]}, None),  # it is beside
+    ],
 )
-def test_a_body_that_does_not_stand_on_the_table_is_complete(place_m: list[float]) -> None:
-    elsewhere = BLOCK | {"position_m": place_m}
-    assert names(plane=[TABLE], box=[elsewhere]) == {"table"} | all_of(elsewhere)
-
-
-def test_of_stacked_bodies_the_upper_one_loses_its_underside() -> None:
-    stacked = names(box=[BLOCK, UPPER])
-    assert all_of(BLOCK) < stacked
-    assert not any(name.startswith("upper") and "-z" in name.split() for name in stacked)
-
-
-@pytest.mark.parametrize("place_m", [[0.45, 0.05, 0.84], [0.35, 0.55, 0.84]], ids=["overhanging", "beside"])
-def test_a_face_that_is_not_within_the_other_stays(place_m: list[float]) -> None:
-    upper = UPPER | {"position_m": place_m}
-    assert names(box=[BLOCK, upper]) == all_of(BLOCK) | all_of(upper)
+def test_a_face_that_lies_on_another_is_left_out(environment: dict, without_underside: str | None) -> None:
+    """With its edges and vertices, unless it is not within the other."""
+    every = set().union(*(all_of(box) for box in environment["box"]))
+    every |= {table["name"] for table in environment.get("plane", ())}
+    hidden = {n for n in every if n.split()[0] == without_underside and "-z" in n.split()}
+    assert names(**environment) == every - hidden
 
 
 def test_turned_bodies_are_compared_where_they_are() -> None:

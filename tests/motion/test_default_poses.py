@@ -14,19 +14,13 @@ from contact_tracker.motion.excursions import HELD, NEIGHBOURS
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from mcap_logs import smooth_poses
+from smooth_motion import pass_through
 
 Array = NDArray[np.float64]
 IDENTITY = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 TURNED_ORIGIN = (0.0, 0.0, 0.0), (0.6, 0.0, 0.0, 0.8)
 AWAY = np.array([0.1, 0.2, 0.3])
 ELSEWHERE = (1.0, -2.0, 0.5), (0.5, -0.5, 0.5, 0.5)
-
-
-def pass_through(poses: Iterable[Pose]) -> tuple[list[Pose], dict[str, int]]:
-    gate = PoseGate()
-    kept = [p for pose in poses for p in gate.admit(pose)]
-    kept += gate.finish()
-    return kept, dict(gate.counts)
 
 
 def hidden(

@@ -9,8 +9,9 @@ import pytest
 
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
-from contact_tracker.motion.pose_validation import RANGE_M, PoseGate, gate, is_valid, require_valid
+from contact_tracker.motion.pose_validation import RANGE_M, gate, is_valid, require_valid
 from contact_tracker.motion.poses import Pose, Poses
+from smooth_motion import pass_through
 
 MS = 1_000_000
 UNIT = (0.5, -0.5, 0.5, 0.5)
@@ -34,26 +35,31 @@ def quaternions(value: float) -> list[Pose]:
     return [SOUND._replace(quat_xyzw=put(UNIT, row, value)) for row in range(4)]  # type: ignore[arg-type]
 
 
+LARGE = (1.1 * RANGE_M, -1.1 * RANGE_M, 1.7e308)
 REFUSED = [
-    *(pose for value in (nan, inf, -inf, 1.1 * RANGE_M, -1.1 * RANGE_M) for pose in positions(value)),
-    *(pose for value in (nan, inf, 0.0, 0.6) for pose in quaternions(value)),
-    scaled(1.0015),
-    scaled(0.9985),
-    SOUND._replace(stamp_ns=RANGE_NS + 1),
-    SOUND._replace(stamp_ns=-RANGE_NS - 1),
+    *((pose, "nonfinite") for value in (nan, inf, -inf) for pose in (*positions(value), *quaternions(value))),
+    *((pose, "out_of_range") for value in LARGE for pose in positions(value)),
+    *((pose, "bad_quaternion") for value in (0.0, 0.6) for pose in quaternions(value)),
+    *((scaled(norm), "bad_quaternion") for norm in (1.06, 0.5, 0.0, 1e200)),
+    *((scaled(norm), "renormalised") for norm in (1.0015, 0.9985, 1.02, 0.97)),
+    *((SOUND._replace(stamp_ns=ns), "out_of_range") for ns in (RANGE_NS + 1, -RANGE_NS - 1)),
 ]
 TAKEN = [
     *(pose for value in (RANGE_M, -RANGE_M, 0.0) for pose in positions(value)),
     *(pose for value in (-0.5, 0.5) for pose in quaternions(value)),
-    scaled(1.0009),
-    scaled(0.9991),
+    *map(scaled, (1.0009, 0.9991, 1.0 + 3e-5)),
     SOUND._replace(stamp_ns=RANGE_NS),
     SOUND._replace(stamp_ns=-RANGE_NS),
 ]
 
 
-@pytest.mark.parametrize("pose", REFUSED, ids=str)
-def test_poses_that_the_gate_would_reject_are_refused(pose: Pose) -> None:
+@pytest.mark.parametrize(("pose", "kind"), REFUSED, ids=str)
+def test_poses_that_the_gate_drops_or_changes_are_refused_elsewhere(pose: Pose, kind: str) -> None:
+    kept, counts = pass_through([pose])
+    assert counts == {kind: 1}
+    assert len(kept) == (kind == "renormalised")
+    for one in kept:
+        assert np.linalg.norm(one.quat_xyzw) == pytest.approx(1.0, abs=1e-15)
     assert not is_valid(pose, None)
     with pytest.raises(InvalidPose, match="pose 0 of 1 "):
         require_valid(Poses.collect([pose]), None)
@@ -61,6 +67,7 @@ def test_poses_that_the_gate_would_reject_are_refused(pose: Pose) -> None:
 
 @pytest.mark.parametrize("pose", TAKEN, ids=str)
 def test_poses_that_the_gate_passes_are_accepted(pose: Pose) -> None:
+    assert pass_through([pose])[1] == {}
     assert is_valid(pose, None)
     require_valid(Poses.collect([pose]), None)
 
@@ -111,9 +118,7 @@ def turning(axis: int, step_rad: float, count: int = 120, first: int = 0) -> lis
 def test_signs_follow_on_each_other_about_every_axis(axis: int, step_rad: float) -> None:
     """Also with steps so long that products of components differ in sign."""
     given = turning(axis, step_rad)
-    passed = PoseGate()
-    kept = [one for pose in given for one in passed.admit(pose)]
-    kept += passed.finish()
+    kept, _ = pass_through(given)
     assert [pose.stamp_ns for pose in kept] == [pose.stamp_ns for pose in given]
     for before, after in pairwise(kept):
         assert np.dot(before.quat_xyzw, after.quat_xyzw) > 0.0
@@ -123,8 +128,6 @@ def test_columns_pass_as_their_poses_do_one_by_one() -> None:
     poses, counts = turning(0, 0.01), Counter[str]()
     poses[70] = poses[70]._replace(position_m=(0.0, 0.0, 0.0))
     poses[80] = poses[80]._replace(stamp_ns=poses[80].stamp_ns - 25 * MS)
-    passed = PoseGate()
-    expected = [one for pose in poses for one in passed.admit(pose)]
-    expected += passed.finish()
+    expected, counted = pass_through(poses)
     assert list(gate(Poses.collect(poses), counts)) == list(gate(iter(poses))) == expected
-    assert counts == passed.counts == {"default_pose": 1, "backward_stamp": 1}
+    assert counts == counted == {"default_pose": 1, "backward_stamp": 1}

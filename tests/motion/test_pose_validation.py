@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 from itertools import pairwise
-from math import inf, nan, sqrt
+from math import inf, nan
 from random import Random
 from typing import Any
 
@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contact_tracker.config.quantities import RANGE_NS
-from contact_tracker.motion.pose_validation import NORM_TOLERANCE, RANGE_M, PoseGate
+from contact_tracker.motion.pose_validation import NORM_TOLERANCE, PoseGate
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.stamp_order import FOLLOWERS, HELD, RESET_RUN
+from smooth_motion import pass_through
 
 MS = 1_000_000
 UNIT = (0.1, -0.7, 0.1, 0.7)
@@ -25,13 +25,6 @@ def pose(stamp_ns: int, x: float = 0.0, quat: tuple[float, float, float, float] 
     return Pose(stamp_ns, (x, 0.1, 0.0), quat)
 
 
-def pass_through(poses: list[Pose]) -> tuple[list[Pose], dict[str, int]]:
-    gate = PoseGate()
-    kept = [admitted for p in poses for admitted in gate.admit(p)]
-    kept += gate.finish()
-    return kept, dict(gate.counts)
-
-
 def places(poses: Iterable[Pose]) -> list[tuple[int, tuple[float, float, float]]]:
     return [(p.stamp_ns, p.position_m) for p in poses]
 
@@ -39,57 +32,6 @@ def places(poses: Iterable[Pose]) -> list[tuple[int, tuple[float, float, float]]
 def regular(count: int, first: int = 0) -> list[Pose]:
     """Poses at 200 Hz whose position is the time in periods."""
     return [pose(5 * MS * i, 0.001 * i) for i in range(first, first + count)]
-
-
-@pytest.mark.parametrize("bad", [nan, inf, -inf])
-def test_non_finite_poses_are_dropped(bad: float) -> None:
-    rows = [
-        pose(0),
-        Pose(1, (0.0, bad, 0.0), UNIT),
-        Pose(2, (0.0, 0.0, 0.0), (0.0, 0.0, bad, 1.0)),
-        Pose(3, (bad, -bad, 0.0), UNIT),
-        pose(4, 1.0),
-    ]
-    kept, counts = pass_through(rows)
-    assert [p.stamp_ns for p in kept] == [0, 4]
-    assert counts == {"nonfinite": 3}
-
-
-def test_positions_too_large_to_square_are_dropped() -> None:
-    kept, counts = pass_through([pose(0, 1.7e308), pose(1, -2 * RANGE_M), pose(2, RANGE_M)])
-    assert [p.stamp_ns for p in kept] == [2]
-    assert counts == {"out_of_range": 2}
-
-
-def test_stamps_that_no_column_holds_are_dropped() -> None:
-    stamps = [-(2**63) - 1, 0, 2**64, RANGE_NS, RANGE_NS + 1]
-    kept, counts = pass_through([pose(stamp_ns, i) for i, stamp_ns in enumerate(stamps)])
-    assert [p.stamp_ns for p in kept] == [0, RANGE_NS]
-    assert counts == {"out_of_range": 3}
-
-
-@pytest.mark.parametrize(
-    ("norm", "counted", "passes"),
-    [
-        (1.0 + 3e-5, {}, True),
-        (1.0009, {}, True),
-        (1.0015, {"renormalised": 1}, True),
-        (0.9985, {"renormalised": 1}, True),
-        (1.02, {"renormalised": 1}, True),
-        (0.97, {"renormalised": 1}, True),
-        (1.06, {"bad_quaternion": 1}, False),
-        (0.5, {"bad_quaternion": 1}, False),
-        (0.0, {"bad_quaternion": 1}, False),
-        (1e200, {"bad_quaternion": 1}, False),
-    ],
-)
-def test_quaternions_become_unit_or_are_dropped(norm: float, counted: dict[str, int], passes: bool) -> None:
-    x, y, z, w = (norm * c for c in UNIT)
-    kept, counts = pass_through([pose(0, quat=(x, y, z, w))])
-    assert counts == counted
-    assert len(kept) == passes
-    for p in kept:
-        assert sqrt(sum(c * c for c in p.quat_xyzw)) == pytest.approx(1.0, abs=1e-15)
 
 
 def test_repeated_and_late_stamps_are_dropped() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contact_motions import point_of, touching
+from contact_motions import touching, x_of
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
@@ -17,7 +17,6 @@ from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import ONE, R, T, lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import TickGrid, tick_variances, with_excess
-from contact_tracker.states import Contact
 from smooth_motion import START_NS, moving
 
 MODEL = load_model()
@@ -45,21 +44,11 @@ def spiked(rng, poses, share, size_m=0.05):
 def test_averaging_keeps_contacts_exact(model):
     """Residuals are linear in the lift: the mean over any motion in contact satisfies it to rounding."""
     t = touching(model.contact, np.random.default_rng(1), frames=40)
-    x = _x_of(model, t)
+    x = x_of(model.contact, t.object, t.environment)
     zeta = model.lifted(lift(t.rotation, t.position_m))
     mean = zeta.mean(axis=0)
     np.testing.assert_allclose(model.family.rows(x) @ zeta.T, 0.0, atol=1e-12)
     np.testing.assert_allclose(model.family.rows(x) @ mean, 0.0, atol=1e-12)
-
-
-def _x_of(model, t):
-    first, second = (t.object, t.environment) if model.body_in_1 else (t.environment, t.object)
-    if model.contact is Contact.FF:
-        return np.concatenate([first[:3], second[:3], [second[3] - first[3]]])
-    parts = [np.concatenate([e[:3], point_of(e)]) if len(e) == 6 else e for e in (first, second)]
-    if model.family.ROWS == 1 and len(first) == 4:
-        parts[0] = first[:3]
-    return np.concatenate(parts)
 
 
 @settings(max_examples=10, deadline=None)

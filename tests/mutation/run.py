@@ -37,9 +37,12 @@ TESTS: dict[str, list[str]] = {
     ],
     "hypotheses/evidence.py": ["hypotheses", "tracking/test_ambiguity.py"],
     "hmm": ["hmm"],
-    "motion/pose_validation.py": ["motion/test_pose_validation.py", "motion/test_gate_limits.py"],
+    "motion/pose_validation.py": [
+        f"motion/test_{name}.py" for name in ("pose_validation", "gate_limits", "losses", "excursions")
+    ],
     "motion/tick_averaging.py": ["motion"],
     "motion/window.py": ["motion", "hypotheses"],
+    "sequences/pair_hmm.py": ["sequences/test_pair_hmm.py"],
     "tracking/ambiguity.py": ["tracking/test_ambiguity.py"],
 }
 """Folders or files of the package, and where under tests/ their tests are."""

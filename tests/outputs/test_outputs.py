@@ -1,6 +1,5 @@
 """Beliefs and segments as text: read back where programs read them, in words where people do."""
 
-import csv
 import io
 import json
 import os
@@ -10,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contact_tracker.adaptation.report import Report
+from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
 from contact_tracker.exports.formats import json_line, open_text
@@ -25,6 +26,7 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.joints.evidence import Joint
 from contact_tracker.joints.models import JointKind
+from contact_tracker.outputs.adaptation import noise_text
 from contact_tracker.outputs.text import change_line, describe, status_text, table
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
@@ -67,26 +69,6 @@ def test_unknown_deviations_are_null_and_a_probability_that_is_none_is_refused()
     broken.probability[0] = np.nan
     with pytest.raises(ValueError, match="JSON"):
         json_line(broken)
-
-
-def test_csv_reads_back_exactly() -> None:
-    segments = [
-        Segment(ORIGIN_NS, ORIGIN_NS + 99, Contact.FREE, 1 / 3, None),
-        Segment(ORIGIN_NS + 100, ORIGIN_NS + 200, Contact.EF, 0.5, ON_FACE),
-    ]
-    file = io.StringIO(newline="")
-    with open_text(".csv", file, "segments", lambda: ORIGIN_NS - 10**9) as append:
-        append(segments[:1])
-        append(segments[1:])
-    free, edge = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
-    assert (int(free["start_ns"]), int(free["end_ns"])) == (ORIGIN_NS, ORIGIN_NS + 99)
-    assert (free["contact"], float(free["probability"]), free["geometry"]) == ("free", 1 / 3, "{}")
-    assert json.loads(edge["geometry"]) == ON_FACE.to_json()
-    assert [float(one[name]) for one in (free, edge) for name in ("start_s", "end_s")] == [
-        *(1.0, 1.000000099, 1.0000001, 1.0000002)
-    ]
-    assert (free["object_type"], edge["object_type"], edge["environment_type"]) == ("", "edge", "face")
-    assert [float(edge[f"object_point_{axis}_m"]) for axis in "xyz"] == [0.0, -0.05, 0.1]
 
 
 def test_a_table_of_latex_has_the_rows_of_the_table_with_its_signs_escaped() -> None:
@@ -232,3 +214,29 @@ def test_only_regular_files_are_replaced(tmp_path: Path, kind: str, linked: bool
     assert refused.value.filename == str(target)
     assert (odd.lstat().st_mode, odd.lstat().st_ino) == before
     assert {p.name for p in tmp_path.iterdir()} == {"odd.csv", target.name}
+
+
+MODEL = load_model()
+
+
+def text_of(*, is_decided, model=MODEL):
+    return noise_text(Report(model, model, is_decided, (3e-4, 2e-3), (1e-4, 1e-3), (1e-4, 5e-4), 20.0, ()))
+
+
+def test_what_too_little_motion_shows_is_assumed_and_not_found():
+    """Nothing more is to come when the line is printed."""
+    text = text_of(is_decided=False)
+    assert "too little motion to tell" in text
+    assert text.endswith(
+        "0.1 mm 0.057 deg a tick and errors that last 0.1 mm 0.029 deg are assumed (--noise sets it)"
+    )
+    assert "yet" not in text
+    assert "assumed" not in text_of(is_decided=True)
+    assert "(as given)" in text_of(is_decided=False, model=MODEL.with_noise(3e-4, 2e-3))
+
+
+def test_the_point_of_the_noise_is_named_if_it_is_not_the_origin():
+    report = Report(MODEL, MODEL, True, (3e-4, 2e-3), (1e-4, 1e-3), (0.0, 0.0), 20.0, ())
+    assert noise_text(report).startswith("noise 0.3 mm 0.11 deg a pose, ")
+    moved = noise_text(report._replace(point_m=(0.0, 0.104, -9.9)))
+    assert moved.startswith("noise 0.3 mm 0.11 deg a pose at the point (0.00 0.10 -9.90) m of the body, ")

@@ -21,23 +21,29 @@ bodies = st.tuples(stamps, st.lists(numbers, min_size=7, max_size=7))
 
 
 def cdr(kind, order, frames, body, tail_value=0.25):
-    """A message as written by DDS: values aligned to their size, relative to the fifth byte."""
-    (sec, nanosec), values = body
+    """A message as written by DDS."""
+    names = frames[: 2 if kind in TWO_NAMES else 1]
+    return transforms(order, [(names, body)], kind.endswith("TFMessage"), [tail_value] * TAIL.get(kind, 0))
+
+
+def transforms(order, parts, is_list=True, tail=()):
+    """Of several parts, each (frames, body): values aligned to their size, relative to the fifth byte."""
     data = bytearray()
 
-    def put(code, value):
-        data.extend(bytes(-len(data) % struct.calcsize(code)) + struct.pack(order + code, value))
+    def put(code, *values):
+        for value in values:
+            data.extend(bytes(-len(data) % struct.calcsize(code)) + struct.pack(order + code, value))
 
-    if kind.endswith("TFMessage"):
-        put("I", 1)
-    put("i", sec)
-    put("I", nanosec)
-    for frame in frames[: 2 if kind in TWO_NAMES else 1]:
-        text = frame.encode() + b"\0"
-        put("I", len(text))
-        data.extend(text)
-    for value in [*values, *[tail_value] * TAIL.get(kind, 0)]:
-        put("d", value)
+    if is_list:
+        put("I", len(parts))
+    for frames, ((sec, nanosec), values) in parts:
+        put("i", sec)
+        put("I", nanosec)
+        for frame in frames:
+            text = frame.encode() + b"\0"
+            put("I", len(text))
+            data.extend(text)
+        put("d", *values, *tail)
     return bytes([0, order == "<", 0, 0]) + bytes(data)
 
 
@@ -83,25 +89,6 @@ def test_layouts_read_the_same_as_the_library(kind, order, frames, bodies):
         message = RawMessage(on, 0, cdr(kind, order, frames, body, tail_value=float(count)))
         assert len(by_library(message)) == 1
         assert shown(decoder, message) == by_library(message)
-
-
-def transforms(order, parts):
-    """A TFMessage of several transforms, each (frames, body)."""
-    data = bytearray(struct.pack(order + "I", len(parts)))
-
-    def put(code, value):
-        data.extend(bytes(-len(data) % struct.calcsize(code)) + struct.pack(order + code, value))
-
-    for frames, ((sec, nanosec), values) in parts:
-        put("i", sec)
-        put("I", nanosec)
-        for frame in frames:
-            text = frame.encode() + b"\0"
-            put("I", len(text))
-            data.extend(text)
-        for value in values:
-            put("d", value)
-    return bytes([0, order == "<", 0, 0]) + bytes(data)
 
 
 def test_bodies_of_one_name_are_numbered_where_their_stamps_are_equal():

@@ -212,12 +212,7 @@ def test_text_exports_whose_names_say_what_they_are(tmp_path: Path, share: str) 
 
 
 def test_json_lines(tmp_path: Path) -> None:
-    lines = [
-        json.dumps(
-            {"time": t, "pose": {**dict(zip("xyz", p, strict=True)), "q": dict(zip("xyzw", q, strict=True))}}
-        )
-        for t, p, q in zip(T.tolist(), P.tolist(), Q.tolist(), strict=True)
-    ]
+    lines = [stamped(*one) for one in ENTRIES]
     write(tmp_path / "a.jsonl", lines, [])
     assert_read(tmp_path / "a.jsonl")
     lines[5] = lines[5][:40]
@@ -259,11 +254,13 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
         rows([str(133_500_000_000_000_000 + n // 100) for n in SINCE_NS], POSE),
         ["--time-unit", "100ns"],
     ),
-    "angles": (
-        "t,x,y,z,roll,pitch,yaw",
-        rows(T, P, TURN.as_euler("xyz", degrees=True)),
-        ["--euler", "xyz:deg"],
-    ),
+    **{
+        names: (f"t,x,y,z,{names}", rows(T, P, TURN.as_euler("xyz", degrees=True)), ["--euler", "xyz:deg"])
+        for names in (
+            *("roll,pitch,yaw", "rx,ry,rz", "rot_x,rot_y,rot_z", "Roll_deg,Pitch_deg,Yaw_deg"),
+            "euler_x [deg],euler_y [deg],euler_z [deg]",
+        )
+    },
     "no names": ("", rows(T, POSE), ["--columns", "time=c0,position=c[1:4],quaternion=c[4:8]"]),
     "real part first in Blender": (
         "frame,"

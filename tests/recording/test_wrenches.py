@@ -1,50 +1,321 @@
-"""Wrenches of a recording: their frame, and dropped messages."""
+"""Wrenches of a recording: in the frame of a sensor, whose pose is on /tf and /tf_static, or unusable.
 
+Expected values are computed independently: a wrench is a skew 4 x 4 matrix, sum of ``x f^T - f x^T`` over
+forces at points in homogeneous coordinates, and a change of frame is a product with 4 x 4 matrices.
+"""
+
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from support.mcap_logs import Topic, poses_topic, smooth_poses, transform, wrench_stamped, write_log
+from mcap.writer import IndexType
+from scipy.spatial.transform import Rotation, Slerp
+from support.mcap_logs import (
+    Topic,
+    pose_stamped,
+    poses_topic,
+    smooth_poses,
+    transform,
+    wrench_stamped,
+    write_log,
+)
 from support.pressed_objects import pressed
 
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import InputError, UsageError
 from contact_tracker.map.map import EMPTY_MAP
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wrenches, write_recording
 from contact_tracker.recording.wrenches import recorded_evidence
 from contact_tracker.states import Contact
+from contact_tracker.wrenches.wrenches import Wrenches
+
+TF = "tf2_msgs/msg/TFMessage"
+PRESSED = pressed(Contact.VF, seed=3, noise=True, seconds=3.0)
+START_NS = int(PRESSED.poses.stamp_ns[0])
+MOUNT = (np.array([0.05, -0.02, 0.11]), Rotation.from_euler("xyz", [0.3, -0.5, 0.7]))
+TABLE = (np.array([0.4, 1.2, -0.3]), Rotation.from_euler("xyz", [-0.2, 0.4, 2.1]))
+
+
+@dataclass
+class Frame:
+    """The poses of a frame in its parent, published at ``stamps_ns``; one stamp for a static frame."""
+
+    parent: str
+    child: str
+    stamps_ns: np.ndarray
+    position_m: np.ndarray
+    rotation: Rotation
+
+    @property
+    def topic(self) -> Topic:
+        rows = zip(self.stamps_ns.tolist(), self.position_m, self.rotation.as_quat(), strict=True)
+        name = "/tf" if len(self.stamps_ns) > 1 else "/tf_static"
+        messages = [(at, {"transforms": [transform(at, p, q, self.parent, self.child)]}) for at, p, q in rows]
+        return Topic(name, TF, messages)
+
+    def at(self, stamps_ns: np.ndarray) -> np.ndarray:
+        """4 x 4 matrices (N, 4, 4) from child to parent."""
+        if len(self.stamps_ns) == 1:
+            return matrices(
+                np.repeat(self.position_m, len(stamps_ns), 0), self.rotation[[0] * len(stamps_ns)]
+            )
+        known, wanted = (self.stamps_ns - START_NS) * 1e-9, (stamps_ns - START_NS) * 1e-9
+        position = np.column_stack([np.interp(wanted, known, column) for column in self.position_m.T])
+        return matrices(position, Slerp(known, self.rotation)(np.clip(wanted, known[0], known[-1])))
+
+
+def matrices(position: np.ndarray, rotation: Rotation) -> np.ndarray:
+    whole = np.zeros((len(position), 4, 4))
+    whole[:, :3, :3], whole[:, :3, 3], whole[:, 3, 3] = rotation.as_matrix(), position, 1.0
+    return whole
+
+
+def static(parent: str, child: str, place: tuple[np.ndarray, Rotation] = MOUNT) -> Frame:
+    return Frame(parent, child, np.array([START_NS]), place[0][None], Rotation.concatenate([place[1]]))
+
+
+def moving(parent: str, child: str, seed: int = 5, hz: float = 73.0, start_s: float = -0.1) -> Frame:
+    """A moving frame with its own stamps."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(start_s, 6.2, 1.0 / hz)
+    phase = rng.uniform(0, 6, (2, 3))
+    turn = Rotation.from_rotvec(0.9 * np.sin(1.3 * t[:, None] + phase[0]))
+    place = 0.4 * np.cos(1.7 * t[:, None] + phase[1])
+    return Frame(parent, child, START_NS + np.round(t * 1e9).astype(np.int64), place, turn)
+
+
+BODY = Frame(
+    "world",
+    "object",
+    PRESSED.poses.stamp_ns,
+    PRESSED.poses.position_m,
+    Rotation.from_quat(PRESSED.poses.quat_xyzw),
+)
+
+
+def carried(wrenches: Wrenches, frames: np.ndarray) -> Wrenches:
+    """The wrenches transformed from ``frames`` (N, 4, 4) to their parent."""
+    skew = np.zeros((len(wrenches), 4, 4))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        skew[:, i, j], skew[:, j, i] = wrenches.moment_nm[:, k], -wrenches.moment_nm[:, k]
+    skew[:, :3, 3], skew[:, 3, :3] = -wrenches.force_n, wrenches.force_n
+    found = frames @ skew @ frames.swapaxes(1, 2)
+    moment = np.column_stack([found[:, 1, 2], found[:, 2, 0], found[:, 0, 1]])
+    return Wrenches(wrenches.stamp_ns, found[:, 3, :3], moment)
+
+
+def wrench_topic(wrenches: Wrenches, frame: str) -> Topic:
+    numbers = np.concatenate([wrenches.force_n, wrenches.moment_nm], axis=1)
+    rows = zip(wrenches.stamp_ns.tolist(), numbers, strict=True)
+    return Topic("/wrench", WRENCH_TYPE, [(at, wrench_stamped(at, row, frame)) for at, row in rows])
+
+
+IN_WORLD = carried(PRESSED.wrenches, BODY.at(BODY.stamps_ns))
+
+
+def in_frame(*frames: Frame) -> Wrenches:
+    """The wrenches in the frame at the end of a chain from the world. The chain may contain ``BODY``, which
+    has all stamps."""
+    along = np.eye(4)[None]
+    for frame in frames:
+        along = along @ frame.at(IN_WORLD.stamp_ns)
+    return carried(IN_WORLD, np.linalg.inv(along))
+
+
+def named_poses() -> Topic:
+    """On a topic of their own, with the name of the body."""
+    rows = [(p.stamp_ns, transform(*p, frame="world", child="object")) for p in PRESSED.poses]
+    return Topic("/object/pose", "geometry_msgs/msg/TransformStamped", rows)
+
+
+def unnamed_poses(frame: str = "world") -> Topic:
+    rows = [(p.stamp_ns, pose_stamped(*p, frame=frame)) for p in PRESSED.poses]
+    return Topic("/object/pose", "geometry_msgs/msg/PoseStamped", rows)
+
+
+def joined(topics: list[Topic]) -> list[Topic]:
+    """One topic of each name."""
+    names = dict.fromkeys(topic.name for topic in topics)
+    return [
+        Topic(name, TF, [message for topic in topics if topic.name == name for message in topic.messages])
+        for name in names
+    ]
+
+
+def write(path: Path, wrenches: Topic, *frames: Frame, poses: Topic | None = None, **options: Any) -> Path:
+    topics = [poses or named_poses(), wrenches, *joined([frame.topic for frame in frames])]
+    return write_log(path, topics, **options)
+
+
+def read(path: Path, wrenches: str = "/wrench", **choice: str) -> WrenchLog:
+    log = open_log(str(path), **choice)
+    return read_wrenches(str(path), wrenches, log.source, Poses.collect(log))
+
+
+CHAINS: dict[str, list[Frame]] = {
+    "in the frame of the poses": [],
+    "on the body": [BODY, static("object", "ft")],
+    "on the body, by steps": [BODY, static("object", "gripper"), static("gripper", "ft", TABLE)],
+    "in the world": [static("world", "table", TABLE), static("table", "ft")],
+    "on a flange": [moving("world", "flange"), static("flange", "ft")],
+    "on an arm": [static("world", "base", TABLE), moving("base", "tool0"), moving("tool0", "ft", 6, 41.0)],
+}
+
+
+@pytest.mark.parametrize("poses", [named_poses(), unnamed_poses()], ids=["named", "unnamed"])
+@pytest.mark.parametrize("name", CHAINS)
+def test_wrenches_of_a_sensor_are_those_of_the_world(tmp_path: Path, name: str, poses: Topic) -> None:
+    frames = CHAINS[name]
+    published = [frame for frame in frames if frame is not BODY]
+    if poses.type.endswith("PoseStamped") and len(published) < len(frames):
+        published.append(BODY)  # otherwise the frame of the body is unknown
+    path = write(
+        tmp_path / "log.mcap",
+        wrench_topic(in_frame(*frames), "ft" if frames else "world"),
+        *published,
+        poses=poses,
+    )
+    found = read(path, topic="/object/pose")
+    assert (found.dropped, found.unplaced, found.bad_transforms) == (0, 0, 0)
+    np.testing.assert_array_equal(found.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns)
+    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
+    np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
+
+
+def test_wrenches_that_are_logged_late_and_in_another_order(tmp_path: Path) -> None:
+    frames = CHAINS["on a flange"]
+    topic, delay_ns = (
+        wrench_topic(in_frame(*frames), "ft"),
+        np.random.default_rng(2).integers(0, 2 * 10**9, 9999),
+    )
+    late = [(at + int(by), data) for (at, data), by in zip(topic.messages, delay_ns, strict=False)]
+    found = read(write(tmp_path / "log.mcap", replace(topic, messages=late), *frames), topic="/object/pose")
+    assert (found.dropped, found.unplaced) == (0, 0)
+    np.testing.assert_array_equal(found.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns)
+    np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
+
+
+def test_transforms_are_found_without_an_index_and_however_late(tmp_path: Path) -> None:
+    rest = static("world", "base", TABLE)
+    late = replace(rest, stamps_ns=rest.stamps_ns + 5 * 10**9)
+    frames = [late, *CHAINS["on an arm"][1:]]
+    options = {"index_types": IndexType.NONE, "use_statistics": False, "repeat_channels": False}
+    path = write(tmp_path / "log.mcap", wrench_topic(in_frame(*frames), "ft"), *frames, **options)
+    assert read(path, topic="/object/pose").unplaced == 0
+
+
+@pytest.mark.parametrize("choice", [{"frame": "base->object"}, {"topic": "/pose"}])
+def test_poses_that_are_composed_themselves(tmp_path: Path, choice: dict[str, str]) -> None:
+    """An arm carries sensor and object; the chain between them is static."""
+    arm, mount = moving("base", "flange", hz=200.0), static("flange", "object", TABLE)
+    poses = Poses.collect(
+        Pose(int(at), tuple(place[:3, 3]), tuple(Rotation.from_matrix(place[:3, :3]).as_quat()))
+        for at, place in zip(arm.stamps_ns, arm.at(arm.stamps_ns) @ mount.at(arm.stamps_ns), strict=True)
+    )
+    rows = [(p.stamp_ns, pose_stamped(*p, frame="base")) for p in poses]
+    direct = Topic("/pose", "geometry_msgs/msg/PoseStamped", rows)
+    sensor = static("flange", "ft")
+    to_object = np.linalg.inv(mount.at(IN_WORLD.stamp_ns)) @ sensor.at(IN_WORLD.stamp_ns)
+    path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), arm, mount, sensor, poses=direct)
+    expected = carried(IN_WORLD, to_object)
+    found = read(path, **choice)
+    # without a child frame the chain goes through the interpolated arm and back by the nearest pose
+    tolerance = 1e-9 if "frame" in choice else 0.3
+    np.testing.assert_allclose(found.wrenches.force_n, expected.force_n, atol=tolerance)
+    np.testing.assert_allclose(found.wrenches.moment_nm, expected.moment_nm, atol=tolerance)
+
+
+def test_poses_that_are_relative_to_another_body(tmp_path: Path) -> None:
+    """The frame of the wrenches, the world, is then the parent of the other body's poses."""
+    other = moving("world", "", hz=200.0)
+    rows = zip(other.stamps_ns.tolist(), other.position_m, other.rotation.as_quat(), strict=True)
+    table = Topic("/table/pose", "geometry_msgs/msg/PoseStamped", [(r[0], pose_stamped(*r)) for r in rows])
+    topics = [unnamed_poses(), table, wrench_topic(IN_WORLD, "world")]
+    found = read(write_log(tmp_path / "log.mcap", topics), topic="/object/pose", relative_to="/table/pose")
+    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
+    np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
+
+
+def test_a_frame_that_is_not_connected_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), static("tool0", "ft"))
+    with pytest.raises(UsageError, match=r"frame ft, and no transforms .* object \(object\) or of its poses"):
+        read(path)
+    assert run(["segment", str(path), "--topic", "/object/pose", "--wrench", "/wrench"]) == 2
+    assert "record them too, or transform the wrenches first" in capsys.readouterr().err
+
+
+def test_a_frame_that_no_transform_names_is_refused_where_the_object_has_another(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no transforms"):
+        read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft")))
+
+
+def test_an_unknown_frame_is_the_objects_if_the_object_has_no_name(tmp_path: Path) -> None:
+    """Unless transforms name it: then it is another frame, at an unknown pose."""
+    unnamed = unnamed_poses()
+    found = read(write(tmp_path / "a.mcap", wrench_topic(PRESSED.wrenches, "o"), poses=unnamed))
+    np.testing.assert_array_equal(found.wrenches.force_n, PRESSED.wrenches.force_n)
+    assert found.taken == "in the frame o, which no transform names: taken as the object's"
+    with pytest.raises(UsageError, match="no transforms"):
+        read(
+            write(tmp_path / "b.mcap", wrench_topic(IN_WORLD, "o"), static("tool0", "o"), poses=unnamed),
+            topic="/object/pose",
+        )
+
+
+@pytest.mark.parametrize("poses", [named_poses(), unnamed_poses()], ids=["named", "unnamed"])
+def test_an_empty_frame_id_is_the_objects(tmp_path: Path, poses: Topic) -> None:
+    found = read(write(tmp_path / "log.mcap", wrench_topic(PRESSED.wrenches, ""), poses=poses))
+    np.testing.assert_array_equal(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm)
+    assert found.taken == "in no frame that is named: taken as the object's"
+
+
+def test_wrenches_before_the_first_transform_are_left_out_and_counted(tmp_path: Path) -> None:
+    flange = moving("world", "ft", start_s=1.0)
+    path = write(tmp_path / "log.mcap", wrench_topic(in_frame(flange), "ft"), flange)
+    found = read(path, topic="/object/pose")
+    early = PRESSED.wrenches.stamp_ns < flange.stamps_ns[0]
+    assert found.unplaced == early.sum()
+    np.testing.assert_array_equal(found.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns[~early])
+    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n[~early], atol=1e-9)
+    assert f"left out {early.sum()} at times at which the pose of ft is not known" in found.noted
+
+
+def test_transforms_of_another_time_are_an_error_in_one_line(tmp_path: Path) -> None:
+    flange = moving("world", "ft", start_s=6.1)
+    path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), flange)
+    with pytest.raises(InputError, match=r"pose in world is not known .* on /wrench and /tf of one clock"):
+        read(path, topic="/object/pose")
+
+
+def test_a_gap_in_a_moving_transform_is_not_bridged(tmp_path: Path) -> None:
+    whole = moving("world", "ft")
+    kept = (whole.stamps_ns < START_NS + 2 * 10**9) | (whole.stamps_ns > START_NS + 7 * 10**9 // 2)
+    flange = Frame("world", "ft", whole.stamps_ns[kept], whole.position_m[kept], whole.rotation[kept])
+    found = read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), flange), topic="/object/pose")
+    last, following = flange.stamps_ns[[np.flatnonzero(~kept)[0] - 1, np.flatnonzero(~kept)[0]]]
+    inside = (PRESSED.wrenches.stamp_ns > last) & (PRESSED.wrenches.stamp_ns < following)
+    assert found.unplaced == inside.sum() > 200
+
+
+def test_invalid_transforms_are_left_out_and_counted(tmp_path: Path) -> None:
+    flange = moving("world", "ft")
+    topic = flange.topic
+    at = START_NS + 2 * 10**9 + 1
+    bad = (at, {"transforms": [transform(at, [0, 0, 0], [0, 0, 0, 0], "world", "ft")]})
+    topics = [named_poses(), wrench_topic(in_frame(flange), "ft"), Topic("/tf", TF, [*topic.messages, bad])]
+    found = read(write_log(tmp_path / "log.mcap", topics), topic="/object/pose")
+    assert (found.bad_transforms, found.unplaced) == (1, 0)
+    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
 
 
 def wrenches_topic(poses: Poses, frame: str = "object", name: str = "/wrench") -> Topic:
     values = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
     messages = [(int(stamp), wrench_stamped(int(stamp), values, frame)) for stamp in poses.stamp_ns]
     return Topic(name, WRENCH_TYPE, messages)
-
-
-def read(path: Path, topic: str = "/wrench") -> WrenchLog:
-    log = open_log(str(path))
-    return read_wrenches(str(path), topic, log.source, Poses.collect(log))
-
-
-def test_wrenches_are_read(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
-    assert found.wrenches.stamp_ns.tolist() == poses.stamp_ns.tolist()
-    assert found.wrenches.force_n[0].tolist() == [1.0, 2.0, 3.0]
-    assert found.wrenches.moment_nm[-1].tolist() == [0.1, 0.2, 0.3]
-    assert (found.dropped, found.frame_id, found.damage) == (0, "object", None)
-
-
-def test_wrenches_in_the_world_are_brought_into_the_body(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses, "world")]))
-    row, force = 17, np.array([1.0, 2.0, 3.0])
-    turn = poses.rotation[row].T
-    np.testing.assert_allclose(found.wrenches.force_n[row], turn @ force)
-    moment = np.array([0.1, 0.2, 0.3]) - np.cross(poses.position_m[row], force)
-    np.testing.assert_allclose(found.wrenches.moment_nm[row], turn @ moment)
 
 
 def test_frames_that_change_are_refused(tmp_path: Path) -> None:
@@ -118,12 +389,3 @@ def test_a_mass_that_is_overruled_is_a_warning(tmp_path: Path) -> None:
     assert found is not None
     (doubt,) = found.warnings
     assert doubt.startswith("the mass that is given, 5 kg, does not fit the wrenches in free motion: 2.00")
-
-
-def test_the_frame_of_another_body_is_refused(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    messages = [(p.stamp_ns, transform(*p, frame="world", child="cube")) for p in poses]
-    pose_topic = Topic("/pose", "geometry_msgs/msg/TransformStamped", messages)
-    path = write_log(tmp_path / "log.mcap", [pose_topic, wrenches_topic(poses, "flange")])
-    with pytest.raises(UsageError, match=r"flange.*cube"):
-        read(path)

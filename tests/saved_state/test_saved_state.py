@@ -2,7 +2,7 @@
 
 import pickle
 from collections import Counter
-from functools import cache, reduce
+from functools import reduce
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -18,19 +18,16 @@ from contact_tracker import saved_state
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import StateError
 from contact_tracker.exports.formats import json_line
-from contact_tracker.hypotheses import compiled
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.recording import open_log
 from contact_tracker.saved_state import STREAM, Kind, is_same, load, packed, save, unpacked
 from contact_tracker.tracker import Tracker
 from forged_states import forge
 from mcap_logs import smooth_poses
-from short_recordings import MODEL
+from short_recordings import MODEL, needs_kernels, shipped
 
-RECORDINGS = Path(__file__).parents[2] / "recordings"
 TABLE = {
     "plane": [{"normal": [0, 0, 1], "offset_m": 0.0}],
     "line": [{"direction": [0, 1, 0], "point_m": [0, 0, 0]}],
@@ -38,12 +35,6 @@ TABLE = {
 KNOWN = map_from(
     {"up": {"direction": [0, 0, 1]}, "object": {"box": {"size_m": [0.1, 0.1, 0.1]}}, "environment": TABLE}
 )
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
-
-
-@cache
-def recorded(name: str, count: int) -> Poses:
-    return Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap")))[:count]
 
 
 def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: bool = False) -> list[str]:
@@ -67,7 +58,7 @@ def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: b
 def test_a_restored_stream_continues_bit_for_bit(
     tmp_path: Path, name: str, count: int, lag_s: float, known: bool
 ) -> None:
-    poses = recorded(name, count)
+    poses = shipped(name)[:count]
     cuts = {1, 5, 11, 12, 13, 59, 60, 61, 100, 180}
     assert lines(poses, cuts, tmp_path / "s", lag_s, known) == lines(
         poses, set(), tmp_path / "s", lag_s, known
@@ -177,7 +168,7 @@ def test_only_classes_of_a_state_are_built(tmp_path: Path, saved: tuple[Path, Tr
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_forged_state_is_refused_or_goes_on(tmp_path: Path) -> None:
     """Whatever one of its values is; 12 of 70 ended in a traceback."""
-    poses = list(recorded("vision_30hz", 330))
+    poses = list(shipped("vision_30hz")[:330])
     tracker = contact_tracker.Tracker(MODEL)
     for pose in poses[:300]:
         tracker.update(*pose)

@@ -53,17 +53,19 @@ def test_probabilities_are_those_of_all_alignments(seed: int, n: int, m: int, ra
     found = list(all_alignments(n, m))
     weights = np.array([log_weight(one, first, second, more, rate) for one in found])
     total = np.logaddexp.reduce(weights)
-    together, alone = np.zeros((n, m)), np.zeros(n)
+    together, missing, new = np.zeros((n, m)), np.zeros(n), np.zeros(m)
     for steps, p in zip(found, np.exp(weights - total), strict=True):
         i, j = 0, 0
         for a, b in steps:
             together[i : i + a, j : j + b] += p
-            alone[i : i + a] += p * (b == 0)
+            missing[i : i + a] += p * (b == 0)
+            new[j : j + b] += p * (a == 0)
             i, j = i + a, j + b
     with patch("contact_tracker.sequences.pair_hmm.RATE", rate):
         got = align(first, second, pairs, are_alike)
     np.testing.assert_allclose(got.together, together, atol=0.07)
-    np.testing.assert_allclose(got.missing, alone, atol=0.07)
+    np.testing.assert_allclose(got.missing, missing, atol=0.07)
+    np.testing.assert_allclose(got.new, new, atol=0.07)
     flat = [one for steps in got.steps for one in steps[0]], [one for steps in got.steps for one in steps[1]]
     assert flat == ([*range(n)], [*range(m)])
 

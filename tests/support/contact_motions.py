@@ -96,6 +96,20 @@ def _unit(rng: np.random.Generator) -> Array:
     return v / np.linalg.norm(v)
 
 
+def elements_of(contact, x):
+    """The object's and the world's element of x as the paper's arrays; of f-f the object's offset is zero."""
+    match contact:
+        case Contact.FF:
+            first, second = np.append(x[:3], 0.0), x[3:7]
+        case Contact.EF | Contact.FE:
+            first, second = line(x[:3], x[3:6]), x[6:10]
+        case Contact.VF | Contact.FV:
+            first, second = np.append(x[:3], 1.0), x[3:7]
+        case _:
+            first, second = line(x[:3], x[3:6]), line(x[6:9], x[9:12])
+    return (second, first) if contact in (Contact.FE, Contact.FV) else (first, second)
+
+
 def x_of(contact, obj, environment):
     """The true elements as x."""
     first, second = (environment, obj) if contact in (Contact.FE, Contact.FV) else (obj, environment)

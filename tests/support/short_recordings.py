@@ -1,13 +1,18 @@
-"""Short simulated recordings and their segmentations, each computed once."""
+"""Short simulated recordings and their segmentations, and the recordings of the repository, each once."""
 
 from functools import cache
+from pathlib import Path
 from typing import Final
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
+from contact_tracker.hypotheses import compiled
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
 from contact_tracker.states import Contact
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
@@ -15,6 +20,8 @@ from contact_tracker_lab.simulate import Scenario, Simulated, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 
 MODEL: Final[Model] = load_model()
+SHIPPED: Final = Path(__file__).parents[2] / "recordings"
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 FACE_TO_EDGE: Final = "f-f e-f"
 EDGE_TO_EDGES: Final = "f-e e-e"
 _SECONDS: Final = {"f-f": 3.5, "e-f": 4.0, "f-e": 3.5, "e-e": 4.5}
@@ -25,6 +32,12 @@ def recorded(contacts: str) -> Simulated:
     """A recording at 200 Hz of successive contacts."""
     phases = tuple(Phase(Contact(name), _SECONDS[name]) for name in contacts.split())
     return simulate(Scenario(phases), 2)
+
+
+@cache
+def shipped(name: str) -> Poses:
+    """The poses of a recording of the repository."""
+    return Poses.collect(open_log(str(SHIPPED / f"{name}.mcap")))
 
 
 @cache

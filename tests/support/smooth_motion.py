@@ -1,10 +1,13 @@
 """Smooth random motion with sensor noise, for tests of noise, free motion and ticks."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Pose, Poses
 
 Array = NDArray[np.float64]
 START_NS = 1_700_000_000_123_456_789
@@ -50,3 +53,11 @@ def slid_and_tilted(rng: np.random.Generator, size_m: Array) -> Poses:
     error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=place_m.shape))
     place_m += 3e-4 * rng.normal(size=place_m.shape)
     return Poses(START_NS + np.rint(time_s * 1e9).astype(np.int64), place_m, (turn * error).as_quat())
+
+
+def pass_through(poses: Iterable[Pose]) -> tuple[list[Pose], dict[str, int]]:
+    """What a gate passes on of poses that come one by one, and its counts."""
+    gate = PoseGate()
+    kept = [admitted for pose in poses for admitted in gate.admit(pose)]
+    kept += gate.finish()
+    return kept, dict(gate.counts)

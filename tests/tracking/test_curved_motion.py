@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from contact_tracker.geometry.elements import Origins, Plane
-from contact_tracker.hypotheses import compiled
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.window import Window
@@ -18,10 +17,9 @@ from contact_tracker.wrenches.contact_evidence import WindowEvidence
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from pose_filter import forward
 from restricted_motions import MOTIONS, poses_of
-from short_recordings import MODEL
+from short_recordings import MODEL, needs_kernels
 
 FREE = Contact.FREE.column
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 @needs_kernels

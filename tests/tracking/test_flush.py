@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from test_formation_reports import finished_with
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane
@@ -12,16 +13,13 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.ambiguity import FLUSH_RAD
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.tracking.segment_fit import FinishedSegment, SegmentFit, SegmentTicks
+from contact_tracker.tracking.segment_fit import SegmentFit, SegmentTicks
 
 MODEL = load_model()
 NOISE_RAD = 5e-4
 FLAT, COUNT = 40, 80
 TABLE = Plane(np.array([0.0, 0.0, 1.0]), 0.0, 1e-8 * np.eye(4))
 EDGE = Line(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.05, -0.04]), 1e-8 * np.eye(6))
-ROW = np.dtype(
-    [("start_ns", np.int64), ("stamp_ns", np.int64), ("count", float), ("residual", np.float64, 6)]
-)
 
 
 def slid_then_tilted(tilt_rad: float, rng: np.random.Generator) -> Window:
@@ -39,16 +37,9 @@ def slid_then_tilted(tilt_rad: float, rng: np.random.Generator) -> Window:
 
 def reported(tilt_rad: float, fit: SegmentFit, known_map: Map = EMPTY_MAP) -> tuple[Segment, ...]:
     """The parts of one segment of the motion above, which is sure of its contact."""
-    rows = np.zeros(COUNT, ROW)
-    rows["start_ns"] = 100_000_000 * np.arange(COUNT)
-    rows["stamp_ns"] = rows["start_ns"] + 99_999_999
-    posterior = np.full((COUNT, 7), 0.001)
-    posterior[:, fit.contact.column] = 0.994
     window = slid_then_tilted(tilt_rad, np.random.default_rng(0))
     ticks = SegmentTicks(window, fit.contact, MODEL, known_map, Origins.zero())
-    segments, beliefs = FinishedSegment(
-        fit.contact.column, rows, int(rows["stamp_ns"][-1]), posterior, ticks
-    ).with_fit(fit)
+    segments, beliefs = finished_with(ticks, 0.994, 100_000_000).with_fit(fit)
     for belief in beliefs:
         (part,) = (one for one in segments if one.start_ns <= belief.stamp_ns <= one.end_ns)
         assert belief.inseparable == part.inseparable

@@ -42,14 +42,19 @@ def window(first: int, count: int) -> Window:
     return Window(first + np.arange(count), zeta, 1e-8 * ones, 1e-6 * ones, frames=np.zeros(count))
 
 
+def finished_with(ticks: SegmentTicks, sure: float, tick_ns: int = 100) -> FinishedSegment:
+    """A segment of these ticks, each of which is as sure of its contact."""
+    index, column = ticks.window.index, ticks.contact.column
+    rows = np.zeros(len(index), ROW)
+    rows["start_ns"] = tick_ns * index
+    rows["stamp_ns"] = rows["start_ns"] + tick_ns - 1
+    posterior = np.full((len(index), 7), (1.0 - sure) / 6)
+    posterior[:, column] = sure
+    return FinishedSegment(column, rows, int(rows["stamp_ns"][-1]), posterior, ticks)
+
+
 def finished(contact: Contact, first: int, count: int) -> FinishedSegment:
-    rows = np.zeros(count, ROW)
-    rows["start_ns"] = 100 * (first + np.arange(count))
-    rows["stamp_ns"] = rows["start_ns"] + 99
-    posterior = np.full((count, 7), 0.01)
-    posterior[:, contact.column] = 0.94
-    ticks = SegmentTicks(window(first, count), contact, MODEL, EMPTY_MAP, Origins.zero())
-    return FinishedSegment(contact.column, rows, int(rows["stamp_ns"][-1]), posterior, ticks)
+    return finished_with(SegmentTicks(window(first, count), contact, MODEL, EMPTY_MAP, Origins.zero()), 0.94)
 
 
 def fitted(contact: Contact, **more: object) -> SegmentFit:

@@ -2,25 +2,18 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.pressed_objects import Pressed, pressed
 
-from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import need_truth, open_log, read_wrenches
-from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.with_wrenches import wrench_evidence
 from contact_tracker.wrenches.contact_evidence import WindowEvidence, WrenchEvidence
 from contact_tracker.wrenches.load import contact_wrenches, estimate_load
 from contact_tracker.wrenches.wrenches import Wrenches, about_body, average
-from contact_tracker_lab.evaluation.evaluate import evaluate
 
 DECISIVE = np.log(20.0)
 MOST_RAD = np.radians(15.0)
@@ -177,17 +170,3 @@ def test_invalid_wrenches_are_dropped_and_the_rest_sorted() -> None:
     found = Wrenches(stamps, numbers, np.ones((6, 3))).valid
     assert found.stamp_ns.tolist() == [4, 5]
     assert np.isfinite(found.force_n).all()
-
-
-@pytest.mark.long
-def test_wrenches_decide_what_motion_leaves_open(shared_recordings: Path) -> None:
-    """On a recording of a physics engine in which motion alone is singular."""
-    path, model = str(shared_recordings / "physics" / "singular" / "singular_00.mcap"), load_model()
-    log = open_log(path)
-    poses = Poses.join(list(log.batches()))
-    found = read_wrenches(path, "/object/wrench", log.source, poses)
-    evidence, _ = wrench_evidence(poses, found.wrenches, model)
-    pieces = OfflineTracker(model, wrenches=evidence).pieces(poses)
-    offline = evaluate(poses, need_truth(path), Segmentation.join(list(pieces))).offline
-    assert offline.accuracy() > 0.9
-    assert offline.sure_wrong < 0.03

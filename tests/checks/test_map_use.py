@@ -1,6 +1,4 @@
-"""A finding says that no contact confirms any of the known elements of a side."""
-
-from pathlib import Path
+"""Findings say that no contact confirms any known element of a side, or that contacts move them far."""
 
 import numpy as np
 import pytest
@@ -10,12 +8,13 @@ from contact_tracker.api import Trajectory, read, segment
 from contact_tracker.api.learned_map import map_of
 from contact_tracker.checks import map_use
 from contact_tracker.checks.map_use import FaceNameDelay, MapUse
-from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
+from contact_tracker.map.file import map_from
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
+from short_recordings import SHIPPED, shipped
 
-ROOT = Path(__file__).resolve().parents[2]
 TABLE = {"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.5}]}}
 CORNER = {"object": {"point": [{"point_m": [0.1, 0.0, 0.0], "name": "tip"}]}}
 
@@ -108,7 +107,7 @@ def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
 @pytest.mark.long
 def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
     """One of the right direction, 10 cm off: a face on a face alone would be on it."""
-    paper = Trajectory(read(ROOT / "recordings" / "paper_experiment.mcap").poses[:5000])
+    paper = Trajectory(shipped("paper_experiment")[:5000])
     normal = [0.566, 0.556, 0.609]
     wrong, right = (
         segment(paper, known={"environment": {"plane": [{"normal": normal, "offset_m": offset_m}]}})
@@ -127,8 +126,64 @@ def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
 
 
 def test_it_is_a_warning_of_a_recording():
-    robot = read(ROOT / "recordings" / "robot_1khz.mcap")[:5]
+    robot = read(SHIPPED / "robot_1khz.mcap")[:5]
     (line,) = segment(
         robot, known={"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 9.0}]}}
     ).warnings
     assert "no contact confirms what is given of the surroundings (plane 1)" in line
+
+
+SIGMA = {"sigma_position_m": 0.001, "sigma_rotation_deg": 0.5}
+
+
+KNOWN = map_from(
+    {
+        "environment": {"plane": [{"name": "table", "normal": [0, 0, 1], "offset_m": 0.0, **SIGMA}]},
+        "object": {"line": [{"name": "edge", "direction": [0, 1, 0], "point_m": [0.05, 0, 0], **SIGMA}]},
+    }
+)
+
+
+def moved(height_m=0.0, across_m=0.0, tilt_deg=0.0, names=("edge", "table"), probability=1.0):
+    """A contact of the edge, moved across by ``across_m``, on the table, moved up and tilted."""
+    tilt = np.radians(tilt_deg)
+    line = Line(np.array([0.0, -1.0, 0.0]), np.array([0.05, 3.0, across_m]), np.eye(6) * 1e-9, name=names[0])
+    face = Plane(np.array([np.sin(tilt), 0.0, np.cos(tilt)]), height_m, np.eye(4) * 1e-9, name=names[1])
+    return Segment(0, 10**9, Contact.EF, probability, ContactGeometry(line, face), ())
+
+
+def movements(*segments):
+    found = MapUse().update_segments(segments, stream_of(KNOWN))
+    return [one.text for one in found.findings(stream_of(KNOWN), []) if "contacts move" in one.text]
+
+
+@pytest.mark.parametrize(
+    "segments",
+    [
+        [],
+        [moved(0.003)],
+        [moved(0.002, 0.002), moved(-0.002, 0.002)],
+        [moved(0.02, names=(None, None))],
+        [moved(0.02, names=("edge", None))],
+        [moved(0.02, probability=0.3)],
+        [Segment(0, 10**9, Contact.FREE, 1.0, None)],
+    ],
+)
+def test_small_movements_and_unknown_elements_are_no_matter(segments):
+    assert movements(*segments) == []
+
+
+def test_the_furthest_movement_is_named_with_its_sizes():
+    (text,) = movements(moved(0.002), moved(0.005, 0.006), moved(0.001))
+    assert "by 8 of its standard deviations" in text
+    assert "edge by 6 mm, table by 5 mm" in text
+    (turned,) = movements(moved(tilt_deg=4.0))
+    assert "table by 4 deg" in turned
+
+
+def test_movements_of_further_contacts_count_as_well():
+    first = moved()
+    beside = moved(0.01)
+    further = FurtherContact(Contact.EF, 1.0, 0, None, beside.geometry, (), 2)
+    segment = Segment(0, 10**9, Contact.EF, 1.0, first.geometry, (), further=(further,))
+    assert movements(segment)
