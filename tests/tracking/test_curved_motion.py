@@ -59,7 +59,8 @@ def test_curved_motion_is_tested_before_wrenches_decide(monkeypatch):
 def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(with_map):
     """With one face as surroundings, free motion is as uncertain as without a map."""
     face = known_to(Plane(np.array([0.0, 0.0, 1.0]), -0.6), Accuracy())
-    known_map = Map((NamedElement("table", face),), environment_complete=True) if with_map else EMPTY_MAP
+    table = Map(listed_environment=(NamedElement("table", face),), environment_complete=True)
+    known_map = table if with_map else EMPTY_MAP
     possible = {Contact.FF, Contact.EF, Contact.VF} if with_map else set(CONTACTS)
     assert not with_map or set(known_map.allowed) == possible
     poses = gate(poses_of(MOTIONS["vertex on a sphere of 0.2 m"], np.random.default_rng(1), 8.0))

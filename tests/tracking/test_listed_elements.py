@@ -46,7 +46,12 @@ def surfaces():
 
 def known(table=None, **changes):
     elements, plane = surfaces()
-    all_of_it = Map((NamedElement("table", table or plane),), elements, None, True, True)
+    all_of_it = Map(
+        listed_environment=(NamedElement("table", table or plane),),
+        listed_object=elements,
+        environment_complete=True,
+        object_complete=True,
+    )
     return replace(all_of_it, **changes)
 
 
