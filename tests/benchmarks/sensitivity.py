@@ -259,6 +259,7 @@ def main() -> int:
     add("logs", nargs="+", type=Path, help="recordings with truth; their folders are the sets")
     add("--seconds", type=float, default=20.0, help="of each recording (default: %(default)s)")
     add("--jobs", type=int, default=1, help="processes at a time (default: %(default)s)")
+    add("--only", nargs="+", metavar="NAME", help="only these constants")
     add("--journal", type=Path, default=Path("sensitivity.jsonl"), help="outcomes, to go on with later")
     add("--variant", nargs=3, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -269,7 +270,10 @@ def main() -> int:
         constant = (module, name, float(factor)) if module else None
         show(json.dumps(run_variant(constant, arguments.logs, arguments.seconds)))
         return 0
-    constants = list(tuned_constants(_tracker()))
+    every = list(tuned_constants(_tracker()))
+    constants = [one for one in every if arguments.only is None or one.name in arguments.only]
+    if not constants:
+        parser.error(f"none of the {len(every)} constants is {' or '.join(arguments.only)}")
     how = arguments.logs, arguments.seconds, arguments.journal, arguments.jobs
     ((_, base),) = run_all((), *how).items()  # with no constant changed
     if base.error:
