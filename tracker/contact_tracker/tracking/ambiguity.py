@@ -56,10 +56,8 @@ CONTAINS: Final = np.array([[one.contains(other) for other in STATES] for one in
 FLUSH_S: Final = 1.0
 """Time in which the face of a contact has turned if it is not flush with the other element's..."""
 FLUSH_RAD: Final = float(np.radians(0.3))
-"""... by more than this standard deviation, beyond that of the noise: faces that touch rock by as much. On 32
-recordings it has not turned in 5.0 of 6.2 s of f-f that is surely taken for another contact, and in 5.4 of
-326 s that are surely right; with 0.2 deg in 2.8 and 3.2 s, with 0.5 deg in 5.2 and 12.3 s, for half of
-``FLUSH_S`` in 5.5 and 10.9 s, for twice as long in 4.0 and 1.8 s."""
+"""... by more than this standard deviation, beyond that of the noise: faces that touch rock by as much. Both
+change probabilities, no label (docs/sensitivity.md)."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""
