@@ -438,6 +438,26 @@ def test_ticks_follow_a_lasting_change_of_the_rate() -> None:
     assert state.best.model.tick_s == pytest.approx(0.5 * MODEL.poses_per_tick)
 
 
+@pytest.mark.parametrize("first_s", [0.005, 0.02, 2.0])
+def test_answers_do_not_wait_until_the_rate_is_known(first_s: float) -> None:
+    """The first tick has an answer when it is over; ticks for the first period, if that is another one, end
+    with the poses from which the rate is known."""
+    poses, model = recorded(FACE_TO_EDGE).poses[:200], replace(MODEL, tick_s=0.015)
+    stamp_ns = poses.stamp_ns + (np.arange(200) > 0) * round((first_s - 0.005) * 1e9)
+    state, arrival_ns, beliefs = as_values.start(model), list[int](), list[Belief]()
+    for pose in replace(poses, stamp_ns=stamp_ns):
+        state, some = as_values.advance(state, pose, Detail.WEIGHTS)
+        beliefs += some
+        arrival_ns += [pose.stamp_ns] * len(some)
+    first_tick_s = max(0.015, with_ticks_for(model, first_s).tick_s)
+    assert arrival_ns[0] - stamp_ns[0] <= (first_tick_s + 0.005) * 1e9
+    stamps_ns = np.array([belief.stamp_ns for belief in beliefs])
+    assert (np.diff(stamps_ns) > 0).all()
+    known = stamps_ns > stamp_ns[RATE_POSES]
+    assert (np.array(arrival_ns) - stamps_ns)[known].max() == 5_000_000
+    assert np.diff(stamps_ns[known]).max() == 15_000_000
+
+
 def test_ticks_go_out_in_time_while_poses_are_held() -> None:
     """Of a tick whose poses have jumped away no evidence is left; its answer comes a tenth later at most."""
     poses = recorded(FACE_TO_EDGE).poses[:1200]

@@ -50,7 +50,8 @@ def finished_with(ticks: SegmentTicks, sure: float, tick_ns: int = 100) -> Finis
     rows["stamp_ns"] = rows["start_ns"] + tick_ns - 1
     posterior = np.full((len(index), 7), (1.0 - sure) / 6)
     posterior[:, column] = sure
-    return FinishedSegment(column, rows, int(rows["stamp_ns"][-1]), posterior, ticks)
+    resting = np.zeros(len(index), bool)
+    return FinishedSegment(column, rows, int(rows["stamp_ns"][-1]), posterior, ticks, resting)
 
 
 def finished(contact: Contact, first: int, count: int) -> FinishedSegment:

@@ -5,6 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 import as_values
 from contact_tracker.config.loading import load_model
@@ -12,9 +14,10 @@ from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
 from contact_tracker.motion.window import rest_ticks
+from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import FilteredTick
-from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.offline_smoother import end_at_rest, segment
 from contact_tracker.tracking.transition_model import REST_EXPOSURE
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from pose_filter import after as after_tick
@@ -114,6 +117,39 @@ def test_a_rest_in_the_middle_is_a_row_of_its_own_and_shows_no_contact():
     assert (begins_s, lasts_s) == pytest.approx((MOVED / RATE_HZ, rest_s), abs=0.15)
     longer_ns = (on.end_ns - edge.start_ns) - (without[-1].end_ns - without[-1].start_ns)
     assert longer_ns == pytest.approx(rest_s * 1e9, abs=0.3e9)
+
+
+def taking_off(seed: int, vibration_m: float) -> Poses:
+    """Three seconds on the floor, in the last 1.4 s of which the motors run, and three of smooth flight."""
+    rng, time_s = np.random.default_rng(seed), np.arange(600) / 100.0
+    flown_s = np.clip(time_s - 3.0, 0.0, None)
+    share = np.clip(flown_s, 0.0, 1.0) ** 3
+    wander = share[:, None] * gaussian_filter1d(rng.normal(size=(600, 6)), 40.0, axis=0) * 12.0
+    position_m = np.cumsum(wander[:, :3], axis=0) * 8e-4
+    position_m[:, 2] += 0.3 * flown_s * share
+    runs = (time_s > 1.6)[:, None] * vibration_m
+    position_m += np.hypot(4e-5, runs) * rng.normal(size=(600, 3))
+    turn = np.radians(2.0) * wander[:, 3:] + np.hypot(2e-3, 10.0 * runs) * rng.normal(size=(600, 3))
+    quat_xyzw = Rotation.from_rotvec(turn).as_quat()
+    return Poses(np.round(time_s * 1e9).astype(np.int64), position_m, quat_xyzw)
+
+
+@pytest.mark.parametrize(("seed", "vibration_m"), [(1, 0.0), (4, 1.5e-4)])
+def test_a_drone_takes_off_where_its_rest_ends(seed: int, vibration_m: float) -> None:
+    """While it rests and its motors run it is not said to be free."""
+    segments = segment(taking_off(seed, vibration_m), MODEL).segments
+    flight = next(one for one in segments if one.end_ns > 3.5e9)
+    assert flight.contact is Contact.FREE
+    assert flight.start_ns * 1e-9 == pytest.approx(3.0, abs=0.3)
+    assert all(len(one.inseparable) == 6 for one in segments if one.end_ns < flight.start_ns)
+
+
+def test_a_segment_ends_with_the_rest_that_it_is_in_or_just_beside() -> None:
+    resting = np.repeat([False, True, False], [20, 30, 20])
+    expected = dict(zip([8, 17, 21, 33, 37, 50, 53, 54], [8, 20, 20, 20, 50, 50, 50, 54], strict=True))
+    assert {end: end_at_rest(resting, end) for end in expected} == expected
+    assert [end_at_rest(~resting, end) for end in (0, 70)] == [0, 70]  # nothing is known beyond
+    assert end_at_rest(np.zeros(9, bool), 4) == 4
 
 
 def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():

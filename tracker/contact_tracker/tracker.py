@@ -109,9 +109,8 @@ class Tracker:
             self.last_ns = poses.stamp_ns
             self.uninspected.append(poses)
             self.many += 1
-            grid = self.filters.grid
-            if self.many < BATCH_POSES and grid is not None and grid.goes_on(poses.stamp_ns):
-                return []  # most poses: the filters need them at the end of the tick only
+            if self.many < BATCH_POSES and self.filters.can_wait(poses.stamp_ns):
+                return []  # most poses
             return self._update_all(detail)
         beliefs = list[Belief]()
         if len(poses):

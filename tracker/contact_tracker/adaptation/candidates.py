@@ -13,6 +13,8 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise
 from contact_tracker.motion.tick_averaging import tick_variances
 
+FIRST_POSES: Final = 2
+"""Number of poses whose distance is the period of the stream until its rate is estimated."""
 RATE_POSES: Final = 12
 """Number of poses from which the rate of the stream is estimated: its first, later the latest."""
 CHANGED: Final = 2.0

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.adaptation.candidates import (
+    FIRST_POSES,
     LASTING_NS,
     RATE_POSES,
     candidates,
@@ -227,8 +228,8 @@ class FilterBank:
     Parameters
     ----------
     model, known_map, lag_s : as given; ticks of the filters may be longer.
-    grid : averages poses into ticks for all filters; None before the rate is known.
-    filters : none before the rate is known.
+    grid : averages poses into ticks for all filters; None before the second pose.
+    filters : none before the second pose.
     log_weight, log_prior : (K,) log weights of the filters, and the part of them that is no evidence.
     pending : poses so far, until the other filters start with them; then None.
     moved_s : time for which the object has moved.
@@ -281,6 +282,11 @@ class FilterBank:
         """Poses left out of their ticks so far."""
         return self.earlier_outliers + (self.filters[0].state.outliers if self.filters else 0)
 
+    def can_wait(self, stamp_ns: int) -> bool:
+        """Whether a pose of this time is needed at the end of the tick only, not for the rate."""
+        rate_is_known = self.pending is None or len(self.pending) >= RATE_POSES
+        return rate_is_known and self.grid is not None and self.grid.goes_on(stamp_ns)
+
     def add(self, poses: Poses, detail: Detail) -> list[Belief]:
         """Add poses; returns the beliefs of the ticks that they close."""
         beliefs = self._add(poses, detail)
@@ -328,14 +334,15 @@ class FilterBank:
     def _add(self, poses: Poses, detail: Detail) -> list[Belief]:
         beliefs = list[Belief]()
         while self.pending is not None and len(poses):  # until all filters have started
-            enough = RATIO_POSES if self.filters else RATE_POSES
-            missing = max(enough - len(self.pending), 1)
+            many = len(self.pending)
+            enough = RATIO_POSES if many >= RATE_POSES else RATE_POSES if self.filters else FIRST_POSES
+            missing = max(enough - many, 1)
             some, poses = poses[:missing], poses[missing:]
             self.pending = Poses.join([self.pending, some])
             if self.grid is not None:
                 beliefs += self._update(self.grid.add(some), detail)
-                if len(some) == missing:
-                    self._start_others(detail)
+            if len(some) == missing and enough == RATIO_POSES:
+                self._start_others(detail)
             elif len(some) == missing:
                 beliefs += self._start_first(detail)
         if self.grid is not None and poses.stamp_ns.size:
@@ -365,10 +372,16 @@ class FilterBank:
         return [*before, *self._begin([model], detail)]
 
     def _start_first(self, detail: Detail) -> list[Belief]:
-        """Start the filter of the model as given, with ticks that hold frames; its beliefs so far."""
+        """Start the filter of the model as given, with ticks for the rate so far; again from the first pose
+        where the ticks were others. Its beliefs after the last that was reported."""
         assert self.pending is not None
         period_s = usual_period_s(self.pending.stamp_ns) if self.period_s is None else self.period_s
-        return self._begin([with_ticks_for(self.model, period_s)], detail)
+        model = with_ticks_for(self.model, period_s)
+        if self.grid is not None and model.tick_s == self.grid.model.tick_s:
+            return []
+        last = self.filters[0].reported if self.filters else None
+        beliefs = self._begin([model], detail)
+        return beliefs if last is None else [one for one in beliefs if one.stamp_ns > last.stamp_ns]
 
     def _start_others(self, detail: Detail) -> None:
         """Choose the tracked point by the poses so far, and begin again with all filters."""

@@ -23,7 +23,7 @@ from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS
 from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, at_rest, rest_ticks
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief, Detail, Segment
@@ -34,6 +34,7 @@ from contact_tracker.tracking.segment_fit import (
     SegmentTicks,
     fit_segments,
     joined_by_wrenches,
+    without_short_gaps,
 )
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import FilterState
@@ -216,7 +217,7 @@ class Segmenter:
         self._newest: Tick
         self._outliers = 0  # reported so far
         self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet reported
-        self._first, self._before = 0, np.zeros(0)  # number of the oldest of these, zeta of the one before
+        self._first, self._before = 0, np.zeros(0, _TICK)  # number of the oldest of these, ticks before it
         self._path: deque[hmm.PathSegment] = deque()
         self._finished: deque[FinishedSegment] = deque()
         self._fits: deque[Future[list[SegmentFit]]] = deque()  # in other processes
@@ -345,39 +346,60 @@ class Segmenter:
         self._gaps = {number: gap for number, gap in self._gaps.items() if number >= needed}
 
     def _begin_fits(self, final: bool) -> None:
-        """Fit the segments whose posterior is decided; free motion at the end may continue unless
-        ``final``."""
-        while self._path and self._path[0][2] - self._first <= len(self._posterior):
-            state, onset, end = self._path[0]
+        """Fit the segments whose posterior is decided, to some ticks after them, in which a rest may go on;
+        free motion at the end may continue unless ``final``."""
+        beside = 2 * rest_ticks(self._state.model.tick_s)
+        decided = len(self._posterior) - (0 if final else beside)
+        while self._path and self._path[0][2] - self._first <= decided:
+            state, _, end = self._path[0]
             if state == FREE and len(self._path) == 1 and not final:
                 return
             self._path.popleft()
-            count = end - onset
+            first, end = len(self._before), max(end - self._first, 0)
+            after = self._ticks.rows(0, min(end + beside, len(self._ticks)))
+            around = np.concatenate([self._before, after])
+            resting = self._rests(self._first - first, around)
+            count = end_at_rest(resting, first + end) - first
+            if count <= 0:  # the rest beside it is that of another segment
+                continue
             rows = _continued(self._ticks.take(count))
             last = not len(self._ticks)
             end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
             posterior = self._posterior.take(count)["probability"]
             ticks = self._segment_ticks(state, rows)
-            self._finished.append(FinishedSegment(state, rows, end_ns, posterior, ticks))
+            rests = resting[first : first + count]
+            self._finished.append(FinishedSegment(state, rows, end_ns, posterior, ticks, rests))
             if self._executor is not None:
                 self._fits.append(self._executor.submit(fit_segments, [ticks]))
-            self._first, self._before = end, rows["zeta"][-1]
+            self._first, self._before = self._first + count, around[: first + count][-beside:]
+            decided -= count
 
-    def _segment_ticks(self, column: int, rows: NDArray[np.void]) -> SegmentTicks:
-        """The ticks that contacts are fitted to, with the present noise estimate."""
-        state, noise = self._state, self._newest.noise
-        window = Window(
-            self._first + np.arange(len(rows)),
+    def _rests(self, first: int, rows: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Which ticks, from number ``first`` on, belong to a rest that shows no contact, with motion between
+        two rests that is too short to be told from their noise."""
+        if not ambiguity.others_at_rest(Contact.FREE, self._state.known_map):
+            return np.zeros(len(rows), bool)
+        return without_short_gaps(at_rest(self._window(first, rows), self._state.model.tick_s))
+
+    def _window(self, first: int, rows: NDArray[np.void]) -> Window:
+        """The ticks from number ``first`` on, with the present noise estimate."""
+        model, noise = self._state.model, self._newest.noise
+        return Window(
+            first + np.arange(len(rows)),
             rows["zeta"],
-            tick_averaging.tick_variances(noise, rows["count"], state.model),
+            tick_averaging.tick_variances(noise, rows["count"], model),
             rows["excess"],
-            tick_averaging.tick_anisotropy(noise, rows["count"], state.model),
-            self._before if self._first else None,
+            tick_averaging.tick_anisotropy(noise, rows["count"], model),
+            self._before["zeta"][-1] if len(self._before) else None,
             rows["count"],
         )
-        wrenches = None
+
+    def _segment_ticks(self, column: int, rows: NDArray[np.void]) -> SegmentTicks:
+        """The ticks that contacts are fitted to."""
+        state, wrenches = self._state, None
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
+        window = self._window(self._first, rows)
         return SegmentTicks(window, STATES[column], state.model, state.known_map, state.origins, wrenches)
 
     def _next_piece(self, count: int) -> Segmentation:
@@ -398,6 +420,19 @@ class Segmenter:
         beliefs = Beliefs.join([of_one for _, of_one in found])
         rows = tuple(row for rows, _ in found for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
+
+
+def end_at_rest(resting: NDArray[np.bool_], end: int) -> int:
+    """The ``end`` of a segment, or the end of a rest (n,) within which it is, or ``NOW_TICKS`` beside.
+
+    Motion shows no change of contact within a rest, and too little of it no change just beside one.
+    """
+    edges = np.flatnonzero(np.diff(resting)) + 1
+    if not edges.size or not 0 < end < len(resting):
+        return end
+    nearest = int(edges[np.abs(edges - end).argmin()])
+    within = resting[end - 1 : end + 1].all()
+    return nearest if within or abs(nearest - end) <= NOW_TICKS else end
 
 
 def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:

@@ -35,7 +35,7 @@ from contact_tracker.map.map import Map
 from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.lifted_pose import R, T
-from contact_tracker.motion.window import Window, at_rest
+from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import curved_probabilities, is_mostly_curved
@@ -214,13 +214,15 @@ def _most_moving(window: Window) -> Window:
 
 class FinishedSegment(NamedTuple):
     """A segment: the ``column`` of its state, its ``rows`` of n ticks (``start_ns``, ``stamp_ns``,
-    ``residual``), when it ends, the ``posterior`` (n, 7), and the ``ticks`` that contacts are fitted to."""
+    ``residual``), when it ends, the ``posterior`` (n, 7), the ``ticks`` that contacts are fitted to, and
+    which of them (n,) belong to a rest."""
 
     column: int
     rows: NDArray[np.void]
     end_ns: int
     posterior: Array
     ticks: SegmentTicks
+    resting: NDArray[np.bool_]
 
     def followed_by(self, after: "FinishedSegment") -> "FinishedSegment":
         """This segment joined with the next one."""
@@ -231,6 +233,7 @@ class FinishedSegment(NamedTuple):
             after.end_ns,
             np.concatenate([self.posterior, after.posterior]),
             ticks,
+            np.concatenate([self.resting, after.resting]),
         )
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
@@ -243,7 +246,7 @@ class FinishedSegment(NamedTuple):
         others = [possible if one else fit.inseparable for one in is_open]
         open_at_rest, flush = ambiguity.others_at_rest(contact, known_map), resting
         if open_at_rest and fit.share is None:
-            resting = self._rests()
+            resting = self.resting
             flush = self._flush(fit) & ~resting
             p_restricted[resting] = ambiguity.CHANGED_AT_REST
             others = [fit.with_flush if one else states for one, states in zip(flush, others, strict=True)]
@@ -311,17 +314,13 @@ class FinishedSegment(NamedTuple):
 
         return within
 
-    def _rests(self) -> NDArray[np.bool_]:
-        """Which ticks (n,) are at rest; motion too short to be told from the end of a rest belongs to it."""
-        return _without_short_gaps(at_rest(self.ticks.window, self.ticks.model.tick_s))
-
     def _flush(self, fit: SegmentFit) -> NDArray[np.bool_]:
         """In which ticks (n,) that do not rest the motion is also that of f-f."""
         ticks = self.ticks
         if fit.geometry is None or not ticks.known_map.allows(Contact.FF):
             return np.zeros(len(self.rows), bool)
         flush = ambiguity.may_be_flush(fit.contact, fit.geometry, ticks.window, ticks.model.tick_s)
-        return _without_short_gaps(flush)
+        return without_short_gaps(flush)
 
     def _span(self, first: int, end: int) -> tuple[int, int]:
         """Start and end (ns) of the ticks ``first`` to ``end`` (excluded)."""
@@ -349,7 +348,7 @@ class FinishedSegment(NamedTuple):
         return sorted(found, key=lambda one: one[1].start_ns)
 
 
-def _without_short_gaps(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def without_short_gaps(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The ticks (n,) with those that lie between ends less than ``NOW_TICKS`` apart."""
     within = within.copy()
     edges = np.flatnonzero(np.diff(within, prepend=False, append=False))
