@@ -1,5 +1,7 @@
 """The load is estimated from free motion, also if contact is partly misclassified as free."""
 
+from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -69,12 +71,14 @@ def test_a_mass_that_free_motion_overrules_is_said(share: float) -> None:
     assert not mass_doubt(load, None)
 
 
-def turned(made: Pressed) -> Wrenches:
-    """As of a sensor whose frame is turned by an unknown rotation."""
-    rotation = Rotation.from_rotvec([1.0, -1.5, 0.5])
-    return Wrenches(
-        made.wrenches.stamp_ns, rotation.apply(made.wrenches.force_n), rotation.apply(made.wrenches.moment_nm)
-    )
+def turned(made: Pressed, *by: float) -> Wrenches:
+    """As of a sensor whose frame is turned by an unknown rotation vector (rad)."""
+    rotation, wrenches = Rotation.from_rotvec(by), made.wrenches
+    return Wrenches(wrenches.stamp_ns, rotation.apply(wrenches.force_n), rotation.apply(wrenches.moment_nm))
+
+
+def with_moments(made: Pressed, moment_nm: np.ndarray) -> Wrenches:
+    return replace(made.wrenches, moment_nm=moment_nm)
 
 
 def in_axes_of_world(made: Pressed) -> Wrenches:
@@ -89,17 +93,53 @@ def in_axes_of_world(made: Pressed) -> Wrenches:
         (lambda made: reversed_wrenches(made.wrenches), "They fit with the opposite sign"),
         (lambda made: about_parent(made.wrenches, made.poses), "They fit in the frame of the poses"),
         (in_axes_of_world, "They fit in the axes of the poses' frame, about the object's origin"),
-        (turned, "Check their sign, their frame"),
+        (lambda made: turned(made, 1.0, -1.5, 0.5), "Check their sign, their frame"),
+        (lambda made: turned(made, 0.2, 0.1, 0.15), "axes were turned by 1[45] deg"),
+        (
+            lambda made: replace(made.wrenches, force_n=-made.wrenches.force_n),
+            "opposite sign of the forces only",
+        ),
+        (
+            lambda made: with_moments(made, -made.wrenches.moment_nm),
+            "the moments are .* They fit with the opposite sign of the moments only",
+        ),
+        (
+            lambda made: with_moments(made, made.wrenches.moment_nm * [1.0, 1.0, -1.0]),
+            "moment of .* N m turns|inertia were negative. Check",
+        ),
+        (
+            lambda made: with_moments(
+                made, made.wrenches.moment_nm + np.cross([0.0, 0.1, 0.0], made.wrenches.force_n)
+            ),
+            "not about the object's origin",
+        ),
     ],
 )
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_wrenches_of_a_wrong_sign_or_frame_are_not_used(seed: int, read: Any, expected: str) -> None:
-    made = pressed(Contact.VF, seed, noise=True, bias=True)
-    p_free = made.is_free.astype(float)
-    require_load(made.poses, made.wrenches, made.tick_ns, made.is_free, p_free)
+    made = used(seed)
     with pytest.raises(NoLoad, match=expected) as raised:
-        require_load(made.poses, read(made), made.tick_ns, made.is_free, p_free)
+        require_load(made.poses, read(made), made.tick_ns, made.is_free, made.is_free.astype(float))
     assert "free motion" in str(raised.value)
+
+
+@cache
+def used(seed: int) -> Pressed:
+    """An object whose wrenches are used as they are."""
+    made = pressed(Contact.VF, seed, noise=True, bias=True)
+    require_load(made.poses, made.wrenches, made.tick_ns, made.is_free, made.is_free.astype(float))
+    return made
+
+
+@pytest.mark.parametrize("noise_rad", [0.005, 0.05])
+def test_noise_of_the_poses_is_no_wrong_frame(noise_rad: float) -> None:
+    """It makes accelerations too large: the mass, the centre and the inertia that they show, too small."""
+    made, rng = pressed(Contact.VF, 2, noise=True, bias=True), np.random.default_rng(0)
+    noise = Rotation.from_rotvec(noise_rad * rng.normal(size=(len(made.poses), 3)))
+    quat_xyzw = (Rotation.from_quat(made.poses.quat_xyzw) * noise).as_quat()
+    load = load_of(replace(made, poses=replace(made.poses, quat_xyzw=quat_xyzw)))
+    assert load is not None
+    assert load.doubt == ""
 
 
 def test_wrenches_that_explain_more_free_motion_otherwise_are_not_used() -> None:

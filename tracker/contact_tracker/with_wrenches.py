@@ -1,6 +1,7 @@
 """Evidence of wrenches: a first pass labels by motion, and its ticks of free motion determine the load."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -111,12 +112,11 @@ def require_load(
         for what, other in _other_readings(poses, wrenches)
     )
     # wrong ones may fit the forces of some ticks, but fewer than the right one, and less well
-    fitting = [(one.ticks / one.scale, what) for one, what in others if one is not None and not one.doubt]
-    best, what = max(fitting, default=(0.0, ""))
-    if load.doubt and fitting:
-        raise NoLoad(f"{load.doubt}. They fit {what}")
+    fits = [(one.ticks / one.scale, what) for one, what in others if one is not None and not one.doubt]
+    best, what = max(fits, default=(0.0, ""))
     if best > load.ticks / load.scale:
-        raise NoLoad(f"they explain less of the free motion as they are than otherwise. They fit {what}")
+        less = "they explain less of the free motion as they are than otherwise"
+        raise NoLoad(f"{load.doubt or less}. They fit {what}")
     if not load.doubt:
         return ticks, load
     reason = TOO_LITTLE if load.ticks < FEWEST_TICKS else load.doubt
@@ -127,7 +127,7 @@ def require_load(
 
 
 def _other_readings(poses: Poses, wrenches: Wrenches) -> Iterator[tuple[str, Wrenches]]:
-    """The same numbers as reactions, and in the axes of the world, about its origin or about the body's."""
+    """The same numbers with other signs, and in the axes of the world, about its origin or the body's."""
     reverse = "with the opposite sign: they are those of the object on the hand"
     in_world = {
         "in the frame of the poses instead of the object's: set header.frame_id": about_body(wrenches, poses),
@@ -136,6 +136,8 @@ def _other_readings(poses: Poses, wrenches: Wrenches) -> Iterator[tuple[str, Wre
         ),
     }
     yield reverse, reversed_wrenches(wrenches)
+    yield "with the opposite sign of the forces only", replace(wrenches, force_n=-wrenches.force_n)
+    yield "with the opposite sign of the moments only", replace(wrenches, moment_nm=-wrenches.moment_nm)
     yield from in_world.items()
     for text, other in in_world.items():
         yield f"{reverse}, {text}", reversed_wrenches(other)

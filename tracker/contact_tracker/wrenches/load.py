@@ -12,11 +12,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.vectors import EYE, cross, cross_matrix
+from contact_tracker.geometry.vectors import EYE, cross_matrix
 from contact_tracker.wrenches.wrenches import TickWrenches
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Distance = tuple[float, float]
+"""With its standard deviation."""
 
 GRAVITY: Final = 9.80665
 FEWEST_TICKS: Final = 4
@@ -45,9 +47,16 @@ MISFIT: Final = 9.0
 """Force that is left in this share of the ticks, over the usual force, and its square over its noise, above
 which they are not explained. On the shared physics recordings they are at most 0.085 and 2.3."""
 MOST_BIAS: Final = 0.5
-"""Largest bias over the weight, where it is far beyond its prior."""
+"""Largest bias over the weight and its moment, where it is far beyond its prior."""
 DOUBTED_DEVIATIONS: Final = 3.0
-"""Standard deviations of a bias beyond its prior, and of an accelerated mass that is negative."""
+"""Standard deviations of a bias beyond its prior, and of what no load has: a negative mass that is
+accelerated, a negative moment of inertia, axes that are turned."""
+TURNED_RAD: Final = 0.1
+"""Angle by which the axes of the forces may be turned against the body's. On the shared physics recordings it
+is at most 0.03 where they are right."""
+APART_M: Final = 0.03
+"""Distance that the centres of mass by forces and by moments may have. There it is at most 0.026, and for
+18 of 26 it is 0.033 or more if the moments are about a point 0.1 m from the body's origin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +76,9 @@ class Load:
         force, and its square over its noise.
     accelerated : mass that is accelerated over the mass that is carried, which are one, and its standard
         deviation.
+    turned_rad : angle by which the axes of the forces are turned against the body's, and its standard
+        deviation.
+    apart_m : distance of the centres of mass by forces and by moments, without a part that noise explains.
     """
 
     weight_n: Array
@@ -80,6 +92,8 @@ class Load:
     ticks: float
     unexplained: tuple[float, float]
     accelerated: tuple[float, float]
+    turned_rad: Distance
+    apart_m: Distance
 
     @property
     def mass_kg(self) -> float:
@@ -90,15 +104,40 @@ class Load:
         """Why this is no load of a hand, so that the wrenches have a wrong sign or frame; empty if it may be
         one."""
         share, sd = self.accelerated
-        bias_n = float(np.linalg.norm(self.force_bias_n))
         if share < 0.0 and share + DOUBTED_DEVIATIONS * sd < 1.0:
             return "in free motion the forces are as if the mass were negative"
-        if bias_n > max(DOUBTED_DEVIATIONS * BIAS_SD[0], MOST_BIAS * GRAVITY * self.mass_kg):
-            return f"in free motion a force of {bias_n:.1f} N turns with the object, as gravity does not"
+        weight_n = GRAVITY * self.mass_kg
+        of_gravity = weight_n, weight_n * float(np.linalg.norm(self.centre_m))
+        for what, bias, usual, most in zip(
+            ("force of {:.1f} N", "moment of {:.1f} N m"),
+            (self.force_bias_n, self.moment_bias_nm),
+            BIAS_SD,
+            of_gravity,
+            strict=True,
+        ):
+            size = float(np.linalg.norm(bias))
+            if size > max(DOUBTED_DEVIATIONS * usual, MOST_BIAS * most):
+                return f"in free motion a {what.format(size)} turns with the object, as gravity does not"
+        if self._least_inertia < -DOUBTED_DEVIATIONS:
+            return "in free motion the moments are as if the inertia were negative"
+        angle, sd = self.turned_rad
+        if angle > max(DOUBTED_DEVIATIONS * sd, TURNED_RAD):
+            turn = f"{np.degrees(angle):.0f} deg against the object's"
+            return f"in free motion the forces are as if their axes were turned by {turn}"
+        distance, sd = self.apart_m
+        if distance > max(DOUBTED_DEVIATIONS * sd, APART_M):
+            return "in free motion the moments are not about the object's origin"
         off, misfit = self.unexplained
         if self.ticks < FEWEST_TICKS or (off > UNEXPLAINED and misfit > MISFIT):
             return "in free motion the forces are not those of weight and inertia"
         return ""
+
+    @property
+    def _least_inertia(self) -> float:
+        """Least moment of inertia about an axis through the origin, over its standard deviation."""
+        values, axes = np.linalg.eigh(_inertia_times(EYE) @ self.inertia)
+        along = axes[:, 0] @ (axes[:, 0] @ _inertia_times(EYE))
+        return float(values[0] / max(along @ self.moment_covariance[3:9, 3:9] @ along, 1e-30) ** 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +265,7 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         usual = max(_weighted_median(squares, weight), 6.0)
         weight = _redescending(squares / usual)
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
+    expected = target - off_force - bias + inertial
     squares = (off_force**2).sum(axis=1)
     usual_n = max(float(np.median(np.linalg.norm(ticks.force_n[rows], axis=1))), NEAR_N)
     return Load(
@@ -243,6 +283,8 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
             float(np.quantile(squares / force_noise, EXPLAINED)) / 3.0,
         ),
         _accelerated(ticks, rows, weight / (force_noise * scale), inertial / max(mass, 1e-9)),
+        _turned(ticks, rows, weight / (force_noise * scale), expected),
+        _apart(ticks, rows, weight / (force_noise * scale), expected, mass, centre),
     )
 
 
@@ -250,11 +292,45 @@ def _accelerated(
     ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, acceleration: Array
 ) -> tuple[float, float]:
     """The mass that is accelerated, with its sign, over that of the weight, and its standard deviation."""
-    design = np.concatenate([_force_design(ticks, rows), acceleration[..., None]], axis=2)
-    prior = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3 + [0.0])
-    found, covariance = _solve(design, ticks.force_n[rows], weight, prior, np.zeros(7))
+    found, covariance = _beside(ticks, rows, weight, ticks.force_n[rows], acceleration[..., None])
     mass = max(float(np.linalg.norm(found[:3])) / GRAVITY, 1e-9)
     return float(found[6]) / mass, float(covariance[6, 6]) ** 0.5 / mass
+
+
+def _turned(ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, expected: Array) -> Distance:
+    """The angle by which the measured forces are turned against the ``expected`` ones (n, 3)."""
+    off = ticks.force_n[rows] - expected
+    found, covariance = _beside(ticks, rows, weight, off, -cross_matrix(expected))
+    return _distance(found[6:], covariance[6:, 6:])
+
+
+def _apart(
+    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, expected: Array, mass: float, centre_m: Array
+) -> Distance:
+    """How far the centre of mass that the forces show is from that of the moments, or if it is nearer to the
+    origin, from the line between: noise of the poses makes the accelerations too large."""
+    off, columns = ticks.force_n[rows] - expected, mass * _swing(ticks, rows)
+    found, covariance = _beside(ticks, rows, weight, off, columns)
+    by_force = centre_m + found[6:]
+    share = np.clip(by_force @ centre_m / max(centre_m @ centre_m, 1e-12), 0.0, 1.0)
+    return _distance(by_force - share * centre_m, covariance[6:, 6:])
+
+
+def _distance(apart: Array, covariance: Array) -> Distance:
+    """The length of a difference (3,), with its standard deviation."""
+    size = float(np.linalg.norm(apart))
+    along = apart / max(size, 1e-9)
+    return size, float(along @ covariance @ along) ** 0.5
+
+
+def _beside(
+    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, force_n: Array, columns: Array
+) -> tuple[Array, Array]:
+    """Solve the forces for weight, bias and what explains more ``columns`` (n, 3, k): the solution (6 + k,)
+    and its covariance."""
+    design = np.concatenate([_force_design(ticks, rows), columns], axis=2)
+    prior = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3 + [0.0] * columns.shape[2])
+    return _solve(design, force_n, weight, prior, np.zeros(len(prior)))
 
 
 def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
@@ -304,10 +380,15 @@ def _forces(
 ) -> tuple[Array, Array]:
     """Weight less the force that accelerates the body's origin, and the force that accelerates the centre of
     mass, (n, 3) in the body's axes (N)."""
-    spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
-    swing = cross(turning, centre_m) + cross(spin, cross(spin, centre_m))
+    swing = _swing(ticks, rows) @ centre_m
     down = np.einsum("tji,j->ti", ticks.rotation[rows], weight_n)
     return down - mass * ticks.acceleration[rows], mass * (ticks.acceleration[rows] + swing)
+
+
+def _swing(ticks: TickWrenches, rows: NDArray[np.int64]) -> Array:
+    """(n, 3, 3): derivatives of a point's acceleration about the origin by the point."""
+    spin = cross_matrix(ticks.angular_velocity[rows])
+    return np.asarray(cross_matrix(ticks.angular_acceleration[rows]) + spin @ spin)
 
 
 def _force_design(ticks: TickWrenches, rows: NDArray[np.int64]) -> Array:
