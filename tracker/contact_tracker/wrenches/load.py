@@ -5,6 +5,7 @@ Newton and Euler about the body's origin, in its axes, for the wrench (f, m) of 
 T38).
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -137,7 +138,8 @@ class Load:
         """Least moment of inertia about an axis through the origin, over its standard deviation."""
         values, axes = np.linalg.eigh(_inertia_times(EYE) @ self.inertia)
         along = axes[:, 0] @ (axes[:, 0] @ _inertia_times(EYE))
-        return float(values[0] / max(along @ self.moment_covariance[3:9, 3:9] @ along, 1e-30) ** 0.5)
+        variance = float(along @ self.moment_covariance[3:9, 3:9] @ along)
+        return float(values[0]) / math.sqrt(max(variance, 1e-30))
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +314,7 @@ def _apart(
     off, columns = ticks.force_n[rows] - expected, mass * _swing(ticks, rows)
     found, covariance = _beside(ticks, rows, weight, off, columns)
     by_force = centre_m + found[6:]
-    share = np.clip(by_force @ centre_m / max(centre_m @ centre_m, 1e-12), 0.0, 1.0)
+    share = float(np.clip(by_force @ centre_m / max(float(centre_m @ centre_m), 1e-12), 0.0, 1.0))
     return _distance(by_force - share * centre_m, covariance[6:, 6:])
 
 
