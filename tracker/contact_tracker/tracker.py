@@ -207,7 +207,7 @@ class Tracker:
 
     @property
     def best(self) -> FilterState | None:
-        """The most probable filter; None before the rate of the stream is known."""
+        """The most probable filter; None before the second pose."""
         return self.filters.best
 
     @property
@@ -238,7 +238,7 @@ class Tracker:
 
     @property
     def report(self) -> Report | None:
-        """Report of the stream that ends here; None before its rate is known."""
+        """Report of the stream that ends here; None before the second pose."""
         return self._report(is_end=True)
 
     @property

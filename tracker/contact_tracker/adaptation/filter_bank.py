@@ -274,7 +274,7 @@ class FilterBank:
 
     @property
     def best(self) -> FilterState | None:
-        """The most probable filter; None before the rate of the stream is known."""
+        """The most probable filter; None before the second pose."""
         return self.filters[int(self.log_weight.argmax())].state if self.filters else None
 
     @property

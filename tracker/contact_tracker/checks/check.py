@@ -21,8 +21,8 @@ class Stream(NamedTuple):
     ----------
     map : what was known before the stream.
     model : as asked for.
-    first, best : models of the first and of the most probable filter; None before the rate is known.
-    sigma : noise of a pose as given (m, rad); None before the rate is known.
+    first, best : models of the first and of the most probable filter; None before the second pose.
+    sigma : noise of a pose as given (m, rad); None before the second pose.
     body_m : (3,) point of the body that is tracked.
     is_chosen : whether the choice of ticks and noise is final.
     is_at_rest : whether the object rests.

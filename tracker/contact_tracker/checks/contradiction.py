@@ -78,7 +78,7 @@ class Contradiction(Check):
 
     Parameters
     ----------
-    with_map, without_map : the filters; None before the rate is known and once the comparison
+    with_map, without_map : the filters; None before the second pose and once the comparison
         ``is_settled``.
     lead : the part that counts of the evidence of the second over the first (nats).
     lost : its largest increase until now since any tick.
