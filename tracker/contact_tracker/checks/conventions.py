@@ -279,7 +279,7 @@ def _after_window(known: Conventions, stream: Stream, window: Poses, tick_ns: in
     model, sigma, has_odd_unit = stream.first, stream.sigma, stream.inspection.units
     if model is None or sigma is None:
         return known
-    readings = readings_of(stream.inspection.read_as.table)
+    readings = readings_of(stream.inspection.read_as)
     if not len(known.nats):
         known = replace(known, nats=np.zeros(len(readings)), fitting=np.zeros(len(readings)))
     tick_of = (window.stamp_ns - window.stamp_ns[0]) // tick_ns
