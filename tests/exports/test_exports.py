@@ -361,24 +361,34 @@ const context = new Proxy({}, {
 const canvas = { getContext: () => context, clientWidth: 900, clientHeight: 600, addEventListener() {} };
 const legend = { appendChild: (entry) => (names.push(entry), entry) };
 const picture = { children: [canvas, legend] };
-const document = { createElement: () => ({ style: {} }), currentScript: { previousElementSibling: picture } };
+const row = { dataset: { segments: "0" }, classList: { toggle: (_, is) => is && drawn.rows++ } };
+drawn.rows = 0;
+const document = {
+  createElement: () => ({ style: {}, dataset: {} }),
+  querySelectorAll: () => [row],
+  currentScript: { previousElementSibling: picture },
+};
 const devicePixelRatio = 1, addEventListener = () => {};
 """
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no engine that runs the page's scripts")
 def test_the_pictures_of_a_report_are_drawn(folder: Path) -> None:
-    """Also after each name has been clicked, which shows what was hidden and hides the rest."""
+    """Also after each name has been clicked, which shows what was hidden and hides the rest. What the mouse
+    is on stands out in the pictures and the table."""
     scripts = re.findall(
         "<script>(.*?)</script>", (folder / "out.html").read_text(encoding="utf-8"), re.DOTALL
     )
     end = "const before = drawn.fill; names.forEach((one) => one.onclick());"
-    end += "console.log(JSON.stringify([before, drawn.fill, names.map((one) => one.textContent)]))"
+    end += "const after = drawn.fill; row.onmouseenter(); const more = [drawn.fill - after, drawn.rows];"
+    end += "row.onmouseleave(); canvas.onpointermove({ offsetX: 1, offsetY: 1 });"
+    end += "console.log(JSON.stringify([before, after, names.map((one) => one.textContent), more]))"
     done = subprocess.run(
         ["node", "-"], input=PAGE_STUB + "\n".join([*scripts, end]), capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    before, after, names = json.loads(done.stdout)
+    before, after, names, (drawn, rows) = json.loads(done.stdout)
+    assert (drawn > 0, rows) == (True, 1)
     assert 100 < before < after
     assert any(name.startswith("path in") for name in names)
 
