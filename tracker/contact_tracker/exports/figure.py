@@ -195,9 +195,8 @@ def open_patch() -> Patch:
 def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> None:
     """The object in the body frame, its surroundings in the world frame, and when parts were touched."""
     drawn = list[tuple[Axes3D, list[Part]]]()
-    for side, (within, name, frame) in enumerate(
-        zip(figure.subfigures(1, 2), SIDES, ("body", "world"), strict=True)
-    ):
+    halves = figure.subfigures(1, 2, squeeze=False)[0]
+    for side, (within, name, frame) in enumerate(zip(halves, SIDES, ("body", "world"), strict=True)):
         own = [one._replace(name=printable(one.name)) for one in parts if one.side == side]
         if not own:
             continue

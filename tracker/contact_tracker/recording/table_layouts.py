@@ -479,8 +479,8 @@ def layout(
     quaternion = tuple(columns.names[place] for place in bodies[0].columns[3:])
     if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
         quaternion = ()
-    unit_ns = 1e9 if rest is not None else time_ns
-    return TableLayout(kind, separator, skip, time, unit_ns, bodies, rest, quaternion=quaternion)
+    unit = 1e9 if rest is not None else time_ns
+    return TableLayout(kind, separator, skip, time, unit, bodies, rest, quaternion=quaternion)
 
 
 def _time_ns(columns: Columns, time: int) -> int | None:
