@@ -16,6 +16,7 @@ from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.axis3d import Axis as Axis3D
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from contact_tracker.errors import printable
@@ -36,7 +37,7 @@ _PART_SIZE: Final = 8.0
 _IN_FRONT: Final = 1000
 """Order of drawing of names, after all parts."""
 _ROW: Final = 3.2
-_MAP: Final = 4.2
+_MAP: Final = 4.6
 """Heights (inches) of a plot over time, and of what is known."""
 DOTS_PER_INCH: Final = 200
 _ROOM: Final = 1.2
@@ -52,7 +53,7 @@ _VIEWS: Final = [
     for turn in (30, 60)
 ]
 """Directions of view (elevation and azimuth, degrees) in which no axis is seen end-on."""
-_ZOOM: Final = 0.8
+_ZOOM: Final = 0.75
 """With names of axes inside, which matplotlib leaves out of its layout."""
 _SPANS: Final = 4
 """Most times of touch that are listed of a part."""
@@ -220,7 +221,9 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
         half = max(0.5 * float((high - low).max()), 1e-3)
         for axis, middle in zip("xyz", 0.5 * (low + high), strict=True):
             axes.set(**{f"{axis}lim": (middle - half, middle + half), f"{axis}label": f"{axis} (m)"})
-            getattr(axes, f"{axis}axis").set_major_locator(MaxNLocator(3))
+            place: Axis3D = getattr(axes, f"{axis}axis")
+            place.set_major_locator(MaxNLocator(3))
+            place.labelpad = _PART_SIZE
             axes.tick_params(axis, labelsize=_PART_SIZE)
         axes.view_init(*_view_of(own))
         axes.set_box_aspect((1.0, 1.0, 1.0), zoom=_ZOOM)
