@@ -16,6 +16,7 @@ from contact_tracker.config.table_reading import REST, TIME, TableReading, readi
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.table_layouts import (
     BY_ROW,
+    CAN_BE_GIVEN,
     FRAME,
     MOST_COLUMNS,
     NEEDED,
@@ -35,8 +36,6 @@ _LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock)", re.I
 """Names that a column of times may have."""
 _MOST_GROUPS: Final = 12
 """Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
-_CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
-"""Whether ``--columns`` can have a name."""
 _A_RATE: Final = "100Hz"
 _ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 _NANOSECONDS: Final = 10
@@ -215,7 +214,7 @@ def _proposal(columns: Columns, reading: TableReading, path: str) -> str | None:
             f"{about_rate}. {_ORDERS}"
         )
     matches = (pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW))
-    bases = dict.fromkeys(match[1] for match in matches if match is not None and _CAN_BE_GIVEN(match[1]))
+    bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
     counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
     parts = [(base, many) for base, many in counted if many in _LISTS]
     pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
@@ -237,7 +236,7 @@ def _with_time(columns: Columns, reading: TableReading) -> tuple[TableReading, s
     if time is not None or reading.time_unit is not None:
         return reading, "", ""
     numbered = any(map(FRAME.fullmatch, columns.plain))
-    like = next(filter(_LIKE_TIME.match, filter(_CAN_BE_GIVEN, columns.names)), None)
+    like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
     if like is not None and not numbered:
         return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
     about = "its times are numbers of frames" if numbered else "it has no times"

@@ -192,6 +192,7 @@ class TableLayout:
     rest : index of a column with the nanoseconds of the second.
     has_own_unit : whether the format itself defines the unit of its times.
     names : of the values of JSON lines, and of cells with several values, whose columns are ``heads``.
+    quaternion : names of the columns of the only body's, if users can name others.
     """
 
     kind: str
@@ -204,6 +205,7 @@ class TableLayout:
     has_own_unit: bool = False
     names: tuple[str, ...] = ()
     heads: tuple[str, ...] = ()
+    quaternion: tuple[str, ...] = ()
 
     @property
     def places(self) -> list[int]:
@@ -319,9 +321,11 @@ _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
-_EXAMPLE: Final = "time [s],x [m],y [m],z [m],qx,qy,qz,qw"
+_EXAMPLE: Final = "time [s],x [{0}],y [{0}],z [{0}],qx,qy,qz,qw"
 _SHOWN: Final = 12
 MOST_COLUMNS: Final = 5000
+CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
+"""Whether ``--columns`` can have a name."""
 _LONGEST_NAME: Final = 200
 NO_FRAMES: Final = (
     "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
@@ -470,9 +474,13 @@ def layout(
     if time is None or not bodies:
         best = sorted(found.values(), key=len)[-1:]
         raise UnreadableRecording(
-            _lacking(columns.names, time is not None, POSE_ROLES if bodies else tuple(*best))
+            _lacking(columns, reading, time is not None, POSE_ROLES if bodies else tuple(*best))
         )
-    return TableLayout(kind, separator, skip, time, 1e9 if rest is not None else time_ns, bodies, rest)
+    quaternion = tuple(columns.names[place] for place in bodies[0].columns[3:])
+    if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
+        quaternion = ()
+    unit = 1e9 if rest is not None else time_ns
+    return TableLayout(kind, separator, skip, time, unit, bodies, rest, quaternion=quaternion)
 
 
 def _time_ns(columns: Columns, time: int) -> int | None:
@@ -485,19 +493,20 @@ def _time_ns(columns: Columns, time: int) -> int | None:
     return NAMED_NS[unit]
 
 
-def _lacking(names: Sequence[str], has_time: bool, roles: Sequence[str]) -> str:
+def _lacking(columns: Columns, reading: TableReading, has_time: bool, roles: Sequence[str]) -> str:
     """The message on columns that are missing beside those of these roles."""
-    missing = [role for role in POSE_ROLES if role not in roles]
+    missing, names = [role for role in POSE_ROLES if role not in roles], columns.names
     if not missing:
         return (
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
             "none is, give the rate of the rows, as in --time-unit 200Hz"
         )
     missing = missing if has_time else ["a time", *missing]
+    unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
     return (
         f"no columns of a pose among {_listed(names)}: missing {'is' if len(missing) == 1 else 'are'} "
         f"{', '.join(missing)}: say which columns they are, as in --columns time=t,x=px, or rename columns, "
-        f"as in: {_EXAMPLE}"
+        f"as in: {_EXAMPLE.format(unit)}"
     )
 
 
