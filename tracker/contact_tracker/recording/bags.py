@@ -108,7 +108,7 @@ class _Bag:
         self._channels: dict[int, Channel | None] = {}
         try:
             head, size = self._next_head()
-            is_head = head.number(b"op") == _BAG and stream.skip(size)
+            is_head = head.number(b"op") == _BAG and stream.take(size, False) is not None
         except (*PARSE_ERRORS, EOFError):
             is_head = False
         if not is_head:

@@ -12,8 +12,8 @@ import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from io import BytesIO
-from itertools import chain, pairwise
-from typing import IO, Final, cast
+from itertools import pairwise
+from typing import IO, Any, Final, cast
 
 import zstandard
 from mcap import records
@@ -181,39 +181,26 @@ def _read(file: IO[bytes]) -> Summary | None:
         return None
     file.seek(start)
     summary = Summary()
+    by_id: dict[type, Any] = {records.Schema: summary.schemas, records.Channel: summary.channels}
+    lists: dict[type, Any] = {
+        records.ChunkIndex: summary.chunk_indexes,
+        records.AttachmentIndex: summary.attachment_indexes,
+        records.MetadataIndex: summary.metadata_indexes,
+    }
     for record in StreamReader(BytesIO(file.read()), skip_magic=True, emit_chunks=True).records:
-        match record:
-            case records.Statistics():
-                summary.statistics = record
-            case records.Schema():
-                summary.schemas[record.id] = record
-            case records.Channel():
-                summary.channels[record.id] = record
-            case records.ChunkIndex():
-                summary.chunk_indexes.append(record)
-            case records.AttachmentIndex():
-                summary.attachment_indexes.append(record)
-            case records.MetadataIndex():
-                summary.metadata_indexes.append(record)
-            case records.SummaryOffset() | records.Footer():
-                pass
-            case _:
-                return None
+        kind = type(record)
+        if isinstance(record, records.Statistics):
+            summary.statistics = record
+        elif isinstance(record, records.Schema | records.Channel):
+            by_id[kind][record.id] = record
+        elif kind in lists:
+            lists[kind].append(record)
+        elif not isinstance(record, records.SummaryOffset | records.Footer):
+            return None
     return summary
 
 
-_READ: Final = frozenset(
-    {
-        Opcode.HEADER,
-        Opcode.FOOTER,
-        Opcode.SCHEMA,
-        Opcode.CHANNEL,
-        Opcode.MESSAGE,
-        Opcode.CHUNK,
-        Opcode.ATTACHMENT,
-        Opcode.METADATA,
-    }
-)
+_READ: Final = IN_CHUNKS | {*(Opcode.HEADER, Opcode.FOOTER, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)}
 
 
 class RecordLoop:
@@ -245,15 +232,11 @@ class RecordLoop:
         summary: Summary | None = None,
     ) -> None:
         self._opcodes = _READ if wanted is not None else _READ - {Opcode.CHUNK, Opcode.MESSAGE}
-        self._report = report
-        self.is_sound = True
-        self.messages = 0
-        self._stream = stream
-        self._wanted = wanted
+        self._report, self._stream, self._wanted = report, stream, wanted
+        self.is_sound, self.messages = True, 0
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, Channel | None] = {}
-        self._chunk_starts: list[int] = []
-        self._orphans = 0
+        self._chunk_starts, self._orphans = list[int](), 0
         if summary is not None:
             self._schemas.update(summary.schemas)
             self._chunk_starts = sorted(c.chunk_start_offset for c in summary.chunk_indexes)
@@ -261,17 +244,13 @@ class RecordLoop:
                 self._add_channel(channel)
 
     def __iter__(self) -> Iterator[Item]:
-        return chain.from_iterable(self.groups())
-
-    def groups(self) -> Iterator[list[Item]]:
         """The items of one record after the other; the messages of a chunk in the order of log time."""
         if (magic := self._stream.read(len(MAGIC))) != MAGIC:
             hint = "; if it is a table, name it .csv" if is_text(magic) else ""
             reason = self._stream.error or (f"it is not an MCAP file{hint}" if magic else "it is empty")
             raise UnreadableRecording(reason)
         for opcode, payload, start in self._frames():
-            if group := self._group(opcode, payload, start):
-                yield group
+            yield from self._group(opcode, payload, start)
         self.report_orphans()
 
     def opcode_of(self, index: Entry) -> int | None:
@@ -282,7 +261,7 @@ class RecordLoop:
         return opcode if opcode in _READ and len(head) + length == size else None
 
     def items_of(self, index: Entry) -> list[Item]:
-        """The items of one record, as in ``groups``; channels are those of ``summary``."""
+        """The items of one record, as in iteration; channels are those of ``summary``."""
         offset, size = _place(index)
         opcode, length = self.opcode_of(index), size - RECORD_HEAD.size
         if opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:
@@ -336,26 +315,24 @@ class RecordLoop:
             except TooMuchWork as error:
                 self._note_end(str(error))
                 return
-            look = opcode in self._opcodes and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
-            payload, complete, fault = b"", False, f"no MCAP record at byte {start}"
-            if opcode != 0 and not (look and length > RECORD_LIMIT):
+            is_read = opcode in self._opcodes and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
+            if opcode == 0 or (is_read and length > RECORD_LIMIT):
+                payload, fault = None, f"no MCAP record at byte {start}"
+            else:
+                payload = stream.take(length, is_read) if opcode > 0 else None
                 fault = f"it is cut off inside a record at byte {start}"
-                complete = opcode > 0 and stream.may_have(length)
-                if complete and look:
-                    payload = stream.read(length)
-                    complete = len(payload) == length
-                elif complete:
-                    complete = stream.skip(length)
-            if complete and look:
+            if payload is None:
+                if self._resume(start, fault):
+                    continue
+                self._note_end(fault)
+                return
+            if is_read:
                 yield opcode, payload, start
-            if complete and opcode == Opcode.FOOTER:
+            if opcode == Opcode.FOOTER:
                 if stream.read(len(MAGIC)) != MAGIC:
                     self._damage("its last bytes are missing")
-                elif not stream.follows and stream.read(1):
+                elif stream.follow is None and stream.read(1):
                     self._damage("what follows its end is ignored")
-                return
-            if not complete and not self._resume(start, fault):
-                self._note_end(fault)
                 return
 
     def _resume(self, start: int, text: str) -> bool:
@@ -368,7 +345,7 @@ class RecordLoop:
 
     def _note_end(self, damage: str) -> None:
         """Add why the input ends to the damage, unless the caller has stopped it."""
-        if not self._stream.stopped:
+        if self._stream.follow is None or not self._stream.follow.stopped:
             self._damage(f"{damage} ({self._stream.error})" if self._stream.error else damage)
 
     def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
