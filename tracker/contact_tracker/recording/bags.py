@@ -25,7 +25,7 @@ from contact_tracker.recording.bytestream import (
     WorkBudget,
     open_stream,
 )
-from contact_tracker.recording.items import Channel, RawMessage, in_log_order
+from contact_tracker.recording.items import Channel, Item, RawMessage, in_log_order
 from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_lz4
 
 BAG_MAGIC: Final = b"#ROSBAG V2.0\n"
@@ -66,7 +66,7 @@ _Chunk = tuple[_Header, int, int]
 
 def read_bag(
     path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
-) -> Iterator[RawMessage]:
+) -> Iterator[Item]:
     """The messages of a ``.bag`` or a ``.db3`` file by log time; of a ``.bag`` file without an index in the
     order of its chunks.
 

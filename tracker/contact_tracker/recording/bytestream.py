@@ -168,7 +168,7 @@ class ByteStream:
         return data
 
     def take(self, count: int, is_read: bool) -> bytes | None:
-        """The next ``count`` bytes if there are that many, else None; what is not read is skipped, and empty."""
+        """The next ``count`` bytes, empty if they are skipped unread; None if there are fewer."""
         if not self.may_have(count):
             return None
         if is_read:

@@ -92,8 +92,8 @@ class Metadata(NamedTuple):
 Item = RawMessage | Rows | Attachment | Metadata
 
 
-def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMessage]:
-    """The messages of all chunks by log time.
+def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[Item]:
+    """The messages of all chunks by log time; other items at once.
 
     Each chunk comes with a lower bound of its log times (ns), in the order of these bounds. Messages are
     buffered as long as later chunks may have earlier ones, up to 64 MB.
@@ -108,5 +108,7 @@ def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMe
             if isinstance(item, RawMessage):
                 heappush(pending, (item.log_time_ns, next(number), item))
                 pending_bytes += len(item.data)
+            else:
+                yield item
     while pending:
         yield heappop(pending)[2]
