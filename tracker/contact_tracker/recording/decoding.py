@@ -15,10 +15,10 @@ its messages are left to the library.
 import json
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, suppress
 from io import StringIO
-from itertools import islice
+from itertools import chain, islice
 from operator import attrgetter
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple
@@ -373,13 +373,16 @@ class MessageDecoder:
 
     def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose | None]:
         """The poses in messages of pose types, and in rows; None for each message that cannot be decoded."""
+        return chain.from_iterable(self.groups(items))
+
+    def groups(self, items: Iterable[Item]) -> Iterator[Sequence[LoggedPose | None]]:
+        """The same, those of one message or row together."""
         ways = dict[Channel, tuple[str | None, _KnownLayout | None]]()
         channel: Channel | None = None
         for item in items:
             if isinstance(item, Rows):
                 for row in zip(*item.poses, strict=True):
-                    for source, pose in zip(item.sources, row, strict=True):
-                        yield source, pose, pose.stamp_ns
+                    yield [(s, pose, pose.stamp_ns) for s, pose in zip(item.sources, row, strict=True)]
             elif isinstance(item, RawMessage):
                 if item.channel is not channel:  # hashing takes longer than reading a pose
                     channel = item.channel
@@ -393,10 +396,9 @@ class MessageDecoder:
                     found = self._observe(item, path) if found is None else found
                     self._spend(item, SHARE_OF_RECORD * (len(found) - 1))
                 except Undecodable:
-                    yield None
+                    yield (None,)
                 else:
-                    for source, pose in found:
-                        yield source, pose, item.log_time_ns
+                    yield [(source, pose, item.log_time_ns) for source, pose in found]
 
     def _observe(self, message: RawMessage, path: str) -> list[Observation]:
         """The poses at a path in a message, by the library's decoder."""

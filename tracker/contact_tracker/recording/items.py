@@ -73,11 +73,6 @@ class Rows(NamedTuple):
     sources: tuple[PoseSource, ...]
     poses: tuple[Poses, ...]
 
-    @property
-    def many(self) -> int:
-        """The number of poses."""
-        return sum(map(len, self.poses))
-
 
 class Attachment(NamedTuple):
     name: str

@@ -20,7 +20,7 @@ from contact_tracker.motion.pose_validation import (
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.decoding import LoggedPose, assumption_text
-from contact_tracker.recording.items import BUFFER_BYTES, PoseSource, RawMessage, Rows
+from contact_tracker.recording.items import PoseSource
 from contact_tracker.recording.reading import STDIN, Reading
 from contact_tracker.recording.sources import (
     ChannelFilter,
@@ -48,7 +48,7 @@ from contact_tracker.recording.transforms import (
 )
 
 _MOST_HEAD: Final = 200_000
-"""Messages or rows kept until the requested frames are connected."""
+"""Poses kept until the requested frames are connected."""
 _LATE: Final = 8
 """Most late sources that are named."""
 _SEVERAL: Final = "time runs backward in it; if its files are recordings of their own, name one"
@@ -279,15 +279,14 @@ def open_log(
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
     wanted = ChannelFilter(topic, table, is_chain, relative_to)
     reading = Reading(path, wanted, follow, table)
-    decoder, items = reading.decoder, iter(reading)
+    groups = reading.decoder.groups(reading)
     count_late = count_late or follow is not None
     known = {} if follow else peek(path, wanted, table.field)
     all_known = dict(known)
-    head: list[RawMessage | Rows] = []
-    head_poses = head_bytes = 0
+    head: list[Sequence[LoggedPose | None]] = []
     while True:
         fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
-        logged = decoder.poses(chain(head, items))
+        logged = chain.from_iterable(chain(head, groups))
         if fitting and relative_to is None:
             source = only_one(path, fitting, composition_hint(fitting))
             if follow is None:
@@ -300,19 +299,16 @@ def open_log(
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
             body = last_moving(steps)
-            composer = Composer(steps, body, source, decoder.assumed, at_once)
+            composer = Composer(steps, body, source, reading.decoder.assumed, at_once)
             if not reading.is_table:
                 composer.learn(all_known)
-            prefix, logged = all_known[steps[body].source], composer.compose(logged)
-            return PoseLog(source, reading, logged, prefix, None, count_late, composer)
-        more = take_prefix(items)
+            prefix, composed = all_known[steps[body].source], composer.compose(logged)
+            return PoseLog(source, reading, composed, prefix, None, count_late, composer)
+        more = take_prefix(groups)
         head = [*head, *more] if is_chain else more
-        if is_chain:
-            head_poses += sum(one.many if isinstance(one, Rows) else 1 for one in more)
-            head_bytes += sum(len(one.data) for one in more if isinstance(one, RawMessage))
-        if not more or head_poses > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
+        if not more or sum(map(len, head)) > _MOST_HEAD:
             raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
-        known = poses_by_source(more, decoder)
+        known = poses_by_source(chain.from_iterable(more))
         all_known = {**known, **all_known}
 
 
@@ -367,7 +363,7 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
         return []
     if not known:
         reading = Reading(path, wanted, table=table)
-        known = poses_by_source(take_prefix(iter(reading)), reading.decoder)
+        known = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
     counts = messages_by_topic(path)
     return [replace(source, messages=counts.get(source.topic)) for source in sorted(known)]
 

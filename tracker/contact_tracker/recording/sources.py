@@ -27,6 +27,7 @@ from contact_tracker.recording.bytestream import WorkBudget, open_stream
 from contact_tracker.recording.decoding import (
     READ,
     USUAL,
+    LoggedPose,
     MessageDecoder,
     fields_with_poses,
     is_readable,
@@ -38,10 +39,8 @@ from contact_tracker.recording.items import (
     FRAMES_TOPIC,
     RESULT_TOPICS,
     Channel,
-    Item,
     PoseSource,
     RawMessage,
-    Rows,
 )
 from contact_tracker.recording.mcap_file import RecordLoop, channel_of, summary_of
 from contact_tracker.recording.reading import parts_of, size_budget
@@ -253,7 +252,7 @@ def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[Pos
         read_channels.update(message.channel for message in found)
     if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
         raise wanted.nothing_found(path)
-    return poses_by_source(messages, MessageDecoder(size_budget(path), field))
+    return poses_by_source(MessageDecoder(size_budget(path), field).poses(messages))
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
@@ -304,24 +303,24 @@ def _is_full(prefix: Sequence[RawMessage], size: int) -> bool:
     return prefix[-1].log_time_ns - prefix[0].log_time_ns >= PREFIX_NS
 
 
-def take_prefix(items: Iterator[Item]) -> list[RawMessage | Rows]:
-    """The next messages, up to one second of log time, or the next rows; empty at the end of the input."""
-    prefix, size = list[RawMessage](), 0
-    for item in items:
-        if isinstance(item, Rows):
-            return [item]
-        if isinstance(item, RawMessage):
-            prefix.append(item)
-            size += len(item.data)
-            if _is_full(prefix, size):
-                break
-    return [*prefix]
+def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[LoggedPose | None]]:
+    """The poses of the next messages or rows, up to one second of log time, or many; empty at the end."""
+    prefix, first_ns = list[Sequence[LoggedPose | None]](), None
+    for group in groups:
+        prefix.append(group)
+        last = next((one for one in group if one is not None), None)
+        if last is not None:
+            first_ns = last[2] if first_ns is None else first_ns
+        is_long = last is not None and first_ns is not None and last[2] - first_ns >= PREFIX_NS
+        if is_long or len(prefix) >= PREFIX_MESSAGES:
+            break
+    return prefix
 
 
-def poses_by_source(items: Iterable[Item], decoder: MessageDecoder) -> dict[PoseSource, list[Logged]]:
-    """The sources in some messages, each with its poses; undecodable messages are skipped."""
+def poses_by_source(logged: Iterable[LoggedPose | None]) -> dict[PoseSource, list[Logged]]:
+    """The sources of poses, each with its own; what could not be decoded is skipped."""
     poses: dict[PoseSource, list[Logged]] = {}
-    for one in decoder.poses(items):
+    for one in logged:
         if one is not None:
             poses.setdefault(one[0], []).append(one[1:])
     return poses

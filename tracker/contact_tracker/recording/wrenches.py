@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
+from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -148,10 +149,10 @@ def _about_body(
     if frame_name(frame_id) == frame_name(parent):
         return about_body(found, poses), f"in the frame {frame_id}, that of the poses", 0
     reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
-    items, known = iter(reading), dict[PoseSource, list[Logged]]()
+    groups, known = reading.decoder.groups(reading), dict[PoseSource, list[Logged]]()
     steps, in_object, is_in_tree = tuple[Step, ...](), False, False
-    while not steps and (more := take_prefix(items)):
-        known = {**poses_by_source(more, reading.decoder), **known}
+    while not steps and (more := take_prefix(groups)):
+        known = {**poses_by_source(chain.from_iterable(more)), **known}
         steps, in_object, is_in_tree = _chain(known, frame_id, source)
     if not steps:
         if body or is_in_tree:
