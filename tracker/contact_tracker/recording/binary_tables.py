@@ -26,8 +26,7 @@ from contact_tracker.config.table_reading import TableReading
 from contact_tracker.errors import UnreadableRecording, first_line, printable
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.proposals import layout_of_names, layout_without_names
-from contact_tracker.recording.table_layouts import numbers
+from contact_tracker.recording.table_layouts import layout_of_names, layout_without_names, numbers
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
 _BUFFER_BYTES: Final = 2**16

@@ -23,7 +23,6 @@ from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.proposals import layout_of_names, layout_without_names
 from contact_tracker.recording.table_layouts import (
     ANGLE_UNITS,
     BLANKS,
@@ -37,6 +36,8 @@ from contact_tracker.recording.table_layouts import (
     TableLayout,
     are_numbers,
     bodies_of,
+    layout_of_names,
+    layout_without_names,
     number,
 )
 
