@@ -6,7 +6,7 @@ numbered columns usually are. Rows without names have a pose where there is a ro
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import Any, Final
@@ -139,10 +139,7 @@ def are_numbers(values: Sequence[str]) -> bool:
 
 
 class OpenReading(UnreadableRecording):
-    """The columns of a rotation, of these names, may be meant in several ways."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        super().__init__(", ".join(names[:3]))
+    """The columns of a rotation, which are named, may be meant in several ways."""
 
 
 @dataclass(frozen=True)
@@ -250,7 +247,7 @@ def bodies_of(
         has_unit = all(reading.unit or own or unit for _, own in named)
         bodies.append(Body(name, own_places, metres, kind, how, has_unit))
     if open_names and not bodies:
-        raise OpenReading(open_names)
+        raise OpenReading(", ".join(open_names[:3]))
     return tuple(bodies)
 
 
@@ -262,7 +259,7 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     if ":" in reading.euler:
         return reading.euler
     if len(units) > 1 or "" in units:
-        raise OpenReading([name for name, _ in columns])
+        raise OpenReading(", ".join(name for name, _ in columns[:3]))
     return f"{reading.euler}:{units.pop()}"
 
 
@@ -415,7 +412,7 @@ class Columns:
 
 
 def _split_unit(name: str) -> tuple[str, str]:
-    """A column's name in lower case, and its unit."""
+    """The name of a column in lower case, and its unit."""
     plain = _CAMEL.sub("_", name.strip().lstrip("#").strip()).lower()
     unit = _UNIT.search(plain)
     return (plain, "") if unit is None else (plain[: unit.start()], (unit[1] or unit[2] or "").strip())
@@ -455,23 +452,21 @@ def layout(
     }
     bodies = bodies_of(found, list(zip(columns.names, columns.units, strict=True)), reading)
     if time is None or not bodies:
-        best = sorted(found.values(), key=len)[-1:]
-        raise UnreadableRecording(
-            _lacking(columns.names, time is not None, POSE_ROLES if bodies else tuple(*best))
-        )
+        best = max(found.values(), key=len, default=())
+        raise _lacking(columns.names, time is not None, POSE_ROLES if bodies else best)
     return TableLayout(kind, separator, skip, time, 1e9 if rest is not None else time_ns, bodies, rest)
 
 
-def _lacking(names: Sequence[str], has_time: bool, roles: Sequence[str]) -> str:
-    """The message on columns that are missing beside those of these roles."""
+def _lacking(names: Sequence[str], has_time: bool, roles: Collection[str]) -> UnreadableRecording:
+    """The error where columns are missing beside those of these roles."""
     missing = [role for role in POSE_ROLES if role not in roles]
     if not missing:
-        return (
+        return UnreadableRecording(
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
             "none is, give the rate of the rows, as in --time-unit 200Hz"
         )
     missing = missing if has_time else ["a time", *missing]
-    return (
+    return UnreadableRecording(
         f"no columns of a pose among {_listed(names)}: missing {'is' if len(missing) == 1 else 'are'} "
         f"{', '.join(missing)}: say which columns they are, as in --columns time=t,x=px, or rename columns, "
         f"as in: {_EXAMPLE}"
@@ -494,6 +489,8 @@ _NANOSECONDS: Final = 10
 """Digits of a second since 1970, of which the nanoseconds have fewer."""
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
+_UR: Final = "actual_TCP_pose"
+_UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
 _TWICE: Final = "a position and a quaternion"
 _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
 _ANGLES_OR_VECTOR: Final[Sequence[Mapping[str, Any]]] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
@@ -501,11 +498,7 @@ _ANGLES_OR_VECTOR: Final[Sequence[Mapping[str, Any]]] = ({"euler": "xyz:deg"}, {
 _BODY_ANGLES: Final[Sequence[Mapping[str, Any]]] = ({"euler": "XYZ:deg"}, {"euler": "XYZ:rad"})
 _OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
-    (
-        "UR's RTDE",
-        ("actual_tcp_pose_0", "actual_tcp_pose_5"),
-        reading_of("position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]", rotation_vector=True),
-    ),
+    ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
     ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
