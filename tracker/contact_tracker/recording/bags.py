@@ -102,9 +102,7 @@ class _Bag:
     def __init__(
         self, stream: ByteStream, wanted: Callable[[Channel], bool], report: Callable[[str], None]
     ) -> None:
-        self._stream = stream
-        self._wanted = wanted
-        self._report = report
+        self._stream, self._wanted, self._report = stream, wanted, report
         self._channels: dict[int, Channel | None] = {}
         try:
             head, size = self._next_head()
@@ -127,21 +125,20 @@ class _Bag:
                 end = stream.position + size
                 if size >= RECORD_LIMIT or not stream.may_have(size):
                     raise EOFError("it is cut off")
-                if header.number(b"op") == _CHUNK:
+                op = header.number(b"op")
+                if op == _CHUNK:
                     chunks[place] = header, stream.position, size
-                elif header.number(b"op") == _CHUNK_INFO:
+                elif op == _CHUNK_INFO:
                     begins_ns[header.number(b"chunk_pos")] = header.time_ns(b"start_time")
-                elif header.number(b"op") == _CONNECTION:
+                elif op == _CONNECTION:
                     self._note_connection(header, stream.read(size))
                 stream.seek(end)
-            except EOFError as error:
-                if str(error):
+            except (EOFError, *PARSE_ERRORS) as error:
+                if not isinstance(error, EOFError):
+                    fault = f"it is damaged at byte {place} ({first_line(error)})"
+                    self._report(f"{fault}: rosbag reindex may find more")
+                elif str(error):
                     self._report(f"{error} at byte {place}")
-                return chunks, begins_ns
-            except PARSE_ERRORS as error:
-                self._report(
-                    f"it is damaged at byte {place} ({first_line(error)}): rosbag reindex may find more"
-                )
                 return chunks, begins_ns
 
     def messages_in(self, chunk: _Chunk) -> list[RawMessage]:
@@ -224,8 +221,6 @@ _STEPS: Final = 10_000
 """Steps of the virtual machine between checks of their number."""
 _LEAST_STEPS: Final = 50_000_000
 _STEPS_PER_BYTE: Final = 20
-_SQLITE_ERRORS: Final = (sqlite3.Error, UnicodeDecodeError)
-"""The second where a message of SQLite would quote bytes that are no text."""
 _MOST_NAMED: Final = 500
 """With more topics all messages are read and filtered afterwards."""
 
@@ -244,14 +239,13 @@ def _read_sqlite(
             chosen = {number: channel for number, channel in topics.items() if wanted(channel)}
             try:
                 yield from _messages(file, chosen, budget, size)
-            except (*_SQLITE_ERRORS, TooMuchWork) as error:
-                report(f"it is damaged: {_words(error)}")
-    except _SQLITE_ERRORS as error:
-        raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {_words(error)}") from error
-
-
-def _words(error: Exception) -> str:
-    return "its tables are malformed" if isinstance(error, UnicodeDecodeError) else str(error)
+            except (sqlite3.Error, TooMuchWork) as error:
+                report(f"it is damaged: {error}")
+            except UnicodeDecodeError:  # a message of SQLite would quote bytes that are no text
+                report("it is damaged: its tables are malformed")
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        words = error if isinstance(error, sqlite3.Error) else "its tables are malformed"
+        raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {words}") from error
 
 
 def _opened(path: str, size: int) -> sqlite3.Connection:

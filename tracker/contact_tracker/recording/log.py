@@ -35,13 +35,9 @@ from contact_tracker.recording.sources import (
 )
 from contact_tracker.recording.transforms import (
     ARROW,
-    Chain,
     Composer,
-    chain_between,
-    chain_relative,
-    composed_source,
     composition_hint,
-    is_beside,
+    find_chain,
     last_moving,
     moving_parent_note,
     relative_hint,
@@ -294,7 +290,7 @@ def open_log(
             note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
             prefix = known[source]
             return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
-        found = _chain(path, all_known, fitting, frame, relative_to)
+        found = find_chain(path, all_known, fitting, frame, relative_to)
         if found is not None:
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
@@ -310,29 +306,6 @@ def open_log(
             raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         known = poses_by_source(chain.from_iterable(more))
         all_known = {**known, **all_known}
-
-
-def _chain(
-    path: str,
-    known: Mapping[PoseSource, list[Logged]],
-    fitting: list[PoseSource],
-    frame: str | None,
-    relative_to: str | None,
-) -> tuple[Chain, PoseSource] | None:
-    """The transforms to compose and the name of the composed poses; None where none are known yet."""
-    if relative_to is None:
-        steps = chain_between(known, frame) if frame is not None and ARROW in frame else None
-        parent, _, child = (frame or "").partition(ARROW)
-    else:
-        bodies = [s for s in fitting if s.topic != relative_to or s.is_named(frame or "")]
-        if frame is None:
-            bodies = [s for s in bodies if not is_beside(s, s, relative_to)] or bodies
-        if not bodies:
-            return None
-        body = only_one(path, bodies)
-        steps = chain_relative(path, known, body, relative_to)
-        parent, child = relative_to, body.child_frame_id
-    return None if steps is None else (steps, composed_source(steps, parent, child))
 
 
 def _note(

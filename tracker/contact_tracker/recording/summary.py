@@ -1,7 +1,7 @@
 """Summary of a recording for ``contact-tracker info``."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -102,9 +102,8 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
     UnreadableRecording
         No such file, or not MCAP.
     """
-    topics: Counter[tuple[str, str, str]] = Counter()
+    topics, attachments = Counter[tuple[str, str, str]](), list[str]()
     metadata: dict[str, Mapping[str, str]] = {}
-    attachments: list[str] = []
 
     def noted(items: Iterable[Item]) -> Iterator[Item]:
         for item in items:
@@ -128,15 +127,10 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
         for one in sources
         if (why := assumed.get((one.source.topic, one.source.type))) is not None
     ]
+    assumptions += filter(None, [reading.assumption])
+    noted_names, damage = tuple(attachments), reading.damage
     return RecordingSummary(
-        sources,
-        topics,
-        metadata,
-        tuple(attachments),
-        undecodable,
-        reading.damage,
-        more_sources,
-        (*assumptions, *filter(None, [reading.assumption])),
+        sources, topics, metadata, noted_names, undecodable, damage, more_sources, tuple(assumptions)
     )
 
 
@@ -175,17 +169,14 @@ class _Sample:
     doubles."""
 
     def __init__(self) -> None:
-        self.values = np.zeros(0, np.int64)
-        self._stride = 1
-        self._seen = 0
+        self.values, self._stride, self._seen = np.zeros(0, np.int64), 1, 0
 
     def add(self, values: NDArray[np.int64]) -> None:
         """Add at most ``_SAMPLE`` values."""
         self.values = np.append(self.values, values[-self._seen % self._stride :: self._stride])
         self._seen += len(values)
         while len(self.values) > _SAMPLE:
-            self.values = self.values[::2]
-            self._stride *= 2
+            self.values, self._stride = self.values[::2], 2 * self._stride
 
 
 class _Tally:
@@ -213,8 +204,10 @@ class _Tally:
     def _admit(self, keep: bool) -> int:
         waiting, self._waiting = self._waiting, []
         self._stamping = self._stamping or Stamping.by(waiting)
-        stamps, log_times_ns = zip(*((pose.stamp_ns, time_ns) for pose, time_ns in waiting), strict=True)
-        self._offsets_ns.add(_clipped(log_times_ns) - _clipped(stamps))
+        times_ns = np.array(
+            [[max(min(t, RANGE_NS), -RANGE_NS) for t in (log_ns, pose.stamp_ns)] for pose, log_ns in waiting]
+        )
+        self._offsets_ns.add(times_ns[:, 0] - times_ns[:, 1])
         return self._note(self._stamping.admitted(self._gate, waiting), keep)
 
     def _note(self, poses: Poses, keep: bool) -> int:
@@ -261,7 +254,3 @@ class _Tally:
             loss=remark_on_loss(self.counts, self.observed, self._gate.refused_xyzw),
             beginning=Poses.join(self._beginning),
         )
-
-
-def _clipped(times_ns: Sequence[int]) -> NDArray[np.int64]:
-    return np.array([max(min(time_ns, RANGE_NS), -RANGE_NS) for time_ns in times_ns], np.int64)

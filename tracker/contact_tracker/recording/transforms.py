@@ -9,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import reduce
 from itertools import compress, takewhile
 from typing import Final, NamedTuple
 
@@ -63,22 +64,14 @@ class TransformTree:
     def chain(self, start: str, end: str) -> "Chain | None":
         """The shortest chain of transforms from one frame to another; None if there is none."""
         start, end = frame_name(start), frame_name(end)
-        reached: dict[str, tuple[str, Step] | None] = {start: None}
-        waiting = deque([start])
-        while waiting:
-            frame = waiting.popleft()
+        chains: dict[str, Chain] = {start: ()}
+        waiting = [start]
+        for frame in waiting:  # which grows
             for other, step in self._steps.get(frame, {}).items():
-                if other not in reached:
-                    reached[other] = frame, step
+                if other not in chains:
+                    chains[other] = (*chains[frame], step)
                     waiting.append(other)
-        if end not in reached:
-            return None
-        steps, at = list[Step](), reached[end]
-        while at is not None:
-            before, step = at
-            steps.append(step)
-            at = reached[before]
-        return tuple(steps[::-1])
+        return chains.get(end)
 
     def moving_root(self, frame: str) -> str | None:
         """The root of the tree, if a transform from there to ``frame`` may move; else None."""
@@ -97,8 +90,6 @@ ARROW: Final = "->"
 _BODY: Final = "the body "
 REFERENCE: Final = "the reference "
 """Frame names that do not occur in logs."""
-
-
 Chain = tuple[Step, ...]
 """Transforms from a frame to a body."""
 
@@ -108,11 +99,37 @@ def last_moving(chain: Chain) -> int:
     return max((i for i, step in enumerate(chain) if not is_static(step.source)), default=-1)
 
 
-def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain | None:
-    """The transforms from parent to child of ``PARENT->CHILD``; None unless one of them moves."""
-    parent, _, child = frame.partition(ARROW)
-    found = TransformTree(filter(is_transform, known)).chain(parent, child)
-    return None if found is None or last_moving(found) < 0 else found
+def find_chain(
+    path: str,
+    known: Iterable[PoseSource],
+    bodies: Sequence[PoseSource],
+    frame: str | None,
+    relative_to: str | None,
+) -> tuple[Chain, PoseSource] | None:
+    """The transforms from parent to child of ``PARENT->CHILD``, or from ``relative_to`` to the one of
+    ``bodies``, and the name of the composed poses; None where none are known yet, or none of them moves."""
+    if relative_to is None:
+        parent, arrow, child = (frame or "").partition(ARROW)
+        steps = TransformTree(filter(is_transform, known)).chain(parent, child) if arrow else None
+        if steps is None or last_moving(steps) < 0:
+            return None
+    else:
+        bodies = [s for s in bodies if s.topic != relative_to or s.is_named(frame or "")]
+        if frame is None:
+            bodies = [s for s in bodies if not is_beside(s, s, relative_to)] or bodies
+        if not bodies:
+            return None
+        body = only_one(path, bodies)
+        steps, parent, child = (
+            chain_relative(path, known, body, relative_to),
+            relative_to,
+            body.child_frame_id,
+        )
+        if steps is None:
+            return None
+    last = steps[last_moving(steps)].source
+    frame_moves = any(step.inverted and not is_static(step.source) for step in steps)
+    return steps, PoseSource(last.topic, last.type, parent, child, read_as=ReadAs(frame_moves))
 
 
 def chain_relative(
@@ -134,9 +151,12 @@ def chain_relative(
     elif source.child_frame_id and relative_to in (source.child_frame_id,):
         raise AmbiguousSource(f"{path}: {relative_to} is the body itself: name another frame")
     found = TransformTree(steps).chain(start, _BODY)
-    if found is None:
-        return None
-    return tuple(Step(steps[step.source].source, step.inverted) for step in found)
+    return None if found is None else real_chain(found, steps)
+
+
+def real_chain(chain: Chain, steps: Mapping[PoseSource, Step]) -> Chain:
+    """A chain through sources that were given other names for it."""
+    return tuple(Step(steps[step.source].source, step.inverted) for step in chain)
 
 
 def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
@@ -169,13 +189,6 @@ def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
     return ""
 
 
-def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
-    """The source name of the poses of a chain."""
-    body = chain[last_moving(chain)].source
-    frame_moves = any(step.inverted and not is_static(step.source) for step in chain)
-    return PoseSource(body.topic, body.type, parent, child, read_as=ReadAs(frame_moves))
-
-
 def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:
     """One line if the parent frame of the poses may itself move, else None."""
     tree = TransformTree(s for s in known if s != source)
@@ -201,7 +214,6 @@ _BACK_NS: Final = 10_000_000_000
 _FORWARD_NS: Final = 3_600_000_000_000
 """A transform whose stamps jump by more is restarted."""
 _FARTHEST_NS: Final = 2**61
-_Placed = tuple[NDArray[np.float64], Rotation]
 
 
 class Composer:
@@ -233,8 +245,7 @@ class Composer:
         self.counts: Counter[str] = Counter()
         self.why: str | None = None
         self._steps, self._body, self._source = steps, body, source
-        self._assumed = assumed
-        self._at_once = at_once
+        self._assumed, self._at_once = assumed, at_once
         self._tracks = {step.source: _Track(self.counts, is_static(step.source)) for step in steps}
         self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != body]
         self._waiting: deque[Logged] = deque()
@@ -299,33 +310,29 @@ class Composer:
         norms = np.linalg.norm(poses.quat_xyzw, axis=1)
         usable = np.isfinite(norms) & (norms > 0)
         quats = np.where(usable[:, None], poses.quat_xyzw, [0.0, 0.0, 0.0, 1.0])
-        whole: _Placed | None = None
+        parts = list[tuple[NDArray[np.float64], Rotation]]()
         for i, (source, inverted) in enumerate(self._steps):
-            if i == self._body:
-                part: _Placed = poses.position_m, Rotation.from_quat(quats)
-            else:
-                *part_, known = self._tracks[source].at(poses.stamp_ns)
-                part = part_[0], part_[1]
+            place, turn = poses.position_m, Rotation.from_quat(quats)
+            if i != self._body:
+                place, turn, known = self._tracks[source].at(poses.stamp_ns)
                 good &= known
-            part = _inverse(part) if inverted else part
-            whole = part if whole is None else _product(whole, part)
-        assert whole is not None
+            if inverted:
+                turn = turn.inv()
+                place = -turn.apply(place)
+            parts.append((place, turn))
+        positions, rotations = reduce(lambda a, b: (a[0] + a[1].apply(b[0]), a[1] * b[1]), parts)
         for stamp_ns in poses.stamp_ns[~good].tolist():
             is_gap = all(track.spans(stamp_ns) for track in self._parents)
             self.counts["parent_gap" if is_gap else "no_parent"] += 1
-        self._forget()
-        positions, rotations = whole
+        ends_ns = [track.until_ns for track in self._parents] + [pose.stamp_ns for pose, _ in self._waiting]
+        for track in self._parents:
+            track.forget(min(ends_ns) - _KEPT_NS)
         # A quaternion keeps its norm, so that the pose gate validates it as published.
         quats = rotations.as_quat() * np.where(usable, norms, np.nan)[:, None]
         composed = Poses(poses.stamp_ns, positions, quats)[good]
         times_ns = compress((log_time_ns for _, log_time_ns in logged), good)
         for pose, log_time_ns in zip(composed, times_ns, strict=True):
             yield self._source, pose, log_time_ns
-
-    def _forget(self) -> None:
-        ends_ns = [track.until_ns for track in self._parents] + [pose.stamp_ns for pose, _ in self._waiting]
-        for track in self._parents:
-            track.forget(min(ends_ns) - _KEPT_NS)
 
 
 class _Track:
@@ -394,12 +401,3 @@ class _Track:
         rotation = rotations[begin] * Rotation.from_rotvec(share * turn)
         position = positions[begin] + share * (positions[end] - positions[begin])
         return position, rotation, known | self._static
-
-
-def _product(first: _Placed, second: _Placed) -> _Placed:
-    return first[0] + first[1].apply(second[0]), first[1] * second[1]
-
-
-def _inverse(placed: _Placed) -> _Placed:
-    back = placed[1].inv()
-    return -back.apply(placed[0]), back

@@ -29,6 +29,7 @@ from contact_tracker.recording.transforms import (
     frame_name,
     is_static,
     is_transform,
+    real_chain,
 )
 from contact_tracker.suggestions import suggestion
 from contact_tracker.with_wrenches import NoLoad, mass_doubt, wrench_evidence
@@ -37,8 +38,6 @@ from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 _WRENCH: Final = "the wrench "
 """A frame name that does not occur in logs."""
-
-
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
 _MOST: Final = 4_000_000
 """Wrenches that are kept, of about 330 bytes each while they are read; what comes later is counted."""
@@ -104,14 +103,15 @@ def read_wrenches(
         channels[channel.topic] = channel
         return channel.topic == topic and canonical(channel.type) == WRENCH_TYPE and is_readable(channel)
 
-    reading = Reading(path, wanted)
-    rows, dropped = list[tuple[str, int, int, tuple[float, ...]]](), 0
-    for message, row in _decoded(reading):
-        stamp_ns = 0 if row is None else message.log_time_ns if by_log_time else row[1]
-        if row is None or not stamp_ns or len(rows) == _MOST:
-            dropped += 1
-        else:
-            rows.append((row[0], stamp_ns, message.log_time_ns, row[2]))
+    reading, rows, dropped = Reading(path, wanted), list[tuple[str, int, int, tuple[float, ...]]](), 0
+    for message in reading:
+        if isinstance(message, RawMessage):
+            frame, stamp_ns, numbers_of = _decoded(reading, message)
+            stamp_ns = message.log_time_ns if by_log_time and numbers_of else stamp_ns
+            if stamp_ns and len(rows) < _MOST:
+                rows.append((frame, stamp_ns, message.log_time_ns, numbers_of))
+            else:
+                dropped += 1
     if not rows:
         raise _nothing(path, topic, channels)
     frames, stamps, log_times, numbers = zip(*rows, strict=True)
@@ -156,7 +156,13 @@ def _about_body(
         steps, in_object, is_in_tree = _chain(known, frame_id, source)
     if not steps:
         if body or is_in_tree:
-            raise ChoiceError(_unconnected(path, topic, frame_id, source))
+            ends = [f"the object ({body})"] if body else []
+            ends += [f"its poses ({parent})"] if parent else []
+            raise ChoiceError(
+                f"{path}: {topic} is in the frame {frame_id}, and no transforms (/tf, /tf_static) lead there "
+                f"from the frame of {' or of '.join(ends) or 'the poses, which name none'}: record them too, "
+                "or transform the wrenches first"
+            )
         return found, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
     frame_poses, counts = _frame_poses(path, steps, known, found.stamp_ns, logged_ns)
     start, topics = body if in_object else parent, ", ".join(sorted({step.source.topic for step in steps}))
@@ -185,7 +191,7 @@ def _chain(
     chains = list[tuple[int, bool, Chain]]()
     for begin, in_object in ((start, False), (source.child_frame_id, True)):
         if begin and (found := tree.chain(begin, frame_id)):
-            along = tuple(Step(steps[step.source].source, step.inverted) for step in found)
+            along = real_chain(found, steps)
             chains.append((sum(not is_static(step.source) for step in along), in_object, along))
     _, in_object, along = min(chains, key=lambda one: one[:2], default=(0, False, ()))
     return along, in_object, frame_id in tree
@@ -215,29 +221,16 @@ def _frame_poses(
     return poses[poses.stamp_ns.argsort(kind="stable")], composer.counts
 
 
-def _decoded(reading: Reading) -> Iterator[tuple[RawMessage, tuple[str, int, tuple[float, ...]] | None]]:
-    """Each message with its frame, stamp and numbers; None if it is not what its schema promises."""
-    for item in reading:
-        if not isinstance(item, RawMessage):
-            continue
-        try:
-            decoded = reading.decoder.decode(item)
-            header, force, moment = decoded.header, decoded.wrench.force, decoded.wrench.torque
-            stamp_ns = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
-            numbers = (force.x, force.y, force.z, moment.x, moment.y, moment.z)
-            yield item, (str(header.frame_id), int(stamp_ns), tuple(map(float, numbers)))
-        except (Undecodable, AttributeError, TypeError, ValueError):
-            yield item, None
-
-
-def _unconnected(path: str, topic: str, frame_id: str, source: PoseSource) -> str:
-    ends = [f"the object ({source.child_frame_id})"] if source.child_frame_id else []
-    ends += [f"its poses ({source.frame_id})"] if source.frame_id else []
-    to = " or of ".join(ends) or "the poses, which name none"
-    return (
-        f"{path}: {topic} is in the frame {frame_id}, and no transforms (/tf, /tf_static) lead there from "
-        f"the frame of {to}: record them too, or transform the wrenches first"
-    )
+def _decoded(reading: Reading, message: RawMessage) -> tuple[str, int, tuple[float, ...]]:
+    """Frame, stamp and numbers of a message; nothing if it is not what its schema promises."""
+    try:
+        decoded = reading.decoder.decode(message)
+        header, force, moment = decoded.header, decoded.wrench.force, decoded.wrench.torque
+        stamp_ns = int(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
+        numbers = (force.x, force.y, force.z, moment.x, moment.y, moment.z)
+        return str(header.frame_id), stamp_ns, tuple(map(float, numbers))
+    except (Undecodable, AttributeError, TypeError, ValueError):
+        return "", 0, ()
 
 
 def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError | InputError:

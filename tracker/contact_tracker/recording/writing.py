@@ -162,23 +162,19 @@ def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> No
         The file cannot be written.
     """
     with path.open("wb") as file:
-        _copy(
-            file,
-            () if log is None else Reading(log, lambda channel: channel.topic not in RESULT_TOPICS),
-            added,
-        )
-
-
-def _copy(file: IO[bytes], items: Iterable[Item], added: Iterable[RawMessage]) -> None:
-    writer = Writer(file, chunk_size=_COPY_CHUNK_SIZE)
-    writer.start(profile="", library=_LIBRARY)  # profile ros2 requires CDR
-    numbers: dict[Channel, int] = {}
-    for message in merge(_messages(items, writer), added, key=lambda message: message.log_time_ns):
-        channel = message.channel
-        if channel not in numbers:
-            numbers[channel] = _register(writer, channel)
-        writer.add_message(numbers[channel], message.log_time_ns, message.data, message.log_time_ns)
-    writer.finish()  # type: ignore[no-untyped-call]
+        items = () if log is None else Reading(log, lambda channel: channel.topic not in RESULT_TOPICS)
+        writer = Writer(file, chunk_size=_COPY_CHUNK_SIZE)
+        writer.start(profile="", library=_LIBRARY)  # profile ros2 requires CDR
+        numbers: dict[Channel, int] = {}
+        for message in merge(_messages(items, writer), added, key=lambda message: message.log_time_ns):
+            channel, schema = message.channel, 0
+            if channel not in numbers:
+                if channel.type or channel.schema_encoding:
+                    kind = channel.type, channel.schema_encoding, channel.schema
+                    schema = writer.register_schema(*kind)
+                numbers[channel] = writer.register_channel(channel.topic, channel.encoding, schema)
+            writer.add_message(numbers[channel], message.log_time_ns, message.data, message.log_time_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
@@ -197,11 +193,3 @@ def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
                 writer.add_attachment(0, 0, name, media_type, data)
             case Metadata(name, values):
                 writer.add_metadata(name, dict(values))
-
-
-def _register(writer: Writer, channel: Channel) -> int:
-    has_schema = bool(channel.type or channel.schema_encoding)
-    schema = (
-        writer.register_schema(channel.type, channel.schema_encoding, channel.schema) if has_schema else 0
-    )
-    return writer.register_channel(channel.topic, channel.encoding, schema)
