@@ -90,16 +90,13 @@ class PoseLog:
         composer: Composer | None = None,
         note: str | None = None,
     ) -> None:
-        self.source = source
-        self.note = note
-        self.first = prefix[0]
+        self.source, self.note, self.first = source, note, prefix[0]
         self.late_sources: tuple[PoseSource, ...] = ()
         self.stamping = Stamping.by(prefix)
         self.is_stamped = reading.is_table or composer is not None
         self._counts: Counter[str] = Counter()
-        self.gate = PoseGate(self._counts)
+        self.gate, self._is_resumed = PoseGate(self._counts), False
         self._taken = self._skipped = self.valid = self.first_ns = self.last_ns = 0
-        self._is_resumed = False
         self._reading, self._composer, self._logged = reading, composer, logged
         self._assumed = reading.decoder.assumed
         self._frame, self._count_late = frame, count_late
@@ -201,10 +198,8 @@ class PoseLog:
 
     def _noted(self, poses: Poses) -> Iterator[Poses]:
         if len(poses):
-            self.first_ns, self.last_ns = (
-                self.first_ns if self.valid else int(poses.stamp_ns[0]),
-                int(poses.stamp_ns[-1]),
-            )
+            self.first_ns = self.first_ns if self.valid else int(poses.stamp_ns[0])
+            self.last_ns = int(poses.stamp_ns[-1])
             self.valid += len(poses)
             yield poses
 
@@ -213,16 +208,14 @@ class PoseLog:
         for one in self._logged:
             if one is None:
                 self._counts["undecodable"] += 1
-                continue
-            source, pose, log_time_ns = one
-            if source != self.source:
-                self._note_other(source)
-                continue
-            self._taken += 1
-            if self._taken > self._skipped:
-                if self.assumed and (source.topic, source.type) in self.assumed:
-                    self._counts["known_definition"] += 1
-                yield pose, log_time_ns
+            elif one[0] != self.source:
+                self._note_other(one[0])
+            else:
+                self._taken += 1
+                if self._taken > self._skipped:
+                    if self.assumed and (self.source.topic, self.source.type) in self.assumed:
+                        self._counts["known_definition"] += 1
+                    yield one[1:]
 
     def _note_other(self, other: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""
@@ -287,8 +280,11 @@ def open_log(
             source = only_one(path, fitting, composition_hint(fitting))
             if follow is None:
                 source = replace(source, messages=messages_by_topic(path).get(source.topic))
-            note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
-            prefix = known[source]
+            note, prefix, around = None, known[source], set(all_known)
+            if source.frame_id and not (frame == source.frames and is_chain):
+                with suppress(NoPoses, MissingExtra):
+                    around |= set() if follow else peek(path, ChannelFilter(None, with_transforms=True)).keys()
+                note = moving_parent_note(around, source)
             return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
         found = find_chain(path, all_known, fitting, frame, relative_to)
         if found is not None:
@@ -306,19 +302,6 @@ def open_log(
             raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
         known = poses_by_source(chain.from_iterable(more))
         all_known = {**known, **all_known}
-
-
-def _note(
-    path: str, source: PoseSource, known: Mapping[PoseSource, list[Logged]], follow: Follow | None
-) -> str | None:
-    """The note on a parent frame that may itself move."""
-    if not source.frame_id:
-        return None
-    sources = set(known)
-    if follow is None:
-        with suppress(NoPoses, MissingExtra):
-            sources |= peek(path, ChannelFilter(None, with_transforms=True)).keys()
-    return moving_parent_note(sources, source)
 
 
 def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
@@ -344,19 +327,20 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
 def _explain(
     path: str,
     frame: str | None,
-    found_sources: set[PoseSource],
+    known: set[PoseSource],
     wanted: ChannelFilter,
     damage: str | None,
     relative_to: str | None,
 ) -> Exception:
-    is_named = frame is None or any(source.is_named(frame) for source in found_sources)
-    if found_sources and relative_to is not None and is_named:
-        return without_frame(path, f"that leads to {relative_to}", relative_to, found_sources)
-    if found_sources and frame is not None:
-        hint = relative_hint(path, found_sources, frame) if relative_to is None else ""
-        if not any(source.frames for source in found_sources) and len(found_sources) == 1:
+    """The error where no pose is selected."""
+    is_named = frame is None or any(source.is_named(frame) for source in known)
+    if known and relative_to is not None and is_named:
+        return without_frame(path, f"that leads to {relative_to}", relative_to, known)
+    if known and frame is not None:
+        hint = relative_hint(path, known, frame) if relative_to is None else ""
+        if not any(source.frames for source in known) and len(known) == 1:
             hint = "; it has no frame: leave out --frame"
-        return without_frame(path, frame, frame, found_sources, hint)
+        return without_frame(path, frame, frame, known, hint)
     if damage is not None:
         return UnreadableRecording(f"{path}: no pose can be read: {damage}")
     return wanted.nothing_found(path)

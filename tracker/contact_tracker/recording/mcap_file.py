@@ -118,14 +118,6 @@ def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int
     budget.spend(uncounted)
 
 
-def attachment_of(payload: bytes) -> Attachment:
-    attachment = records.Attachment.read(payload_stream(payload))
-    (crc,) = struct.unpack("<I", payload[-4:])
-    if crc and crc != zlib.crc32(payload[:-4]):
-        raise ValueError("its checksum is wrong")
-    return Attachment(attachment.name, attachment.data)
-
-
 def payload_stream(payload: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(payload))
 
@@ -144,8 +136,12 @@ def summary_of(part: str) -> Summary | None:
             size = os.fstat(file.fileno()).st_size
     except (*PARSE_ERRORS, OSError):
         return None
-    if summary is None or summary.statistics is None or not _are_disjoint(summary, size):
+    if summary is None or summary.statistics is None:
         return None
+    entries: list[Entry] = [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
+    places = [*sorted(map(_place, entries)), (size, 0)]
+    if any(offset + length > following for (offset, length), (following, _) in pairwise(places)):
+        return None  # a small file could have the same bytes read over and over
     has_channels = summary.channels.keys() >= summary.statistics.channel_message_counts.keys()
     has_schemas = {channel.schema_id for channel in summary.channels.values()} <= {0, *summary.schemas}
     return summary if has_channels and has_schemas else None
@@ -160,14 +156,6 @@ def _place(index: Entry) -> tuple[int, int]:
     if isinstance(index, records.ChunkIndex):
         return index.chunk_start_offset, index.chunk_length
     return index.offset, index.length
-
-
-def _are_disjoint(summary: Summary, size: int) -> bool:
-    """Whether the records of an index are disjoint and inside the file: else a small one could have the same
-    bytes read over and over."""
-    entries: list[Entry] = [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
-    places = [*sorted(map(_place, entries)), (size, 0)]
-    return all(offset + length <= following for (offset, length), (following, _) in pairwise(places))
 
 
 def _read(file: IO[bytes]) -> Summary | None:
@@ -297,8 +285,11 @@ class RecordLoop:
                 elif (channel := channels[channel_id]) is not None:
                     group.append(RawMessage(channel, log_time_ns, payload[begin + head_size : end]))
         except PARSE_ERRORS as error:
-            self._damage(f"unreadable {_name(opcode)} at byte {start} ({first_line(error)})")
-        return _in_log_order(group)
+            self._damage(f"unreadable {Opcode(opcode).name.lower()} at byte {start} ({first_line(error)})")
+        times_ns = [item.log_time_ns for item in group if isinstance(item, RawMessage)]
+        if any(before > after for before, after in pairwise(times_ns)):
+            group.sort(key=lambda item: item.log_time_ns if isinstance(item, RawMessage) else 0)
+        return group
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
         """Opcode, payload and offset of every relevant record, until the input ends."""
@@ -351,7 +342,13 @@ class RecordLoop:
     def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
         """Add what a record of another kind holds."""
         if opcode == Opcode.ATTACHMENT:
-            group.append(attachment_of(payload))
+            attachment, (crc,) = (
+                records.Attachment.read(payload_stream(payload)),
+                struct.unpack("<I", payload[-4:]),
+            )
+            if crc and crc != zlib.crc32(payload[:-4]):
+                raise ValueError("its checksum is wrong")
+            group.append(Attachment(attachment.name, attachment.data))
         elif opcode == Opcode.METADATA:
             self._stream.budget.spend(len(payload) // BYTES_PER_RECORD)
             metadata = records.Metadata.read(payload_stream(payload))
@@ -369,15 +366,3 @@ class RecordLoop:
     def _add_channel(self, record: records.Channel) -> None:
         channel = channel_of(record, self._schemas)
         self._channels[record.id] = channel if self._wanted is not None and self._wanted(channel) else None
-
-
-def _in_log_order(items: list[Item]) -> list[Item]:
-    """Messages by log time; other items keep their place."""
-    times_ns = [item.log_time_ns for item in items if isinstance(item, RawMessage)]
-    if all(before <= after for before, after in pairwise(times_ns)):
-        return items
-    return sorted(items, key=lambda item: item.log_time_ns if isinstance(item, RawMessage) else 0)
-
-
-def _name(opcode: int) -> str:
-    return Opcode(opcode).name.lower()
