@@ -51,10 +51,8 @@ class WorkBudget:
     """
 
     def __init__(self) -> None:
-        self.bytes_read = 0
-        self.is_message_left_out = False
-        self._inflated = 0
-        self._records = 0.0
+        self.bytes_read, self.is_message_left_out = 0, False
+        self._inflated, self._records = 0, 0.0
 
     def spend(self, records: float) -> None:
         """Count records, rows, poses, or work that takes as long; raises TooMuchWork, then nothing is
@@ -267,23 +265,15 @@ def open_stream(
     """
     try:
         file = cast(BufferedReader, sys.stdin.buffer) if path == "-" else open(path, "rb")  # noqa: SIM115
+        is_compressed = follow is None and file.peek(len(ZSTD_MAGIC)).startswith(ZSTD_MAGIC)
     except OSError as error:
         raise UnreadableRecording(error.strerror or str(error)) from error
     try:
-        if follow is None and _starts_compressed(file):
-            yield ByteStream(file, budget, compressed=True)
-        else:
-            yield ByteStream(file, budget, follow, path if follow is not None and path != "-" else "")
+        followed = path if follow is not None and path != "-" else ""
+        yield ByteStream(file, budget, follow, followed, is_compressed)
     finally:
         if path != "-":
             file.close()
-
-
-def _starts_compressed(file: BufferedReader) -> bool:
-    try:
-        return file.peek(len(ZSTD_MAGIC)).startswith(ZSTD_MAGIC)
-    except OSError as error:
-        raise UnreadableRecording(error.strerror or str(error)) from error
 
 
 def is_regular(path: str) -> bool:

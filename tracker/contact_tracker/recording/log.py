@@ -283,7 +283,9 @@ def open_log(
             note, prefix, around = None, known[source], set(all_known)
             if source.frame_id and not (frame == source.frames and is_chain):
                 with suppress(NoPoses, MissingExtra):
-                    around |= set() if follow else peek(path, ChannelFilter(None, with_transforms=True)).keys()
+                    around |= (
+                        set() if follow else peek(path, ChannelFilter(None, with_transforms=True)).keys()
+                    )
                 note = moving_parent_note(around, source)
             return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
         found = find_chain(path, all_known, fitting, frame, relative_to)

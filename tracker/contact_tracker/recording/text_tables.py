@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise, repeat
 from typing import IO, Any, Final
 
 from contact_tracker.config.quantities import LENGTHS
@@ -139,7 +139,7 @@ class TextTable:
                     if layout.kind == "Vicon":
                         return  # the end of a section
                     continue
-                cells = self._named_cells(line) if layout.names else _cells_of(line, separator)
+                cells = _named_cells(line, layout) if layout.names else _cells_of(line, separator)
                 if line[-1] != "\n" and len(line) < _LINE and last and _is_cut(last, cells):
                     self.damage = (_CUT_OFF,)
                     return
@@ -154,13 +154,6 @@ class TextTable:
                 if any(map(str.strip, row)):
                     count += 1
                     yield row
-
-    def _named_cells(self, line: str) -> list[str]:
-        try:
-            fields = _fields_of(line) if not self.layout.heads else _fields_in(line, self.layout)
-        except ValueError:
-            return [line] * len(self.layout.names)  # none of them is a number
-        return [fields.get(name, "") for name in self.layout.names]
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
@@ -279,10 +272,16 @@ def _values_in(cell: str) -> Any:
     return values if counted > 1 else cell
 
 
-def _fields_in(line: str, layout: TableLayout) -> dict[str, str]:
-    """The values in a row by their names, where cells have several."""
-    cells = map(_values_in, _cells_of(line, layout.separator))
-    return _flattened(dict(zip(layout.heads, cells, strict=False)))
+def _named_cells(line: str, layout: TableLayout) -> list[str]:
+    """The values in a row by their names, of JSON, or where cells have several."""
+    cells = map(_values_in, _cells_of(line, layout.separator) if layout.heads else ())
+    try:
+        fields = (
+            _flattened(dict(zip(layout.heads, cells, strict=False))) if layout.heads else _fields_of(line)
+        )
+    except ValueError:
+        return [line] * len(layout.names)  # none of them is a number
+    return [fields.get(name, "") for name in layout.names]
 
 
 def _layout_in_unit(
@@ -290,34 +289,25 @@ def _layout_in_unit(
 ) -> TableLayout:
     """The layout of rows ``head``; raises also where positions would be in metres without being told, and the
     first lines of the file name another unit."""
-    layout = _layout_of(head, reading, path)
-    if all(body.has_unit for body in layout.bodies):
-        return layout
-    stated = _LENGTH.search("\n".join(line[:_SENTENCE] for line in _about(lines, layout)))
-    if stated is None:
-        return layout
-    factor = LENGTHS_M.get(stated[1].lower())
-    unit = next((unit for unit in LENGTHS if LENGTHS[unit] == factor), None)
-    remedy = (
-        "convert them to metres"
-        if unit is None
-        else f"read them by {reading.with_(reading_of(unit=unit)).command(path)}"
-    )
-    raise UnreadableRecording(
-        f"a unit is {stated[1].lower()} above its rows: if it is that of positions, {remedy} or, if these "
-        f"are in metres, by {reading.with_(reading_of(unit='m')).command(path)}"
-    )
-
-
-def _about(lines: Sequence[str], layout: TableLayout) -> Iterator[str]:
-    """Comments, and the lines above the rows of numbers but for the names and units of columns."""
-    is_above = True
-    for i, line in enumerate(lines):
+    layout, about, is_above = _layout_of(head, reading, path), list[str](), True
+    for i, line in enumerate(lines):  # comments, and what is above the rows but for the names of columns
         cells = _cells_of(line, layout.separator)
         is_above &= layout.kind == "JSON" or not _are_values(cells)
         is_head = layout.skip - 2 <= i < layout.skip and len(cells) > max(layout.places)
         if _COMMENT.match(line) or (is_above and not is_head):
-            yield line
+            about.append(line[:_SENTENCE])
+    stated = _LENGTH.search("\n".join(about))
+    if stated is None or all(body.has_unit for body in layout.bodies):
+        return layout
+    factor = LENGTHS_M.get(stated[1].lower())
+    unit = next((unit for unit in LENGTHS if LENGTHS[unit] == factor), None)
+    remedy = "convert them to metres"
+    if unit is not None:
+        remedy = f"read them by {reading.with_(reading_of(unit=unit)).command(path)}"
+    raise UnreadableRecording(
+        f"a unit is {stated[1].lower()} above its rows: if it is that of positions, {remedy} or, if these "
+        f"are in metres, by {reading.with_(reading_of(unit='m')).command(path)}"
+    )
 
 
 def _are_values(cells: Sequence[str]) -> bool:
@@ -408,25 +398,24 @@ def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tab
         )
     if len(cells) < 5 or not are_numbers(cells[1][:1]) or not number(cells[1][0]) > 0:
         raise UnreadableRecording(f"its section {section} lacks rate, names, columns or units above its rows")
-    names, axes, units = cells[2], [axis.lower() for axis in cells[3]], cells[4]
+    names, axes, units = cells[2], [axis.lower() for axis in cells[3]], map(str.lower, cells[4])
     found = dict[str, dict[str, int]]()
     for start, end in pairwise([*(i for i, name in enumerate(names) if name), len(axes)]):
         turn = "q" if "rw" in axes[start:end] else "r"
         roles = {f"r{axis}": turn + axis for axis in "xyzw"} | {f"t{axis}": axis for axis in "xyz"}
         places = {roles[axis]: start + i for i, axis in enumerate(axes[start:end]) if axis in roles}
         found.setdefault(_short(names[start]), places)
-    columns = [(axis, units[i].lower() if i < len(units) else "") for i, axis in enumerate(axes)]
+    columns = list(zip(axes, chain(units, repeat("")), strict=False))
     try:
         bodies = bodies_of(found, columns, reading, "mm")
     except OpenReading:
         name = next(filter(None, names))
-        about = _ABOUT.match(name)
-        kind = (about[1] if about is not None else None) or ""
-        order = _ORDER.search(kind)
-        ways = [reading_of(rotation_vector=True) if order is None else reading_of(euler=order[1].upper())]
-        ways += [] if kind else [reading_of(euler="XYZ")]
+        kind = (about[1] if (about := _ABOUT.match(name)) is not None else None) or ""
+        order, ways = _ORDER.search(kind), [reading_of(rotation_vector=True)]
+        ways = [reading_of(euler=order[1].upper())] if order is not None else ways
         unsaid = "three angles or a helical vector, and the file does not say which"
         are = f"rotations of {_short(name)} are {f'of the kind {kind}' if kind else unsaid}"
+        ways += [] if kind else [reading_of(euler="XYZ")]
         commands = " or ".join(reading.with_(way).command(path) for way in ways)
         raise UnreadableRecording(
             f"{are}: export quaternions from Vicon, or read them by {commands}"
@@ -472,13 +461,12 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
     return replace(layout_of_names(list(names), reading, path, "JSON"), names=tuple(names))
 
 
-def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
-    return _layout_of_rows(lines, _MATRICES.with_(reading) if reading.kind is None else reading, path)
-
-
-def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
+def _layout_of_rows(
+    lines: Sequence[str], reading: TableReading, path: str, usual: TableReading | None = None
+) -> TableLayout:
     """The layout by the first line with names of columns of poses, which may be a comment, else by the first
-    row of numbers."""
+    row of numbers; ``usual`` is what the columns are of a format, unless the reading says it."""
+    reading = reading if usual is None or reading.kind is not None else usual.with_(reading)
     first = next((line for line in lines if line.strip()), "")
     stated = _SEPARATOR_LINE.fullmatch(first)
     rows = [i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)]
@@ -612,6 +600,6 @@ _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
     (lambda first: first.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
     (lambda first: first.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
     (lambda first: first.lstrip().startswith("{") or _has_names(first), _json_layout),
-    (lambda first: first.startswith(_QUALISYS), _qualisys_layout),
+    (lambda first: first.startswith(_QUALISYS), lambda *about: _layout_of_rows(*about, _MATRICES)),
 )
 """Known formats: whether the first line is of one, and its layout; other files have rows, named or not."""

@@ -64,14 +64,20 @@ class TransformTree:
     def chain(self, start: str, end: str) -> "Chain | None":
         """The shortest chain of transforms from one frame to another; None if there is none."""
         start, end = frame_name(start), frame_name(end)
-        chains: dict[str, Chain] = {start: ()}
+        reached: dict[str, tuple[str, Step] | None] = {start: None}
         waiting = [start]
         for frame in waiting:  # which grows
             for other, step in self._steps.get(frame, {}).items():
-                if other not in chains:
-                    chains[other] = (*chains[frame], step)
+                if other not in reached:
+                    reached[other] = frame, step
                     waiting.append(other)
-        return chains.get(end)
+        if end not in reached:
+            return None
+        steps, at = list[Step](), reached[end]
+        while at is not None:
+            steps.append(at[1])
+            at = reached[at[0]]
+        return tuple(steps[::-1])
 
     def moving_root(self, frame: str) -> str | None:
         """The root of the tree, if a transform from there to ``frame`` may move; else None."""
