@@ -430,8 +430,9 @@ def _opened(
         return TextTable(path, begin, reading)
     from contact_tracker.recording.binary_tables import ArrayTable, C3DTable, ParquetTable
 
-    table = {"Parquet": ParquetTable, "NumPy": ArrayTable, "C3D": C3DTable}[kind]
-    return table(path, reading, budget)
+    if kind == "C3D":
+        return C3DTable(path, reading, budget)
+    return (ParquetTable if kind == "Parquet" else ArrayTable)(path, reading, budget)
 
 
 def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) -> str:

@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import chain, islice, pairwise, repeat
 from typing import IO, Any, Final
 
@@ -600,6 +601,6 @@ _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
     (lambda first: first.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
     (lambda first: first.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
     (lambda first: first.lstrip().startswith("{") or _has_names(first), _json_layout),
-    (lambda first: first.startswith(_QUALISYS), lambda *about: _layout_of_rows(*about, _MATRICES)),
+    (lambda first: first.startswith(_QUALISYS), partial(_layout_of_rows, usual=_MATRICES)),
 )
 """Known formats: whether the first line is of one, and its layout; other files have rows, named or not."""
