@@ -6,7 +6,6 @@ index orders them by time. A database can define tables by expressions that run 
 authorizer allows only columns of tables here, and the work is bounded.
 """
 
-import bz2
 import os
 import sqlite3
 import struct
@@ -26,12 +25,10 @@ from contact_tracker.recording.bytestream import (
     open_stream,
 )
 from contact_tracker.recording.items import Channel, Item, RawMessage, in_log_order
-from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_lz4
+from contact_tracker.recording.mcap_file import PARSE_ERRORS, decompress
 
 BAG_MAGIC: Final = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
-_BZ2_WORK: Final = 4
-"""Time to decompress a byte of bz2, relative to zstd or lz4."""
 _LENGTH: Final = struct.Struct("<I")
 _TIME: Final = struct.Struct("<II")
 
@@ -170,26 +167,10 @@ class _Bag:
 
     def _inflated(self, chunk: _Chunk) -> bytes:
         header, at, stored = chunk
-        stream, size = self._stream, header.number(b"size")
-        data = stream.read(stored) if stream.seek(at) else b""
-        match header[b"compression"]:
-            case b"none":
-                return data
-            case b"lz4":
-                stream.budget.inflate(len(data), size)
-                found = inflate_lz4(data, size)
-            case b"bz2":
-                stream.budget.check_record(len(data), size)
-                stream.budget.inflate(_BZ2_WORK * len(data), _BZ2_WORK * size)
-                try:
-                    found = bz2.BZ2Decompressor().decompress(data, size)
-                except OSError as error:  # else it would look as if the file could not be read
-                    raise ValueError(f"its bz2 data is damaged: {error}") from error
-            case unknown:
-                raise ValueError(f"unknown compression {unknown!r}")
-        if len(found) != size:
-            raise ValueError(f"{len(found)} bytes where {size} were promised")
-        return found
+        data = self._stream.read(stored) if self._stream.seek(at) else b""
+        compression = header[b"compression"].decode(errors="replace")
+        size = len(data) if compression == "none" else header.number(b"size")
+        return decompress(compression, data, size, self._stream.budget)
 
     def _next_head(self) -> tuple[_Header, int]:
         """The header of the next record and the size of its data; raises EOFError at the end of the file,

@@ -31,7 +31,6 @@ from contact_tracker.recording.sources import (
     Logged,
     Stamping,
     is_prefix,
-    messages_by_topic,
     only_one,
     peek,
     poses_by_source,
@@ -103,7 +102,7 @@ class PoseLog:
         self.gate, self._is_resumed = PoseGate(self._counts), False
         self._taken = self._skipped = self.valid = self.first_ns = self.last_ns = 0
         self._reading, self._composer, self._logged = reading, composer, logged
-        self._assumed = reading.decoder.assumed
+        self._assumed = reading.decoder.assumed if composer is None else {}
         self._frame, self._count_late = frame, count_late
         self._arrivals = self._arrive()
 
@@ -170,16 +169,6 @@ class PoseLog:
         if is_same_log:
             self.stamping, self._skipped = stamping, taken
 
-    @property
-    def assumed(self) -> Mapping[tuple[str, str], str]:
-        """As of ``MessageDecoder``, for poses that are not composed."""
-        return self._assumed if self._composer is None else {}
-
-    def published(self) -> Iterator[LoggedPose | None]:
-        """What is read instead of the valid poses: those of other sources included, as published or composed,
-        and None for each message that cannot be decoded."""
-        return self._logged
-
     def __iter__(self) -> Iterator[Pose]:
         return (pose for arrival in self._arrivals for pose in arrival.poses)
 
@@ -218,7 +207,7 @@ class PoseLog:
             else:
                 self._taken += 1
                 if self._taken > self._skipped:
-                    if self.assumed and (self.source.topic, self.source.type) in self.assumed:
+                    if self._assumed and (self.source.topic, self.source.type) in self._assumed:
                         self._counts["known_definition"] += 1
                     yield one[1:]
 
@@ -283,8 +272,7 @@ def open_log(
         logged = chain.from_iterable(chain(head, groups))
         if fitting and relative_to is None:
             source = only_one(path, fitting, composition_hint(fitting))
-            if follow is None:
-                source = replace(source, messages=messages_by_topic(path).get(source.topic))
+            source = replace(source, messages=wanted.counts.get(source.topic))
             note, prefix, around = None, known[source], set(all_known)
             if source.frame_id and not (frame == source.frames and is_chain):
                 with suppress(NoPoses, MissingExtra):
@@ -327,8 +315,7 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
     if not known:
         reading = Reading(path, wanted, table=table)
         known = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
-    counts = messages_by_topic(path)
-    return [replace(source, messages=counts.get(source.topic)) for source in sorted(known)]
+    return [replace(source, messages=wanted.counts.get(source.topic)) for source in sorted(known)]
 
 
 def _explain(
@@ -471,7 +458,7 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
 
 def summarise_log(log: PoseLog) -> SourceSummary:
     """Summary of the poses that a log selects, which may be composed; reads it to its end."""
-    sources, _, _ = _summaries(log.published(), log.assumed, log.is_stamped)
+    sources, _, _ = _summaries(log._logged, log._assumed, log.is_stamped)
     (found,) = (one for one in sources if one.source == log.source)
     return replace(found, source=log.source, counts=Counter(found.counts) + Counter(log.counts))
 

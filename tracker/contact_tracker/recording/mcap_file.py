@@ -6,6 +6,7 @@ chunk is left out; where the framing of records is lost, the loop continues at t
 there is one. Chunks in the index are not decompressed.
 """
 
+import bz2
 import os
 import struct
 import zlib
@@ -13,7 +14,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from io import BytesIO
 from itertools import pairwise
-from typing import IO, Any, Final, cast
+from typing import IO, Any, Final
 
 import zstandard
 from mcap import records
@@ -42,6 +43,8 @@ _COUNTED_AT_ONCE: Final = 64
 """Records of a chunk that are counted together."""
 FIRST_UNKNOWN: Final = max(Opcode) + 1
 """Opcodes from here on are of later versions of the format, or private, and skipped."""
+_BZ2_WORK: Final = 4
+"""Time to decompress a byte of bz2, relative to zstd or lz4."""
 MAGIC: Final = b"\x89MCAP0\r\n"
 """First and last bytes of a file."""
 RECORD_HEAD: Final = struct.Struct("<BQ")
@@ -68,34 +71,41 @@ def channel_of(record: records.Channel, schemas: Mapping[int, records.Schema]) -
 
 def inflate(chunk: records.Chunk, budget: WorkBudget) -> bytes:
     """The decompressed records of a chunk; raises one of PARSE_ERRORS if they are damaged or too large."""
-    size = chunk.uncompressed_size
-    budget.inflate(len(chunk.data), size)
-    match chunk.compression:
-        case "":
-            data = chunk.data
-        case "zstd":
-            data = inflate_zstd(chunk.data, size)
-        case "lz4":
-            data = inflate_lz4(chunk.data, size)
-        case unknown:
-            raise ValueError(f"unknown compression {unknown!r}")
-    if len(data) != size:
-        raise ValueError(f"{len(data)} bytes where {size} were promised")
+    data = decompress(chunk.compression, chunk.data, chunk.uncompressed_size, budget)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("its checksum is wrong")
     return data
 
 
+def decompress(compression: str, data: bytes, size: int, budget: WorkBudget) -> bytes:
+    """The ``size`` bytes of a chunk of MCAP or of a bag; raises as ``inflate``."""
+    budget.check_record(len(data), size)
+    work = _BZ2_WORK if compression == "bz2" else 1
+    budget.inflate(work * len(data), work * size)
+    match compression:
+        case "" | "none":
+            found = data
+        case "zstd":
+            found = inflate_zstd(data, size)
+        case "lz4":
+            import lz4.frame  # type: ignore[import-untyped]
+
+            found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+        case "bz2":
+            try:
+                found = bz2.BZ2Decompressor().decompress(data, size)
+            except OSError as error:  # else it would look as if the file could not be read
+                raise ValueError(f"its bz2 data is damaged: {error}") from error
+        case unknown:
+            raise ValueError(f"unknown compression {unknown!r}")
+    if len(found) != size:
+        raise ValueError(f"{len(found)} bytes where {size} were promised")
+    return found
+
+
 def inflate_zstd(data: bytes, limit: int) -> bytes:
     """Decompress zstd to at most ``limit`` bytes, whatever size the data declares."""
     return zstandard.ZstdDecompressor().stream_reader(data).read(limit)
-
-
-def inflate_lz4(data: bytes, limit: int) -> bytes:
-    """Decompress lz4 to at most ``limit`` bytes."""
-    import lz4.frame  # type: ignore[import-untyped]
-
-    return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit))
 
 
 def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int]]:

@@ -137,7 +137,8 @@ TRANSFORM_TYPES: Final = frozenset(
 
 
 class ChannelFilter:
-    """Whether a channel may carry the selected poses; records all channels that were tested.
+    """Whether a channel may carry the selected poses; records all channels that were tested, and by topic the
+    messages that an index counts.
 
     Parameters
     ----------
@@ -157,6 +158,7 @@ class ChannelFilter:
         self._topic, self._table, self._field = topic, table, table.field
         self._with_transforms, self._relative_to = with_transforms, relative_to
         self.seen: dict[tuple[str, str, str], Channel] = {}
+        self.counts = Counter[str]()
 
     def __call__(self, channel: Channel) -> bool:
         self.seen[channel.topic, channel.type, channel.encoding] = channel
@@ -235,8 +237,11 @@ def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[Pos
             indexed = False
             continue
         read, missing = {message.channel for message in messages}, dict[int, Channel]()
-        for channel_id, count in _message_counts(summary):
+        assert summary.statistics is not None
+        for channel_id in sorted(summary.channels):
+            count = summary.statistics.channel_message_counts.get(channel_id, 0)
             channel = channel_of(summary.channels[channel_id], summary.schemas)
+            wanted.counts[channel.topic] += count
             if wanted(channel) and count and channel not in read:
                 missing[channel_id] = channel
         messages += _peek_channels(part, summary, missing)
@@ -270,22 +275,6 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
                     prefixes[item.channel].append(item)
                     sizes[item.channel] += len(item.data)
     return [message for prefix in prefixes.values() for message in prefix]
-
-
-def messages_by_topic(path: str) -> Counter[str]:
-    """Messages by topic, as far as indexes tell."""
-    counts: Counter[str] = Counter()
-    for summary in filter(None, map(summary_of, parts_of(path))):
-        for channel_id, count in _message_counts(summary):
-            counts[summary.channels[channel_id].topic] += count
-    return counts
-
-
-def _message_counts(summary: Summary) -> list[tuple[int, int]]:
-    """Channel ids with their number of messages, by id."""
-    assert summary.statistics is not None
-    counts = summary.statistics.channel_message_counts
-    return [(channel_id, counts.get(channel_id, 0)) for channel_id in sorted(summary.channels)]
 
 
 def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[LoggedPose | None]]:
