@@ -286,9 +286,8 @@ def open_log(
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
             body = last_moving(steps)
-            composer = Composer(steps, body, source, reading.decoder.assumed, at_once)
-            if not reading.is_table:
-                composer.learn(all_known)
+            learned = {} if reading.is_table else all_known
+            composer = Composer(steps, body, source, reading.decoder.assumed, at_once, learned)
             prefix, composed = all_known[steps[body].source], composer.compose(logged)
             return PoseLog(source, reading, composed, prefix, None, count_late, composer)
         more = take_prefix(groups)

@@ -322,11 +322,13 @@ class RecordLoop:
             else:
                 payload = stream.take(length, is_read) if opcode > 0 else None
                 fault = f"it is cut off inside a record at byte {start}"
-            if payload is None:
-                if self._resume(start, fault):
-                    continue
-                self._note_end(fault)
-                return
+            if payload is None:  # reading goes on at the next chunk that the index has
+                following = bisect_right(self._chunk_starts, start)
+                if not any(map(stream.seek, self._chunk_starts[following : following + 1])):
+                    self._note_end(fault)
+                    return
+                self._damage(fault)
+                continue
             if is_read:
                 yield opcode, payload, start
             if opcode == Opcode.FOOTER:
@@ -336,14 +338,6 @@ class RecordLoop:
                     self._damage("what follows its end is ignored")
                 return
 
-    def _resume(self, start: int, text: str) -> bool:
-        """Go to the next chunk after an invalid record; returns whether there is one."""
-        following = bisect_right(self._chunk_starts, start)
-        if following == len(self._chunk_starts) or not self._stream.seek(self._chunk_starts[following]):
-            return False
-        self._damage(text)
-        return True
-
     def _note_end(self, damage: str) -> None:
         """Add why the input ends to the damage, unless the caller has stopped it."""
         if self._stream.follow is None or not self._stream.follow.stopped:
@@ -352,10 +346,8 @@ class RecordLoop:
     def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
         """Add what a record of another kind holds."""
         if opcode == Opcode.ATTACHMENT:
-            attachment, (crc,) = (
-                records.Attachment.read(payload_stream(payload)),
-                struct.unpack("<I", payload[-4:]),
-            )
+            attachment = records.Attachment.read(payload_stream(payload))
+            crc = int.from_bytes(payload[-4:], "little")
             if crc and crc != zlib.crc32(payload[:-4]):
                 raise ValueError("its checksum is wrong")
             group.append(Attachment(attachment.name, attachment.data))

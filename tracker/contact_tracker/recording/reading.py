@@ -28,8 +28,7 @@ from contact_tracker.recording.tables import has_poses, is_table, read_table, re
 
 STDIN: Final = "-"
 _PATTERN: Final = "; it looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
-_COMPRESSED: Final = (".zstd", ".zst")
-_ENDINGS: Final = (".mcap", ".db3", *(f".mcap{end}" for end in _COMPRESSED))
+_ENDINGS: Final = (".mcap", ".db3", ".mcap.zstd", ".mcap.zst")
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
@@ -318,8 +317,7 @@ def _begin(part: str) -> bytes:
 
 def _plain(name: str) -> str:
     """The name of a part without the suffix of compressed files, in any case."""
-    ending = next((end for end in _COMPRESSED if name.lower().endswith(end)), "")
-    return name.removesuffix(name[len(name) - len(ending) :]) if ending else name
+    return re.sub(r"\.zstd?$", "", name, flags=re.IGNORECASE)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

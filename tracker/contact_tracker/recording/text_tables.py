@@ -11,12 +11,12 @@ import csv
 import json
 import re
 import shlex
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import chain, islice, pairwise, repeat
+from itertools import chain, count, islice, pairwise, repeat
 from typing import IO, Any, Final
 
 from contact_tracker.config.quantities import LENGTHS
@@ -110,11 +110,10 @@ class TextTable:
 
     def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
         self._path, self._encoding = path, encoding_of(begin)
-        self._is_document = False
         with self._opened() as file:
             lines = head = list(islice(_lines(file), _HEAD_LINES))
-        if _is_document(head):
-            self._is_document = True
+        self._is_document = _is_document(head)
+        if self._is_document:
             with self._opened() as file:
                 head = list(islice(_entries_in(file), _HEAD_LINES))
         self.layout = _layout_in_unit(lines, head, reading, path)
@@ -129,7 +128,7 @@ class TextTable:
         return open(self._path, encoding=self._encoding, errors="replace")
 
     def _rows(self) -> Iterator[list[str]]:
-        layout, separator, count, last = self.layout, self.layout.separator, 0, list[str]()
+        layout, separator, many, last = self.layout, self.layout.separator, 0, list[str]()
         places, width = layout.places, max(layout.places) + 1
         with self._opened() as file:
             lines = _entries_in(file) if self._is_document else _lines(file)
@@ -149,11 +148,11 @@ class TextTable:
                     cells = cells + [""] * (width - len(cells))
                 row = [cells[place] for place in places]
                 if layout.time < 0:
-                    row[0] = str(count)
+                    row[0] = str(many)
                 if len(line) > _LONGEST_CELL * width:
                     row = [cell[:_LONGEST_CELL] for cell in row]
                 if any(map(str.strip, row)):
-                    count += 1
+                    many += 1
                     yield row
 
 
@@ -275,11 +274,12 @@ def _values_in(cell: str) -> Any:
 
 def _named_cells(line: str, layout: TableLayout) -> list[str]:
     """The values in a row by their names, of JSON, or where cells have several."""
-    cells = map(_values_in, _cells_of(line, layout.separator) if layout.heads else ())
     try:
-        fields = (
-            _flattened(dict(zip(layout.heads, cells, strict=False))) if layout.heads else _fields_of(line)
-        )
+        if layout.heads:
+            cells = map(_values_in, _cells_of(line, layout.separator))
+            fields = _flattened(dict(zip(layout.heads, cells, strict=False)))
+        else:
+            fields = _fields_of(line)
     except ValueError:
         return [line] * len(layout.names)  # none of them is a number
     return [fields.get(name, "") for name in layout.names]
@@ -290,7 +290,12 @@ def _layout_in_unit(
 ) -> TableLayout:
     """The layout of rows ``head``; raises also where positions would be in metres without being told, and the
     first lines of the file name another unit."""
-    layout, about, is_above = _layout_of(head, reading, path), list[str](), True
+    if any(line.count(mark) >= MOST_COLUMNS for line in head for mark in ",;\t "):
+        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
+    begin = next((i for i, line in enumerate(head) if line.strip() and not _COMMENT.match(line)), 0)
+    kinds = [layout_of for is_known, layout_of in _FORMATS if is_known(head[begin] if head else "")]
+    rows = ["\n"] * begin + list(head[begin:]) if kinds else head
+    layout, about, is_above = (kinds or [_layout_of_rows])[0](rows, reading, path), list[str](), True
     for i, line in enumerate(lines):  # comments, and what is above the rows but for the names of columns
         cells = _cells_of(line, layout.separator)
         is_above &= layout.kind == "JSON" or not _are_values(cells)
@@ -314,18 +319,6 @@ def _layout_in_unit(
 def _are_values(cells: Sequence[str]) -> bool:
     """Whether cells are those of a row of values, not of names."""
     return 2 * sum(are_numbers([cell]) for cell in cells) > len(cells)
-
-
-def _layout_of(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
-    """The layout of a text file by its first lines; raises as ``TextTable``."""
-    if any(line.count(mark) >= MOST_COLUMNS for line in lines for mark in ",;\t "):
-        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
-    begin = next((i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), 0)
-    first = lines[begin] if lines else ""
-    for is_known, layout in _FORMATS:
-        if is_known(first):
-            return layout(["\n"] * begin + list(lines[begin:]), reading, path)
-    return _layout_of_rows(lines, reading, path)
 
 
 def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -370,20 +363,13 @@ def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> Ta
         raise UnreadableRecording(
             "no rigid body has both position and quaternion, in global coordinates: export it with both"
         )
-    time, time_ns = _motive_times(about, cells[head + 1 :])
-    return TableLayout("Motive", separator, head + 1, time, time_ns, named, has_own_unit=True)
-
-
-def _motive_times(about: Mapping[str, str], rows: Sequence[Sequence[str]]) -> tuple[int, float]:
-    """The time column and its unit in nanoseconds: frame numbers where the times are those of the frames
-    rounded to milliseconds, as Motive 2.3 and 3 write them; else seconds."""
-    try:
+    time, time_ns = 1, 1e9
+    with suppress(ValueError):  # times of Motive 2.3 and 3 are those of the frames rounded to milliseconds
         rate = number(about.get("export frame rate", ""))
-        times = [(number(row[0]), number(row[1])) for row in rows if len(row) > 1]
-    except ValueError:
-        return 1, 1e9
-    fits = rate > 0 and all(abs(frame / rate - time) <= _ROUNDED_S for frame, time in times)
-    return (0, 1e9 / rate) if times and fits else (1, 1e9)
+        times = [(number(row[0]), number(row[1])) for row in cells[head + 1 :] if len(row) > 1]
+        if times and rate > 0 and all(abs(frame / rate - time_s) <= _ROUNDED_S for frame, time_s in times):
+            time, time_ns = 0, 1e9 / rate
+    return TableLayout("Motive", separator, head + 1, time, time_ns, named, has_own_unit=True)
 
 
 def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -527,11 +513,9 @@ def _layout_of_rows(
 
 def _distinct(names: Sequence[str]) -> list[str]:
     """The names, those that are there again with a number, as pandas reads them: ``x``, ``x.1``."""
-    seen, distinct = Counter[str](), list[str]()
-    for name in names:
-        distinct.append(f"{name}.{seen[name]}" if seen[name] else name)
-        seen[name] += 1
-    return distinct
+    number_of = defaultdict[str, Any](count)
+    numbered = [(name, next(number_of[name])) for name in names]
+    return [f"{name}.{i}" if i else name for name, i in numbered]
 
 
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:

@@ -232,6 +232,7 @@ class Composer:
     source : name of the composed poses.
     assumed : as of ``MessageDecoder``.
     at_once : number of poses composed together; 1 for a live stream.
+    known : poses read ahead, which say how poses are stamped, and static transforms, which they may precede.
 
     Attributes
     ----------
@@ -247,6 +248,7 @@ class Composer:
         source: PoseSource,
         assumed: Mapping[tuple[str, str], str],
         at_once: int,
+        known: Mapping[PoseSource, list[Logged]],
     ) -> None:
         self.counts: Counter[str] = Counter()
         self.why: str | None = None
@@ -256,16 +258,12 @@ class Composer:
         self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != body]
         self._waiting: deque[Logged] = deque()
         self._stampings = dict[PoseSource, Stamping]()
-
-    def learn(self, known: Mapping[PoseSource, list[Logged]]) -> None:
-        """Take from messages read ahead how poses are stamped, and static transforms: poses may precede
-        them."""
-        for source, logged in known.items():
-            if source in self._tracks and is_static(source):
+        for of, logged in known.items():
+            if of in self._tracks and is_static(of):
                 for pose, _ in logged[:1]:
-                    self._tracks[source].add(pose)
-            elif source in self._tracks and len(logged) > 1:
-                self._stampings[source] = Stamping.by(logged)
+                    self._tracks[of].add(pose)
+            elif of in self._tracks and len(logged) > 1:
+                self._stampings[of] = Stamping.by(logged)
 
     def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
         """The composed poses; other poses are dropped, and None is passed on."""

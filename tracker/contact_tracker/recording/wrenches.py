@@ -209,8 +209,8 @@ def _frame_poses(
     wrench = PoseSource("", _WRENCH, "", _WRENCH)
     topics = {step.source.topic for step in steps}
     reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
-    composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, reading.decoder.assumed, BATCH)
-    composer.learn(known)
+    all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
+    composer = Composer(all_steps, len(steps), wrench, assumed, BATCH, known)
     origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     order = logged_ns.argsort(kind="stable")  # stamps may be in another order
     stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()

@@ -77,11 +77,7 @@ def write_recording(
 
 
 def _write(
-    file: IO[bytes],
-    poses: Poses,
-    truth: Truth | None,
-    metadata: Mapping[str, str],
-    wrenches: Wrenches | None,
+    file: IO[bytes], poses: Poses, truth: Truth | None, metadata: Mapping[str, str], wrenches: Wrenches | None
 ) -> None:
     writer = Writer(file, chunk_size=_CHUNK_SIZE)
     writer.start(profile="ros2", library=_LIBRARY)
@@ -101,7 +97,11 @@ def _write(
     if wrenches is not None:
         wrench_schema = writer.register_schema(WRENCH_TYPE, "ros2msg", _schema(WRENCH_TYPE))
         wrench_channel = writer.register_channel(WRENCH_TOPIC, "cdr", wrench_schema)
-        messages += ((stamp, wrench_channel, data) for stamp, data in _wrench_cdrs(wrenches))
+        numbers = np.concatenate([wrenches.force_n, wrenches.moment_nm], axis=1).tolist()
+        messages += (
+            (ns, wrench_channel, _WRENCH_CDR.pack(_CDR_LITTLE_ENDIAN, *divmod(ns, 10**9), 1, b"\0", *row))
+            for ns, row in zip(wrenches.stamp_ns.tolist(), numbers, strict=True)
+        )
     messages.sort(key=lambda message: message[0])
     for stamp_ns, channel, data in messages:
         writer.add_message(channel, stamp_ns, data, stamp_ns)
@@ -125,17 +125,8 @@ def _changes(truth: Truth) -> Iterator[tuple[int, str]]:
 
 
 def _pose_cdr(pose: Pose) -> bytes:
-    sec, nanosec = divmod(pose.stamp_ns, 1_000_000_000)
-    numbers = (*pose.position_m, *pose.quat_xyzw)
-    return _POSE_CDR.pack(_CDR_LITTLE_ENDIAN, sec, nanosec, len(_FRAME), _FRAME, *numbers)
-
-
-def _wrench_cdrs(wrenches: Wrenches) -> Iterator[tuple[int, bytes]]:
-    """Stamps and messages."""
-    numbers = np.concatenate([wrenches.force_n, wrenches.moment_nm], axis=1).tolist()
-    for stamp_ns, row in zip(wrenches.stamp_ns.tolist(), numbers, strict=True):
-        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-        yield stamp_ns, _WRENCH_CDR.pack(_CDR_LITTLE_ENDIAN, sec, nanosec, 1, b"\0", *row)
+    time, numbers = divmod(pose.stamp_ns, 10**9), (*pose.position_m, *pose.quat_xyzw)
+    return _POSE_CDR.pack(_CDR_LITTLE_ENDIAN, *time, len(_FRAME), _FRAME, *numbers)
 
 
 def _string_cdr(text: str) -> bytes:
