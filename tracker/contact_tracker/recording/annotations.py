@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
+from contact_tracker.config.quantities import NAMED_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, NoTruth, printable
 from contact_tracker.files import near_file
@@ -17,7 +18,6 @@ from contact_tracker.recording.items import Attachment, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.mcap_file import summary_of
 from contact_tracker.recording.reading import Reading, is_table_file, parts_of
-from contact_tracker.recording.table_layouts import NAMED_NS
 from contact_tracker.recording.tables import exact_ns, stamp_of_date
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.suggestions import suggestion

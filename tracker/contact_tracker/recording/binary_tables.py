@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 from pyarrow import compute, types
 from pyarrow.parquet import ColumnChunkMetaData, FileMetaData, ParquetFile
 
+from contact_tracker.config.quantities import LENGTHS_M
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import (
-    LENGTHS_M,
     Body,
     TableLayout,
     layout_of_names,

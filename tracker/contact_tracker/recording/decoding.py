@@ -302,15 +302,8 @@ class Undecodable(Exception):
 
 
 class _Decoder(NamedTuple):
-    """The decoder of messages.
-
-    Parameters
-    ----------
-    decode : None where their definition cannot be used.
-    is_known : whether that is the known one of CDR.
-    why : why the known one is used instead of that of the file, in words, if it is.
-    bytes_per_record : bytes of a message that count as the work of one record.
-    """
+    """The decoder of messages, None where their definition cannot be used; whether that is the known one of
+    CDR; why that is used instead of the one of the file; bytes that count as the work of a record."""
 
     decode: Callable[[bytes], Any] | None
     is_known: bool = False

@@ -293,7 +293,7 @@ def open_log(
         more = take_prefix(groups)
         head = [*head, *more] if is_chain else more
         if not more or sum(map(len, head)) > _MOST_HEAD:
-            raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
+            raise _explain(path, frame, set(all_known), wanted, reading.damage)
         known = poses_by_source(chain.from_iterable(more))
         all_known = {**known, **all_known}
 
@@ -318,14 +318,10 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
 
 
 def _explain(
-    path: str,
-    frame: str | None,
-    known: set[PoseSource],
-    wanted: ChannelFilter,
-    damage: str | None,
-    relative_to: str | None,
+    path: str, frame: str | None, known: set[PoseSource], wanted: ChannelFilter, damage: str | None
 ) -> Exception:
     """The error where no pose is selected."""
+    relative_to = wanted.relative_to
     is_named = frame is None or any(source.is_named(frame) for source in known)
     if known and relative_to is not None and is_named:
         return without_frame(path, f"that leads to {relative_to}", relative_to, known)

@@ -25,6 +25,7 @@ from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import WorkBudget, open_stream
 from contact_tracker.recording.decoding import (
+    POSE_TYPES,
     READ,
     USUAL,
     LoggedPose,
@@ -122,17 +123,11 @@ def is_prefix(first: Sequence[Logged]) -> bool:
 _STATIC: Final = "tf_static"
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
-_FOXGLOVE: Final = ("FrameTransform", "FrameTransforms")
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
 
 
 TRANSFORM_TYPES: Final = frozenset(
-    {
-        "tf2_msgs/msg/TFMessage",
-        "tf/msg/tfMessage",
-        "geometry_msgs/msg/TransformStamped",
-        *(f"{package}{name}" for package in ("foxglove.", "foxglove_msgs/msg/") for name in _FOXGLOVE),
-    }
+    kind for kind in POSE_TYPES if re.search("Transform|TFMessage|tfMessage", kind)
 )
 
 
@@ -156,13 +151,13 @@ class ChannelFilter:
         relative_to: str | None = None,
     ) -> None:
         self._topic, self._table, self._field = topic, table, table.field
-        self._with_transforms, self._relative_to = with_transforms, relative_to
+        self._with_transforms, self.relative_to = with_transforms, relative_to
         self.seen: dict[tuple[str, str, str], Channel] = {}
         self.counts = Counter[str]()
 
     def __call__(self, channel: Channel) -> bool:
         self.seen[channel.topic, channel.type, channel.encoding] = channel
-        return self._has_poses(channel) or (self._with_transforms and may_be_step(channel, self._relative_to))
+        return self._has_poses(channel) or (self._with_transforms and may_be_step(channel, self.relative_to))
 
     def takes(self, source: PoseSource) -> bool:
         """Whether this source may be that of the poses; transforms are read as well."""

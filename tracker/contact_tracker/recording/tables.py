@@ -15,21 +15,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
+from contact_tracker.config.quantities import RANGE_NS, TIME_WORDS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
-from contact_tracker.recording.table_layouts import (
-    BLANKS,
-    NO_FRAMES,
-    SEPARATORS,
-    TIME_WORDS,
-    Body,
-    TableLayout,
-    numbers,
-)
+from contact_tracker.recording.table_layouts import BLANKS, NO_FRAMES, SEPARATORS, Body, TableLayout, numbers
 from contact_tracker.recording.text_tables import TextTable
 
 if TYPE_CHECKING:

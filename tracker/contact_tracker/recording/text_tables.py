@@ -19,17 +19,14 @@ from functools import partial
 from itertools import chain, count, islice, pairwise, repeat
 from typing import IO, Any, Final
 
-from contact_tracker.config.quantities import LENGTHS
+from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS, LENGTHS_M, NAMED_NS
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import (
-    ANGLE_UNITS,
     BLANKS,
-    LENGTHS_M,
     MOST_COLUMNS,
-    NAMED_NS,
     SEPARATORS,
     UNNAMED,
     Body,
