@@ -285,10 +285,9 @@ def open_log(
         if found is not None:
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
-            body = last_moving(steps)
             learned = {} if reading.is_table else all_known
-            composer = Composer(steps, body, source, reading.decoder.assumed, at_once, learned)
-            prefix, composed = all_known[steps[body].source], composer.compose(logged)
+            composer = Composer(steps, source, reading.decoder.assumed, at_once, learned)
+            prefix, composed = all_known[steps[last_moving(steps)].source], composer.compose(logged)
             return PoseLog(source, reading, composed, prefix, None, count_late, composer)
         more = take_prefix(groups)
         head = [*head, *more] if is_chain else more

@@ -48,13 +48,16 @@ def is_static(source: PoseSource) -> bool:
 
 
 class TransformTree:
-    """The frames and the transforms between them, of each pair the first."""
+    """The frames and the transforms between them, of each pair the first; ``named`` are further sources by
+    what they are called here."""
 
-    def __init__(self, sources: Iterable[PoseSource]) -> None:
+    def __init__(
+        self, sources: Iterable[PoseSource], named: Mapping[PoseSource, PoseSource] | None = None
+    ) -> None:
         self._steps: dict[str, dict[str, Step]] = {}
-        for source in sorted(sources):
-            if source.child_frame_id:
-                parent, child = frame_name(source.frame_id), frame_name(source.child_frame_id)
+        for called, source in sorted(({one: one for one in sources} | dict(named or {})).items()):
+            if called.child_frame_id:
+                parent, child = frame_name(called.frame_id), frame_name(called.child_frame_id)
                 self._steps.setdefault(parent, {}).setdefault(child, Step(source, False))
                 self._steps.setdefault(child, {}).setdefault(parent, Step(source, True))
 
@@ -100,7 +103,7 @@ Chain = tuple[Step, ...]
 """Transforms from a frame to a body."""
 
 
-def last_moving(chain: Chain) -> int:
+def last_moving(chain: Sequence[Step]) -> int:
     """Index of the last moving transform, which gives the stamps; -1 if none moves."""
     return max((i for i, step in enumerate(chain) if not is_static(step.source)), default=-1)
 
@@ -126,12 +129,8 @@ def find_chain(
         if not bodies:
             return None
         body = only_one(path, bodies)
-        steps, parent, child = (
-            chain_relative(path, known, body, relative_to),
-            relative_to,
-            body.child_frame_id,
-        )
-        if steps is None:
+        parent, child = relative_to, body.child_frame_id
+        if (steps := chain_relative(path, known, body, relative_to)) is None:
             return None
     last = steps[last_moving(steps)].source
     frame_moves = any(step.inverted and not is_static(step.source) for step in steps)
@@ -148,21 +147,13 @@ def chain_relative(
     references = references or [s for s in sources if s != source and is_beside(s, source, relative_to)]
     tree = {s for s in sources if is_transform(s) and s != source}
     # Bodies in the same frame are found without a tree; a body has no children.
-    body = replace(source, child_frame_id=_BODY)
-    steps, start = {s: Step(s, False) for s in tree} | {body: Step(source, False)}, relative_to
+    named, start = {replace(source, child_frame_id=_BODY): source}, relative_to
     if references and not any(map(is_transform, references)):
-        reference = only_one(path, references)
-        named = replace(reference, child_frame_id=REFERENCE)
-        steps[named], start = Step(reference, False), REFERENCE
-    elif source.child_frame_id and relative_to in (source.child_frame_id,):
+        reference, start = only_one(path, references), REFERENCE
+        named[replace(reference, child_frame_id=REFERENCE)] = reference
+    elif source.child_frame_id and relative_to == source.child_frame_id:
         raise AmbiguousSource(f"{path}: {relative_to} is the body itself: name another frame")
-    found = TransformTree(steps).chain(start, _BODY)
-    return None if found is None else real_chain(found, steps)
-
-
-def real_chain(chain: Chain, steps: Mapping[PoseSource, Step]) -> Chain:
-    """A chain through sources that were given other names for it."""
-    return tuple(Step(steps[step.source].source, step.inverted) for step in chain)
+    return TransformTree(tree, named).chain(start, _BODY)
 
 
 def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
@@ -227,8 +218,7 @@ class Composer:
 
     Parameters
     ----------
-    steps : the chain, from the wanted frame to the body.
-    body : index of the step that gives the stamps.
+    steps : the chain, from the wanted frame to the body; the last one that moves gives the stamps.
     source : name of the composed poses.
     assumed : as of ``MessageDecoder``.
     at_once : number of poses composed together; 1 for a live stream.
@@ -244,7 +234,6 @@ class Composer:
     def __init__(
         self,
         steps: Sequence[Step],
-        body: int,
         source: PoseSource,
         assumed: Mapping[tuple[str, str], str],
         at_once: int,
@@ -252,10 +241,10 @@ class Composer:
     ) -> None:
         self.counts: Counter[str] = Counter()
         self.why: str | None = None
-        self._steps, self._body, self._source = steps, body, source
+        self._steps, self._body, self._source = steps, last_moving(steps), source
         self._assumed, self._at_once = assumed, at_once
         self._tracks = {step.source: _Track(self.counts, is_static(step.source)) for step in steps}
-        self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != body]
+        self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != self._body]
         self._waiting: deque[Logged] = deque()
         self._stampings = dict[PoseSource, Stamping]()
         for of, logged in known.items():

@@ -29,7 +29,6 @@ from contact_tracker.recording.transforms import (
     frame_name,
     is_static,
     is_transform,
-    real_chain,
 )
 from contact_tracker.suggestions import suggestion
 from contact_tracker.with_wrenches import NoLoad, mass_doubt, wrench_evidence
@@ -181,20 +180,17 @@ def _chain(
 ) -> tuple[Chain, bool, bool]:
     """The transforms that lead to a frame, from what poses are in, or from the object: those of which fewer
     move; empty where there are none. Then which of the two, and whether any transform names the frame."""
-    steps = {of: Step(of, False) for of in known if is_transform(of)}
-    start = source.frame_id
+    named, start = dict[PoseSource, PoseSource](), source.frame_id
     for reference in known:  # poses that are relative to those of another topic, and so in no frame
         if reference.topic == source.frame_id and not is_transform(reference):
-            steps[replace(reference, child_frame_id=REFERENCE)] = Step(reference, False)
-            start = REFERENCE
-    tree = TransformTree(steps)
+            named[replace(reference, child_frame_id=REFERENCE)], start = reference, REFERENCE
+    tree = TransformTree(filter(is_transform, known), named)
     chains = list[tuple[int, bool, Chain]]()
     for begin, in_object in ((start, False), (source.child_frame_id, True)):
-        if begin and (found := tree.chain(begin, frame_id)):
-            along = real_chain(found, steps)
+        if begin and (along := tree.chain(begin, frame_id)):
             chains.append((sum(not is_static(step.source) for step in along), in_object, along))
-    _, in_object, along = min(chains, key=lambda one: one[:2], default=(0, False, ()))
-    return along, in_object, frame_id in tree
+    _, in_object, shortest = min(chains, key=lambda one: one[:2], default=(0, False, ()))
+    return shortest, in_object, frame_id in tree
 
 
 def _frame_poses(
@@ -210,7 +206,7 @@ def _frame_poses(
     topics = {step.source.topic for step in steps}
     reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
     all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
-    composer = Composer(all_steps, len(steps), wrench, assumed, BATCH, known)
+    composer = Composer(all_steps, wrench, assumed, BATCH, known)
     origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     order = logged_ns.argsort(kind="stable")  # stamps may be in another order
     stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
