@@ -281,7 +281,7 @@ _ARRAY_ERRORS: Final = (
 
 
 class ArrayTable:
-    """The columns of arrays with as many rows, some rows after others; they have no ``damage``.
+    """The columns of arrays with as many rows, some rows after others; these have no ``damage``.
 
     Raises
     ------
@@ -372,9 +372,8 @@ _NO_BODIES: Final = (
 )
 
 
-class C3DTable:
-    """The bodies of a C3D file in columns, some frames after others; after iteration ``damage`` says what is
-    missing.
+class C3DTable(ArrayTable):
+    """The bodies of a C3D file in columns, some frames after others; ``damage`` says what is missing.
 
     Raises
     ------
@@ -385,7 +384,6 @@ class C3DTable:
     """
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
-        self.damage: tuple[str, ...] = ()
         if reading != reading_of(unit=reading.unit):
             raise ChoiceError(f"{path}: C3D says what its rotations and times are: leave out all but --unit")
         try:
@@ -396,59 +394,43 @@ class C3DTable:
                 if blocks[3] != _INTEL:
                     raise UnreadableRecording("its numbers are not those of a PC: write it for Intel")
                 found = _parameters(file.read(blocks[2] * _BLOCK))
-            self.layout = self._layout(found, path, reading)
+            names = [n for key in sorted(found) if key.startswith("ROTATION:LABELS") for n in found[key]]
+            names = names[: int(found.get("ROTATION:USED", [0])[0])]
+            if not names:
+                markers = [*map(printable, found.get("POINT:LABELS", []))]
+                shown = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
+                about = {"names": ", ".join(shown) or "none", "name": os.path.basename(path)}
+                raise UnreadableRecording(_NO_BODIES.format(**about))
+            unit = str([*found.get("ROTATION:UNITS", []), *found.get("POINT:UNITS", []), "mm"][0]).lower()
+            ratio = found.get("ROTATION:RATIO", [1])[0]
+            own_rate = found.get("ROTATION:RATE")
+            rate = float(found["POINT:RATE"][0] * float(ratio) if own_rate is None else own_rate[0])
+            if not 0.0 < rate < 1e6:
+                raise ValueError(f"a rate of {rate:g} Hz")
+            bodies = tuple(
+                Body(
+                    name[: -len(_SUFFIX)] if name.lower().endswith(_SUFFIX) else name,
+                    tuple(_POSE * i + place for place in (9, 10, 11, 0, 3, 6, 1, 4, 7, 2, 5, 8)),
+                    LENGTHS_M[reading.unit or unit],
+                    "matrix",
+                )
+                for i, name in enumerate(names)
+            )
             first, last = struct.unpack_from("<HH", head, 6)
-            ratio = int(found.get("ROTATION:RATIO", [1])[0])
-            rows = (last - first + 1) * ratio
-            self._place = (path, (int(found["ROTATION:DATA_START"][0]) % 2**16 - 1) * _BLOCK)
+            rows, start = (last - first + 1) * int(ratio), int(found["ROTATION:DATA_START"][0]) % 2**16 - 1
+            there = max(os.path.getsize(path) - start * _BLOCK, 0) // (4 * _VALUES * len(bodies))
+            self._rows = there if last == 2**16 - 1 else min(rows, there)  # longer ones do not fit
+            values = np.fromfile(path, "<f4", self._rows * len(bodies) * _VALUES, offset=start * _BLOCK)
         except (LookupError, ValueError, TypeError, struct.error, OSError) as error:
             raise UnreadableRecording(f"it is damaged: its parameters cannot be read ({error})") from error
-        there = max(os.path.getsize(path) - self._place[1], 0) // (4 * _VALUES * len(self.layout.bodies))
-        self._rows = there if last == 2**16 - 1 else min(rows, there)  # longer ones do not fit
         if self._rows < rows:
-            self.damage = (
-                f"it ends after {self._rows} of {rows} frames: if more was recorded, copy it again",
-            )
-
-    def _layout(self, found: dict[str, Any], path: str, reading: TableReading) -> TableLayout:
-        names = [name for key in sorted(found) if key.startswith("ROTATION:LABELS") for name in found[key]]
-        names = names[: int(found.get("ROTATION:USED", [0])[0])]
-        if not names:
-            markers = found.get("POINT:LABELS", [])
-            shown = ", ".join(map(printable, markers[:_MARKERS_SHOWN])) + (
-                ", ..." if len(markers) > _MARKERS_SHOWN else ""
-            )
-            raise UnreadableRecording(_NO_BODIES.format(names=shown or "none", name=os.path.basename(path)))
-        unit = str([*found.get("ROTATION:UNITS", []), *found.get("POINT:UNITS", []), "mm"][0]).lower()
-        metres = LENGTHS_M[reading.unit or unit]
-        ratio = float(found.get("ROTATION:RATIO", [1])[0])
-        rate = float(
-            found["ROTATION:RATE"][0] if "ROTATION:RATE" in found else found["POINT:RATE"][0] * ratio
-        )
-        bodies = tuple(
-            Body(
-                name[: -len(_SUFFIX)] if name.lower().endswith(_SUFFIX) else name,
-                tuple(_POSE * i + place for place in (9, 10, 11, 0, 3, 6, 1, 4, 7, 2, 5, 8)),
-                metres,
-                "matrix",
-            )
-            for i, name in enumerate(names)
-        )
-        if not 0.0 < rate < 1e6:
-            raise ValueError(f"a rate of {rate:g} Hz")
-        return TableLayout("C3D", None, 0, -1, 1e9 / rate, bodies, has_own_unit=True)
-
-    def __iter__(self) -> Iterator[dict[int, Any]]:
-        (path, start), bodies = self._place, len(self.layout.bodies)
-        for begin in range(0, self._rows, ROWS_AT_ONCE):
-            count = min(ROWS_AT_ONCE, self._rows - begin)
-            values = np.fromfile(
-                path, "<f4", count * bodies * _VALUES, offset=start + 4 * begin * bodies * _VALUES
-            )
-            matrices = values.reshape(count, bodies, _VALUES).astype(np.float64)
-            matrices[matrices[:, :, -1] < 0.0] = np.nan
-            poses = matrices[:, :, :16].reshape(count, bodies, 4, 4)[..., :3].reshape(count, -1)
-            yield {-1: list(map(str, range(begin, begin + count))), **dict(enumerate(poses.T))}
+            text = f"it ends after {self._rows} of {rows} frames: if more was recorded, copy it again"
+            self.damage = (text,)
+        self.layout = TableLayout("C3D", None, 0, -1, 1e9 / rate, bodies, has_own_unit=True)
+        matrices = values.reshape(self._rows, len(bodies), _VALUES).astype(np.float64)
+        matrices[matrices[:, :, -1] < 0.0] = np.nan
+        poses = matrices[:, :, :16].reshape(self._rows, len(bodies), 4, 4)[..., :3]
+        self._values = list(poses.reshape(self._rows, _POSE * len(bodies)).T)
 
 
 def _parameters(data: bytes) -> dict[str, Any]:
