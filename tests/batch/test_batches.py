@@ -364,6 +364,8 @@ def test_of_files_that_match_a_pattern_only_recordings_are_taken(tmp_path: Path)
     ):
         matching(f"{logs}/notes/*")
     assert matching(f"{logs}/*.bag") == ([f"{logs}/*.bag"], 0), "a name that is not there"
+    for name, tables in ((f"{logs}", 2), (f"{logs}/notes", 0), (f"{logs}/bag", 0), (f"{logs}/empty.mcap", 0)):
+        assert matching(name) == ([name], tables), "beside recordings of a folder"
 
 
 def test_a_recording_with_two_names_is_processed_once(tmp_path: Path, recordings: list[Path]) -> None:

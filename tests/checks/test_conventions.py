@@ -2,19 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import as_values
+import contact_tracker
 from checked_stream import stream_of
 from contact_tracker.checks import conventions
 from contact_tracker.checks.conventions import Conventions
 from contact_tracker.checks.readings import Given, angles_in, read_turns, readings_of
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.config.table_reading import TableReading
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
-from contact_tracker.motion.poses import Poses, ReadAs
+from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording.table_layouts import quaternions
 from contact_tracker.segmenting import OfflineTracker
@@ -105,7 +107,7 @@ MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
     ),
 }
 WITHOUT_REMEDY: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
-    "axes and angles": ("paper_experiment", lambda poses: taken_for_fixed_axes("XYZ")(turned_axes(poses))),
+    "axes and angles": ("paper_experiment", lambda poses: taken_for_fixed_axes("ZYX")(turned_axes(poses))),
     "axes and inverted": (
         "paper_experiment",
         lambda poses: with_quaternions(turned_axes(poses), [0, 1, 2, 3], -1.0),
@@ -121,10 +123,8 @@ HARMLESS: dict[str, Callable[[Poses], Poses]] = {
 }
 
 
-def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA, table: TableReading = AS_NAMED) -> str:
-    stream = stream_of(
-        first=MODEL, sigma=sigma, inspection=NOTHING_INSPECTED._replace(read_as=ReadAs(table=table))
-    )
+def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA, read_as: ReadAs = AS_GIVEN) -> str:
+    stream = stream_of(first=MODEL, sigma=sigma, inspection=NOTHING_INSPECTED._replace(read_as=read_as))
     known = Conventions()
     for some in poses.batches():
         known = known.update(some, stream)
@@ -145,19 +145,19 @@ def as_numbers(poses: Poses, order: str) -> np.ndarray:
 
 
 STATED: dict[str, tuple[dict[str, str | bool], str, list[int], str]] = {
-    "about the body": ({"euler": "xyz:deg"}, "XYZ", [0, 1, 2], "take --euler XYZ:deg"),
-    "about fixed axes": ({"euler": "XYZ:deg"}, "xyz", [0, 1, 2], "take --euler ZYX:deg"),
-    "another order": ({"euler": "ZXY"}, "YXZ", [0, 1, 2], "take --euler YXZ"),
-    "proper": ({"euler": "XYZ:rad"}, "ZXZ", [0, 1, 2], "take --euler ZXZ:rad"),
+    "about the body": ({"euler": "xyz:deg"}, "XYZ", [0, 1, 2], "--euler XYZ:deg"),
+    "about fixed axes": ({"euler": "XYZ:deg"}, "xyz", [0, 1, 2], "--euler ZYX:deg"),
+    "another order": ({"euler": "ZXY"}, "YXZ", [0, 1, 2], "--euler YXZ"),
+    "proper": ({"euler": "XYZ:rad"}, "ZXZ", [0, 1, 2], "--euler ZXZ:rad"),
     "other columns": (
         {"euler": "XYZ:deg"},
         "ZYX",
         [2, 1, 0],
-        "take --euler ZYX:deg, with the columns of rx, ry and rz as rz, ry, rx",
+        "--euler ZYX:deg, with the columns of rx, ry and rz as rz, ry, rx",
     ),
-    "no vectors": ({"rotation_vector": True}, "ZYX", [0, 1, 2], "take --euler ZYX:rad"),
-    "vectors": ({"euler": "xyz:deg"}, "", [0, 1, 2], "take --rotation-vector"),
-    "transposed": ({"matrix": "rows"}, "inverse", [0, 1, 2], "take --matrix columns"),
+    "no vectors": ({"rotation_vector": True}, "ZYX", [0, 1, 2], "--euler ZYX:rad"),
+    "vectors": ({"euler": "xyz:deg"}, "", [0, 1, 2], "segment a.csv --rotation-vector"),
+    "transposed": ({"matrix": "rows"}, "inverse", [0, 1, 2], "--matrix columns"),
 }
 
 
@@ -173,9 +173,21 @@ def test_a_wrong_statement_on_rotations_is_named_with_the_right_one(mistake: str
         read = quaternions("rotation_vector", numbers, "rad")
     else:
         read = turns(poses).inv().as_quat()
-    found = mistake_in(replace(poses, quat_xyzw=read), table=table)
+    found = mistake_in(replace(poses, quat_xyzw=read), read_as=ReadAs(table=table, path="a.csv"))
     assert said in found
     assert "quaternions" not in found
+
+
+def test_an_order_of_columns_is_undone_by_the_command_that_is_named(tmp_path: Path) -> None:
+    path, poses = tmp_path / "a.csv", recorded()[::500]
+    numbers = np.column_stack([1e-9 * poses.stamp_ns, poses.position_m, poses.quat_xyzw[:, [3, 0, 1, 2]]])
+    np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
+    readings = readings_of(contact_tracker.read(path).read_as)
+    (text,) = (one.text for one in readings if "w x y z in fields that are x y z w: read" in one.text)
+    told, _, columns = text.rpartition(" --columns ")
+    assert told.endswith(f"read them by contact-tracker segment {path}")
+    read = contact_tracker.read(path, columns=columns).poses
+    np.testing.assert_allclose(np.abs((read.quat_xyzw * poses.quat_xyzw).sum(axis=1)), 1.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("order", ["xyz", "XYZ", "zxy", "YXZ", "ZYX", "xzx", "ZYZ", "YXY"])
@@ -204,6 +216,25 @@ def test_other_frames_for_both_are_no_mistake(change: str) -> None:
 
 def test_free_motion_is_no_mistake() -> None:
     assert mistake_in(moving(np.random.default_rng(0), 60.0, 100.0, *SIGMA)) == ""
+
+
+@pytest.mark.parametrize("seed", [0, 4, 7, 9])
+def test_straight_legs_with_turns_about_single_axes_are_no_mistake(seed: int) -> None:
+    """What a robot's script does: along one axis, or two, and about one at a time."""
+    rng, places_m, turned = np.random.default_rng(seed), [np.zeros((1, 3))], [Rotation.identity(1)]
+    for _ in range(14):
+        seconds, way = rng.uniform(1.3, 3.5), rng.uniform(-0.3, 0.3, 3) * (rng.uniform(size=3) < 0.5)
+        vector = np.eye(3)[rng.integers(3)] * rng.uniform(-1.2, 1.2)
+        at = np.linspace(0.0, 1.0, round(100 * seconds))[1:, None]
+        at = at**2 * (3.0 - 2.0 * at)
+        places_m.append(places_m[-1][-1] + at * way)
+        turned.append(Rotation.from_rotvec(at * vector) * turned[-1][-1])
+    place_m = np.concatenate(places_m)
+    error = Rotation.from_rotvec(SIGMA[1] * rng.normal(size=place_m.shape))
+    stamp_ns = 10_000_000 * np.arange(len(place_m))
+    place_m += SIGMA[0] * rng.normal(size=place_m.shape)
+    read = error * Rotation.concatenate(turned)
+    assert mistake_in(Poses(stamp_ns, place_m, read.as_quat())) == ""
 
 
 def tracked(poses: Poses) -> tuple[list[str], Segmentation]:

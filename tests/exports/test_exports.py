@@ -21,12 +21,13 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 from pyarrow.json import read_json
+from scipy.spatial.transform import Rotation
 
 import contact_tracker
 from contact_tracker import Trajectory, saved_state
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, decided
-from contact_tracker.exports.figure import _draw_parts, draw_on, write_name
+from contact_tracker.exports.figure import _draw_parts, _view_of, draw_on, write_name
 from contact_tracker.exports.formats import ROWS, _tex, rows_of, write_outcome
 from contact_tracker.exports.saved_result import RESULT
 from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
@@ -38,6 +39,8 @@ from contact_tracker.saved_state import save
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.viewer.parts import Part
+from contact_tracker.viewer.scene import EMPTY
 from forged_states import forge
 from mcap_logs import Topic, poses_topic, write_log
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, recorded
@@ -358,24 +361,34 @@ const context = new Proxy({}, {
 const canvas = { getContext: () => context, clientWidth: 900, clientHeight: 600, addEventListener() {} };
 const legend = { appendChild: (entry) => (names.push(entry), entry) };
 const picture = { children: [canvas, legend] };
-const document = { createElement: () => ({ style: {} }), currentScript: { previousElementSibling: picture } };
+const row = { dataset: { segments: "0" }, classList: { toggle: (_, is) => is && drawn.rows++ } };
+drawn.rows = 0;
+const document = {
+  createElement: () => ({ style: {}, dataset: {} }),
+  querySelectorAll: () => [row],
+  currentScript: { previousElementSibling: picture },
+};
 const devicePixelRatio = 1, addEventListener = () => {};
 """
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no engine that runs the page's scripts")
 def test_the_pictures_of_a_report_are_drawn(folder: Path) -> None:
-    """Also after each name has been clicked, which shows what was hidden and hides the rest."""
+    """Also after each name has been clicked, which shows what was hidden and hides the rest. What the mouse
+    is on stands out in the pictures and the table."""
     scripts = re.findall(
         "<script>(.*?)</script>", (folder / "out.html").read_text(encoding="utf-8"), re.DOTALL
     )
     end = "const before = drawn.fill; names.forEach((one) => one.onclick());"
-    end += "console.log(JSON.stringify([before, drawn.fill, names.map((one) => one.textContent)]))"
+    end += "const after = drawn.fill; row.onmouseenter(); const more = [drawn.fill - after, drawn.rows];"
+    end += "row.onmouseleave(); canvas.onpointermove({ offsetX: 1, offsetY: 1 });"
+    end += "console.log(JSON.stringify([before, after, names.map((one) => one.textContent), more]))"
     done = subprocess.run(
         ["node", "-"], input=PAGE_STUB + "\n".join([*scripts, end]), capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    before, after, names = json.loads(done.stdout)
+    before, after, names, (drawn, rows) = json.loads(done.stdout)
+    assert (drawn > 0, rows) == (True, 1)
     assert 100 < before < after
     assert any(name.startswith("path in") for name in names)
 
@@ -430,10 +443,15 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     assert result.plot(ax=other).axes == [own, other]
     assert (len(own.lines), len(other.lines)) == (0, len(STATES))
     assert len(result.plot().axes) == 3
-    figure = pyplot.figure()
-    _draw_parts(figure, [result.parts[0]._replace(name=name) for name in ("face 1", "face 2", "face 3")], 0)
-    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    figure = pyplot.figure(figsize=(10.0, 4.2), layout="constrained")
+    part = next(one for one in result.parts if one.touched_ns)
+    _draw_parts(figure, [part._replace(side=0, name=name) for name in ("a\x07", "face 2", "face 3")], 0)
+    axes, legend = figure.axes[0], figure.subfigs[0].legends[0]
+    boxes = [text.get_window_extent() for text in axes.texts]
     assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    assert all(r"a\x07" in one[0].get_text() for one in (axes.texts, legend.get_texts()))
+    around = [axis.label.get_window_extent() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    assert not any(one.overlaps(legend.get_window_extent()) for one in around)
     _, axes = pyplot.subplots()
     axes.set(xlim=(0.0, 100.0), ylim=(0.0, 10.0))
     for duration_s in (20.0, 3.0, 0.5):
@@ -441,6 +459,18 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     assert [text.get_rotation() for text in axes.texts] == [0.0, 90.0]
     assert axes.texts[0].get_text() == r"\x07"  # a page with control characters is not well-formed
     pyplot.close("all")
+
+
+def test_no_face_or_edge_is_seen_from_its_side() -> None:
+    ring = np.stack([np.cos(np.arange(8.0)), np.sin(np.arange(8.0)), np.zeros(8)], axis=1)
+    for turn in Rotation.random(50, rng=np.random.default_rng(3)):
+        axes = turn.as_matrix()
+        face = Part(0, "face", EMPTY, (ring @ axes.T + 5.0,), np.zeros(3))
+        edge = face._replace(outline=(np.outer([-1.0, 1.0], axes[:, 0]),))
+        level, up = np.deg2rad(_view_of([face, edge]))[::-1]
+        towards = np.array([np.cos(up) * np.cos(level), np.cos(up) * np.sin(level), np.sin(up)])
+        assert abs(towards @ axes[:, 2]) > 0.7
+        assert np.linalg.norm(np.cross(towards, axes[:, 0])) > 0.7
 
 
 def test_a_users_labels_are_shown_above_those_that_are_found(

@@ -319,7 +319,7 @@ def _numbers(state):
             yield from value.columns
         elif isinstance(value, tuple):
             yield from _numbers(value)
-        elif not isinstance(value, TableReading):
+        elif not isinstance(value, TableReading | str):
             yield value
 
 

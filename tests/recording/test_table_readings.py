@@ -323,7 +323,12 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
             "# units: s, mm",
             "# x, y, z in mm",
             *("# all in mm", "# measured in mm", "# units: deg, mm", "# distances in mm", "# xyz [mm]"),
-            *("# pos: mm, rot: quaternion", "# All positions are given in millimeters.", "unit_mm"),
+            *(
+                "# pos: mm, rot: quaternion",
+                "# All positions are given in millimeters.",
+                "# 1 unit = 1 mm",
+                "unit_mm",
+            ),
             "Exported on Monday by me with all of the lengths in mm",
         )
     },

@@ -261,6 +261,7 @@ QUATERNION = "qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n"
         ("1 2 3 4\n", "its 4 columns have no names: say which they are, by number"),
         ("t,x,y,z\n1,2,3,4\n", "among t, x, y, z: missing are qx, qy, qz, qw: say which"),
         ("t,x,y,z,qx,qy,qz\n1,2,3,0,0,0,1\n", "missing is qw: say which .* or rename columns, as in"),
+        ("t,x [mm],y [mm],qx,qy,qz,qw\n1,2,3,0,0,0,1\n", r"missing is z: .*x \[mm\],y \[mm\],z \[mm\],qx"),
         (f"{HEADER}\n\n# end\n", "it has a header but no rows"),
         (f"{HEADER}\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n", "row 1 has 1 value, the header has 8: separate"),
         ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "read them by .*100Hz, with the rate of your rows"),

@@ -14,7 +14,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane, P
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
-from contact_tracker.outputs.text import Changes
+from contact_tracker.outputs.text import SAME_NS, Changes
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief
@@ -134,9 +134,17 @@ def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
 
 
 def test_further_contacts_that_begin_at_about_the_same_time_are_reported_as_often_as_they_end() -> None:
-    changes, now = Changes(), (further(4), further(5))
-    reported = [changes.update(belief_at(6, further=those)) for those in (now[:1], now, now, now[1:], ())]
-    assert [(len(begin), len(end)) for _, begin, end in reported] == [(1, 0), (1, 0), (0, 0), (0, 1), (0, 1)]
+    """And not again if they are missing for less than a second; none outlasts the label."""
+    changes, both = Changes(), (further(4), further(5))
+    late = replace(both[0], start_ns=3 * SAME_NS)
+    given = [both[:1], both, both, both[1:], (late, both[1]), both[1:], both[1:], (), ()]
+    given = [*((Contact.VF, one) for one in given), (Contact.VF, both[:1]), (Contact.FREE, ())]
+    reported = [
+        changes.update(belief_at(6 + i * SAME_NS // 2, label, further=those))
+        for i, (label, those) in enumerate(given)
+    ]
+    events = [(i, len(begin), len(end)) for i, (_, begin, end) in enumerate(reported) if begin or end]
+    assert events == [(0, 1, 0), (1, 1, 0), (7, 0, 1), (10, 0, 1)]
 
 
 def probabilities(found: list[tuple[FinishedSegment, SegmentFit]]) -> NDArray[np.float64]:

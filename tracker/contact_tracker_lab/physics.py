@@ -17,7 +17,6 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -26,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.cli.arguments import whole_number
+from contact_tracker.cli.arguments import add_processes
 from contact_tracker.cli.terminal import show
 from contact_tracker.errors import DIFFERENT, DONE, ContactTrackerError, UsageError, module_of_extra
 from contact_tracker.exports.formats import check_output
@@ -317,7 +316,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--overwrite", action="store_true", help="replace recordings that exist")
-    parser.add_argument("--processes", type=partial(whole_number, least=1, most=61), default=2)
+    add_processes(parser, 61, 2, "recordings at once (default: 2)")
     args = parser.parse_args(argv)
     try:
         _engine()

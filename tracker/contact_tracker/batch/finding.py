@@ -13,6 +13,7 @@ from contact_tracker.recording import may_be_recording, parts_of
 
 SUFFIXES: Final = (".mcap", ".mcap.zst", ".mcap.zstd", ".db3", ".bag")
 """Suffixes of recordings in folders; tables, which may have no poses, have to be named."""
+_OF_TABLES: Final = (".csv", ".tsv", ".tum")
 _METADATA: Final = "metadata.yaml"
 _BLOCK: Final = 2**20
 
@@ -38,7 +39,8 @@ def missing_among(names: Iterable[str]) -> list[str]:
 
 def matching(name: str) -> tuple[list[str], int]:
     """The local recordings and folders of recordings that match a pattern (``*``, ``?``, ``[...]``, ``**``),
-    by name, and the number of other files; ``name`` itself if it is none, or no file matches.
+    by name, and the number of other files; ``name`` itself if it is none, or no file matches, with the
+    number of tables beside the recordings in a folder.
 
     A folder with a ``metadata.yaml`` that matches stands for the files in it.
 
@@ -47,8 +49,13 @@ def matching(name: str) -> tuple[list[str], int]:
     UnreadableRecording
         None of what matches may be a recording.
     """
-    if remote.is_remote(name) or os.path.lexists(name):
+    if remote.is_remote(name):
         return [name], 0
+    if os.path.lexists(name):
+        files = _files_in(name)  # none if it is no folder
+        tables = [one for one in files if one.lower().endswith(_OF_TABLES)]
+        is_whole = os.path.exists(os.path.join(name, _METADATA))
+        return [name], 0 if is_whole or not recordings_among(files) else len(tables)
     found = sorted(glob(name, recursive=True))
     whole = {one.rstrip(os.sep) for one in found if os.path.exists(os.path.join(one, _METADATA))}
     single = [one for one in found if os.path.dirname(one) not in whole]

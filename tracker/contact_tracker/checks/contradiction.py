@@ -147,17 +147,20 @@ class Contradiction(Check):
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         if not self.is_found or has_doubts(earlier, "impacts", "knowledge"):
             return []
-        what = "--up" if stream.map.up is not None else "what is given"
-        if stream.map.up is not None and (stream.map.listed_environment or stream.map.listed_object):
-            what = "--up or what else is given"
+        sides = (("object", stream.map.listed_object), ("surroundings", stream.map.listed_environment))
+        given = " and the ".join(name for name, listed in sides if listed)
+        what = f"what is given of the {given}" if given else "what is given"
+        if stream.map.up is not None:
+            what = f"--up or {what}" if given else "--up"
         others = ", ".join(one for one in CONTACTS if one not in stream.map.possible)
         if others:
             given = f"{what}, or --states" if stream.map.lists_elements else "--states"
             text = f"{given} without {others} does not fit the motion: other contacts explain more: check it"
             return [Finding("knowledge", text, True)]
         text = (
-            f"{what} does not fit the motion: contacts explain more of it without: check it (direction or "
-            "place, in metres and in the frame of the poses), or leave it out"
+            f"{what} does not fit the motion, which contacts explain better without it: leave it out, or "
+            "check its size, direction and place (in metres; of the surroundings in the frame of the poses, "
+            "of the object in its own)"
         )
         return [Finding("knowledge", text, True)]
 

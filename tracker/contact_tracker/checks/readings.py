@@ -13,9 +13,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.config.table_reading import QUATERNION
 from contact_tracker.geometry import rotation
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
 
 Array = NDArray[np.float64]
 
@@ -223,17 +223,21 @@ _QUATERNIONS: Final = (
 )
 
 
-def _by_quaternions(table: TableReading) -> Iterator[Reading]:
+def _by_quaternions(read_as: ReadAs) -> Iterator[Reading]:
     """Other orders of quaternions, if orientations are quaternions, and inverse ones."""
+    table, names = read_as.table, read_as.quaternion
     inverted = "inverted (rotation of the world in the body)"
     other = "rows" if table.matrix == "columns" else "columns"
     texts = {
         None: f"quaternions look {inverted}: conjugate them",
-        "matrix": f"matrices look transposed: take --matrix {other}",
+        "matrix": f"matrices look transposed: read them by {read_as.command(matrix=other)}",
     }
     whole = texts.get(table.kind, f"orientations look {inverted}: invert them")
     yield Reading(whole, turns=partial(_of_quaternions, (0, 1, 2, 3), -1.0))
     for text, order, sign in _QUATERNIONS if table.kind is None else ():
+        if names and sign > 0.0:
+            columns = {role: names[i] for role, i in zip(QUATERNION, order, strict=True)}
+            text = f"{text.partition(':')[0]}: read them by {read_as.command(columns=columns)}"
         yield Reading(f"quaternions look {text}", turns=partial(_of_quaternions, order, sign))
 
 
@@ -251,11 +255,12 @@ def _all_angles() -> Iterator[tuple[str, Angles]]:
             yield f'from_euler("{named.axes.upper()}", [{numbers}])', named
 
 
-def _by_three_numbers(table: TableReading) -> Iterator[Reading]:
+def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
     """Other readings of three numbers: of those that the user named, or else of angles about fixed axes."""
+    table = read_as.table
     order, _, unit = (table.euler or "xyz").partition(":")
     made_of = None if table.rotation_vector else angles_in(order)
-    name = partial(_as_option, table.euler, order, unit)
+    name = partial(_as_option, read_as, order, unit)
     what = "orientations look like three numbers a, b, c that were taken for angles about fixed x, y, z: take"
     for folds in (False, True):
         for code, angles in _all_angles():
@@ -265,7 +270,8 @@ def _by_three_numbers(table: TableReading) -> Iterator[Reading]:
         if made_of is not None:
             text = f"{what} Rotation.from_rotvec([a, b, c]) of SciPy"
             if table.euler is not None:
-                text = "orientations look like rotation vectors, not like angles: take --rotation-vector"
+                command = read_as.command(rotation_vector=True)
+                text = f"orientations look like rotation vectors, not like angles: read them by {command}"
             yield Reading(text, turns=partial(_by_vector, made_of, folds))
 
 
@@ -274,14 +280,14 @@ def _folds_alike(one: Angles, other: Angles) -> bool:
     return one.is_proper == other.is_proper and one.places[1] == other.places[1]
 
 
-def _as_option(stated: str | None, order: str, unit: str, angles: Angles) -> str:
-    """What is likely wrong with angles in this order, and the option for others."""
+def _as_option(read_as: ReadAs, order: str, unit: str, angles: Angles) -> str:
+    """What is likely wrong with angles in this order, and the command for others."""
     what = f"angles look like those of another order than {order}"
-    if stated is None:
+    if read_as.table.euler is None:
         what, unit = "orientations look like angles, not like rotation vectors", "rad"
     is_about_body = not angles.is_proper or angles.places == (0, 1, 2)
     name = angles.axes.upper() if is_about_body else angles.axes[::-1]
-    text = f"{what}: take --euler {name}{unit and ':'}{unit}"
+    text = f"{what}: read them by {read_as.command(euler=f'{name}:{unit}' if unit else name)}"
     if angles.is_by_axis:
         return text
     role = {place: axis for axis, place in zip(*angles, strict=True)}
@@ -308,12 +314,12 @@ AS_THEY_ARE: Final = Reading("")
 
 
 @cache
-def readings_of(table: TableReading = AS_NAMED) -> tuple[Reading, ...]:
-    """All readings of poses from a table that was read so; the first leaves them as they are."""
+def readings_of(read_as: ReadAs = AS_GIVEN) -> tuple[Reading, ...]:
+    """All readings of poses that were read so; the first leaves them as they are."""
     return (
         AS_THEY_ARE,
-        *_by_quaternions(table),
-        *_by_three_numbers(table),
+        *_by_quaternions(read_as),
+        *_by_three_numbers(read_as),
         *_by_axes(),
         *map(with_delay, DELAYS_MS),
     )

@@ -149,7 +149,10 @@ def _names(logs: list[str]) -> list[str]:
 
     matches = [(log, matching(log)) for log in logs]
     for log, (_, left_out) in matches:
-        if left_out:
+        if left_out and os.path.isdir(log):
+            are = "table is" if left_out == 1 else "tables are"
+            say(f"{log}: {left_out} {are} left out: name them, as '{os.path.join(log, '*.csv')}'")
+        elif left_out:
             are = (
                 "file that matches is no recording" if left_out == 1 else "files that match are no recordings"
             )

@@ -16,6 +16,7 @@ from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.axis3d import Axis as Axis3D
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from contact_tracker.errors import printable
@@ -36,7 +37,7 @@ _PART_SIZE: Final = 8.0
 _IN_FRONT: Final = 1000
 """Order of drawing of names, after all parts."""
 _ROW: Final = 3.2
-_MAP: Final = 4.2
+_MAP: Final = 4.6
 """Heights (inches) of a plot over time, and of what is known."""
 DOTS_PER_INCH: Final = 200
 _ROOM: Final = 1.2
@@ -45,6 +46,15 @@ _PAGE: Final[Any] = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.sim
 """Text as text, the same file each time, and curves within half a pixel."""
 PLAIN_TEXT: Final = rc_context({"text.parse_math": False})
 """For functions that write names, in which dollars are no formulas."""
+_VIEWS: Final = [
+    (elevation, turn + quarter)
+    for elevation in (30, 45, 15)
+    for quarter in (-90, 0, 90, 180)
+    for turn in (30, 60)
+]
+"""Directions of view (elevation and azimuth, degrees) in which no axis is seen end-on."""
+_ZOOM: Final = 0.75
+"""With names of axes inside, which matplotlib leaves out of its layout."""
 _SPANS: Final = 4
 """Most times of touch that are listed of a part."""
 _MOST_LISTED: Final = 8
@@ -186,11 +196,12 @@ def open_patch() -> Patch:
 def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> None:
     """The object in the body frame, its surroundings in the world frame, and when parts were touched."""
     drawn = list[tuple[Axes3D, list[Part]]]()
-    for side, (name, frame) in enumerate(zip(SIDES, ("body", "world"), strict=True)):
-        own = [one for one in parts if one.side == side]
+    halves = figure.subfigures(1, 2, squeeze=False)[0]
+    for side, (within, name, frame) in enumerate(zip(halves, SIDES, ("body", "world"), strict=True)):
+        own = [one._replace(name=printable(one.name)) for one in parts if one.side == side]
         if not own:
             continue
-        axes = figure.add_subplot(1, 2, side + 1, projection="3d")
+        axes = within.add_subplot(projection="3d")
         assert isinstance(axes, Axes3D)
         for number, part in enumerate(own):
             colour = f"C{number % 10}"
@@ -210,15 +221,39 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
         half = max(0.5 * float((high - low).max()), 1e-3)
         for axis, middle in zip("xyz", 0.5 * (low + high), strict=True):
             axes.set(**{f"{axis}lim": (middle - half, middle + half), f"{axis}label": f"{axis} (m)"})
-            getattr(axes, f"{axis}axis").set_major_locator(MaxNLocator(3))
-        axes.set_box_aspect((1.0, 1.0, 1.0))
+            place: Axis3D = getattr(axes, f"{axis}axis")
+            place.set_major_locator(MaxNLocator(3))
+            place.labelpad = _PART_SIZE
+            axes.tick_params(axis, labelsize=_PART_SIZE)
+        axes.view_init(*_view_of(own))
+        axes.set_box_aspect((1.0, 1.0, 1.0), zoom=_ZOOM)
         axes.set_title(f"{name} ({frame} frame)", fontsize=10)
         if 0 < len(axes.get_legend_handles_labels()[0]) <= _MOST_LISTED:
-            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), frameon=False, fontsize=7)
+            within.legend(loc="outside lower center", frameon=False, fontsize=7)
         drawn.append((axes, own))
     figure.get_figure(root=True).draw_without_rendering()
     for axes, own in drawn:
         _write_names(axes, own)
+
+
+def _view_of(parts: Sequence[Part]) -> tuple[int, int]:
+    """The view (elevation and azimuth, degrees) in which the part most foreshortened is least so."""
+    angles = np.radians(_VIEWS)
+    level = np.cos(angles[:, 0])
+    towards = np.stack(
+        [level * np.cos(angles[:, 1]), level * np.sin(angles[:, 1]), np.sin(angles[:, 0])], axis=1
+    )
+    shares = np.ones(len(_VIEWS))
+    for part in parts:
+        if len(part.outline) == 1:  # neither a body nor a vertex
+            (strip,) = part.outline
+            axes = np.linalg.svd(strip - strip.mean(axis=0))[2]
+            if len(strip) == 2:
+                share = np.linalg.norm(np.cross(towards, axes[0]), axis=1)
+            else:
+                share = np.abs(towards @ axes[2])
+            shares = np.minimum(shares, share)
+    return _VIEWS[int(shares.argmax())]
 
 
 def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:

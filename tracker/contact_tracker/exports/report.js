@@ -9,6 +9,26 @@ const unit = (a) => scaled(a, 1 / Math.hypot(...a));
 const rows = (array) => Array.from({ length: array.length / 3 }, (_, row) => array.subarray(3 * row, 3 * row + 3));
 const shaded = (rgb, light) => `rgb(${rgb.map((part) => Math.round(part * light))})`;
 
+// What the mouse is on: the numbers of segments, which stand out in all pictures, among the names and in the table.
+const pictures = [];
+let picked = [];
+const isPicked = (shape) => shape.segments.some((segment) => picked.includes(segment));
+
+function pick(segments) {
+  if (segments.join() === picked.join()) return;
+  picked = segments;
+  for (const one of document.querySelectorAll("[data-segments]"))
+    one.classList.toggle("picked", isPicked({ segments: one.dataset.segments.split(" ").map(Number) }));
+  pictures.forEach((draw) => draw());
+}
+
+function linkRows() {
+  for (const row of document.querySelectorAll("tr[data-segments]")) {
+    row.onmouseenter = () => pick([Number(row.dataset.segments)]);
+    row.onmouseleave = () => pick([]);
+  }
+}
+
 function draw3d(picture, { eye, up, shapes }) {
   const [canvas, legend] = picture.children, context = canvas.getContext("2d");
   for (const shape of shapes) {
@@ -33,7 +53,7 @@ function draw3d(picture, { eye, up, shapes }) {
     draw();
   };
 
-  function draw() {
+  function draw(at) {  // returns the segments of what is at a place
     const [width, height, dots] = [canvas.clientWidth, canvas.clientHeight, devicePixelRatio];
     [canvas.width, canvas.height] = [width * dots, height * dots];
     context.scale(dots, dots);
@@ -53,30 +73,30 @@ function draw3d(picture, { eye, up, shapes }) {
       points.forEach(([x, y], number) => (number ? context.lineTo(x, y) : context.moveTo(x, y)));
     };
     const pieces = [], names = [];
+    let under = [];
     const depth = (points) => points.reduce((sum, point) => sum + point[2], 0) / points.length;
-    const line = (shape, points) => pieces.push([depth(points) + 1e-3 * radius, () => {
+    const line = (shape, points) => pieces.push([depth(points) + 1e-3 * radius, shape, () => {
       context.strokeStyle = shaded(shape.colour, 1);
       context.lineWidth = shape.width;
       context.beginPath();
       trace(points);
       context.stroke();
     }]);
-    for (const shape of shapes.filter((one) => one.shown)) {
+    for (const shape of shapes.filter((one) => one.shown || (picked.length === 1 && isPicked(one)))) {
       const points = shape.points.map(project);
       const faces = shape.corners.map((corners) => [...corners].map((corner) => points[corner]));
       const normals = faces.map(([a, b, c]) =>
         cross(b.map((value, axis) => value - a[axis]), c.map((value, axis) => value - a[axis])));
       if (shape.opacity < 1 && faces.length)  // as one area, in which nothing is drawn twice
-        pieces.push([depth(points), () => {
-          context.globalAlpha = shape.opacity;
+        pieces.push([depth(points), shape, () => {
+          context.globalAlpha *= shape.opacity;
           context.fillStyle = shaded(shape.colour, 1);
           context.beginPath();
           faces.forEach((face, number) => trace(normals[number][2] < 0 ? [...face].reverse() : face));
           context.fill();
-          context.globalAlpha = 1;
         }]);
       else
-        faces.forEach((face, number) => pieces.push([depth(face), () => {
+        faces.forEach((face, number) => pieces.push([depth(face), shape, () => {
           const [x, y, z] = normals[number].map((value, axis) => (axis < 2 ? value : value / scale));
           const light = 0.55 + 0.4 * Math.abs(z) / (Math.hypot(x, y, z) || 1);
           context.fillStyle = context.strokeStyle = shaded(shape.colour, light);
@@ -90,7 +110,12 @@ function draw3d(picture, { eye, up, shapes }) {
         for (let end = 1; end < strip.length; end++) line(shape, [strip[end - 1], strip[end]]);
       if (shape.label) names.push([shape.label, project(shape.label_m)]);
     }
-    pieces.sort((a, b) => a[0] - b[0]).forEach(([, paint]) => paint());
+    for (const [, shape, paint] of pieces.sort((a, b) => a[0] - b[0])) {
+      context.globalAlpha = picked.length && !isPicked(shape) ? 0.06 : 1;
+      paint();
+      if (at && shape.segments.length && context.isPointInPath(at[0] * dots, at[1] * dots)) under = shape.segments;
+    }
+    context.globalAlpha = 1;
     context.fillStyle = context.strokeStyle = "#222";
     context.lineWidth = 1;
     const places = [];
@@ -111,14 +136,18 @@ function draw3d(picture, { eye, up, shapes }) {
     const length = 10 ** Math.floor(Math.log10(width / 4 / scale));
     context.fillRect(90, height - 24, length * scale, 2);
     context.fillText(`${length < 1 ? length * 1000 + " mm" : length + " m"}`, 90, height - 30);
+    return under;
   }
 
   for (const name of new Set(shapes.map((shape) => shape.name))) {
     const own = shapes.filter((shape) => shape.name === name), entry = legend.appendChild(document.createElement("li"));
     entry.textContent = name;
     entry.title = own[0].text;
+    if (own[0].segments.length) entry.dataset.segments = own[0].segments.join(" ");
     entry.style.borderColor = shaded(own[0].colour, 1);
     entry.style.opacity = own[0].shown ? 1 : 0.4;
+    entry.onmouseenter = () => pick(own[0].segments);
+    entry.onmouseleave = () => pick([]);
     entry.onclick = () => {
       own.forEach((shape) => (shape.shown = !shape.shown));
       entry.style.opacity = own[0].shown ? 1 : 0.4;
@@ -127,7 +156,7 @@ function draw3d(picture, { eye, up, shapes }) {
   }
   canvas.onpointerdown = (event) => canvas.setPointerCapture(event.pointerId);
   canvas.onpointermove = (event) => {
-    if (!event.buttons) return;
+    if (!event.buttons) return pick(draw([event.offsetX, event.offsetY]));
     const [right, upright, scale] = canvas.axes;
     if (event.shiftKey)
       middle = middle.map((value, axis) =>
@@ -144,6 +173,8 @@ function draw3d(picture, { eye, up, shapes }) {
     draw();
   }, { passive: false });
   canvas.ondblclick = reset;
-  addEventListener("resize", draw);
+  canvas.onpointerleave = () => pick([]);
+  pictures.push(draw);
+  addEventListener("resize", () => draw());
   reset();
 }

@@ -39,7 +39,8 @@ from contact_tracker.viewer.scene import (
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse, move it with shift, zoom with the "
     "wheel; a double click resets. A click on a name shows or hides; at first all but the longest contacts "
-    "are hidden, and what is less probable than 0.5, or largely unobserved.</p>"
+    "are hidden, and what is less probable than 0.5, or largely unobserved. What the mouse is on stands out: "
+    "here, among the names, and in the table below.</p>"
 )
 _ABOUT_OBJECT: Final = (
     "<h2>The object, in the body frame</h2><p>What is known of it: a known body, or of each face, edge and "
@@ -61,7 +62,7 @@ _STYLE: Final = (
     "td,th{border-bottom:1px solid #e4e4e4;font-size:13px}th{white-space:nowrap}p{margin:4px 0}"
     "svg{width:100%;height:auto}.picture{display:flex}canvas{flex:1;min-width:0;cursor:grab;touch-action:none}"
     "ul{list-style:none;margin:0;padding:0;font-size:12px;overflow:auto;cursor:pointer}"
-    "li{border-left:14px solid;padding-left:6px;margin-bottom:4px}"
+    "li{border-left:14px solid;padding-left:6px;margin-bottom:4px}.picked{background:#fff0b8}"
 )
 _BREAK: Final = np.full((1, 3), np.nan)
 Shape = dict[str, Any]
@@ -84,8 +85,8 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
         file.write(f"<h2>Labels and probabilities</h2>{figure_svg(outcome)}")
         file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts))
         if any(one.side == 0 for one in parts):
-            file.write(_ABOUT_OBJECT + _picture(_known(parts, 0), _ABOVE_OBJECT, UP, 420))
-        file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}")
+            file.write(_ABOUT_OBJECT + _picture(_known(parts, 0, segments), _ABOVE_OBJECT, UP, 420))
+        file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}<script>linkRows()</script>")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
 
 
@@ -103,27 +104,33 @@ def _geometry(outcome: Outcome, parts: Sequence[Part]) -> str:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.trajectory.poses, outcome.segments
     extent = extent_of(outcome.trajectory.vertices_m)
-    shapes, upward = [*_path(outcome), *_known(parts, 1)], Upward(extent)
+    shapes, upward = [*_path(outcome), *_known(parts, 1, segments)], Upward(extent)
     in_contact = [segment for segment in segments if segment.geometry is not None]
     longest = sorted(in_contact, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
     shown = [segment for segment in longest if _is_determined(segment)][:MOST_SHOWN]
-    for segment in sorted(longest, key=lambda s: s.start_ns):
-        if segment.geometry is not None:
+    for number, segment in enumerate(segments):
+        if segment in longest and segment.geometry is not None:
             within = poses_within(poses, segment.start_ns, segment.end_ns)
             drawing = draw_all(_touching(segment, within), within, extent, upward.direction)
             assert drawing is not None
             upward.add(segment.geometry, within, segment.end_ns - segment.start_ns)
-            common = _named(segment, outcome.origin_ns, segment in shown)
+            common = _named(segment, outcome.origin_ns, segment in shown) | {"segments": [number]}
             shapes += _elements(common, COLOUR[segment.contact], within, drawing, parts)
     return _picture(shapes, *upward.eye(extent.radius_m), 620)
 
 
-def _known(parts: Sequence[Part], side: int) -> Iterator[Shape]:
-    """What is known of one side, in its frame."""
+def _known(parts: Sequence[Part], side: int, segments: Sequence[Segment]) -> Iterator[Shape]:
+    """What is known of one side, in its frame, with the numbers of the segments that touched it."""
     for part in parts:
         if part.side == side:
             name = printable(part.name)
-            label = {"label": name, "label_m": part.label_m.round(5).tolist()}
+            spans = part.touched_ns
+            touched = [
+                number
+                for number, one in enumerate(segments)
+                if any(first_ns < one.end_ns and one.start_ns < last_ns for first_ns, last_ns in spans)
+            ]
+            label = {"label": name, "label_m": part.label_m.round(5).tolist(), "segments": touched}
             title = f"{SIDES[side]}: {name}" if side else name
             yield _shape(title, GREY, part.mesh, 0.3, part.outline, **label)
 
@@ -195,6 +202,7 @@ def _shape(
     return {
         "name": name,
         "text": "",
+        "segments": [],
         "shown": True,
         "colour": colour,
         "opacity": opacity,

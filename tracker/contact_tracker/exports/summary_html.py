@@ -14,23 +14,23 @@ _CELL: Final = "padding:2px 10px 2px 0;text-align:left;vertical-align:top"
 
 
 def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
-    """A row per segment, up to ``MOST_ROWS``, and per further contact; times in seconds after
-    ``origin_ns``."""
+    """A row per segment, up to ``MOST_ROWS``, and per further contact, with the segment's number; times in
+    seconds after ``origin_ns``."""
     titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
     head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
-    shown = (row for segment in segments[:MOST_ROWS] for row in segment_rows(segment, origin_ns))
     rows = [
-        _row((f"{r.start_s:.2f}", f"{r.end_s:.2f}", r.kind, f"{r.probability:.2f}", printable(r.where)))
-        for r in shown
+        _row(i, (f"{r.start_s:.2f}", f"{r.end_s:.2f}", r.kind, f"{r.probability:.2f}", printable(r.where)))
+        for i, segment in enumerate(segments[:MOST_ROWS])
+        for r in segment_rows(segment, origin_ns)
     ]
     more = len(segments) - MOST_ROWS
     note = f"<p>and {counted(more, 'more segment')}</p>" if more > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
 
 
-def _row(texts: Sequence[str]) -> str:
+def _row(number: int, texts: Sequence[str]) -> str:
     cells = "".join(f'<td style="{_CELL}">{escape(text)}</td>' for text in texts)
-    return f"<tr>{cells}</tr>"
+    return f'<tr data-segments="{number}">{cells}</tr>'
 
 
 def counts_html(counts: Mapping[str, int]) -> str:

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.config.table_reading import AS_NAMED, TableReading, reading_of
 from contact_tracker.errors import InvalidPose
 from contact_tracker.geometry.rotation import matrices
 
@@ -41,10 +41,18 @@ class ReadAs(NamedTuple):
     frame_moves : whether they are in the frame of a body that moves. Then they look like inverse poses of
         that body, and are right.
     table : what the columns of their table are.
+    path : of the table; empty for one in memory.
+    quaternion : names of the columns taken as qx, qy, qz and qw, if others can be given instead.
     """
 
     frame_moves: bool = False
     table: TableReading = AS_NAMED
+    path: str = ""
+    quaternion: tuple[str, ...] = ()
+
+    def command(self, **stated: Any) -> str:
+        """The command that reads the table with this stated as well, or instead."""
+        return self.table.with_(reading_of(**stated)).command(self.path)
 
 
 AS_GIVEN: Final = ReadAs()

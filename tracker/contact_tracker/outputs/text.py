@@ -7,6 +7,7 @@ differ less (5.6 for protanopes): beside these the label is a word.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -43,7 +44,8 @@ GEOMETRY_TITLE: Final = "the object's element (body frame) on the surroundings' 
 CHANGES_HEADER: Final = f"  time s  contact     p   since s  {GEOMETRY_TITLE}"
 SURE_PROBABILITY: Final = 0.9
 SAME_NS: Final = 1_000_000_000
-"""Largest change of a further contact's estimated onset from belief to belief (ns)."""
+"""Largest change of a further contact's estimated onset from belief to belief, and the longest time (ns) for
+which it may be missing."""
 JOINS: Final = "+ "
 LEAVES: Final = "- "
 JOINT: Final = "= "
@@ -262,7 +264,8 @@ class Changes:
         """Whether the next belief is reported, the further contacts that begin with it, and those that end.
 
         A new label is reported, one that settles, and free motion that is open among all states, as at rest.
-        While all states are open, any label is as good as the last.
+        While all states are open, any label is as good as the last. A further contact ends when none of its
+        kind has come again for ``SAME_NS``, or with the label.
         """
         opened, settles = is_open(belief), is_settled(belief)
         changed = belief.contact is not self.label and not (self.open and opened)
@@ -271,8 +274,19 @@ class Changes:
         if is_news:
             self.label, self.open = belief.contact, opened
         self.settled = settles or (self.settled and not changed and not opens)
-        before, self.further = self.further, belief.further
-        return is_news, _without(belief.further, before), _without(before, belief.further)
+        joins = _without(belief.further, self.further)
+        missing, leaves = list[FurtherContact](), list[FurtherContact]()
+        for one in _without(self.further, belief.further):
+            end_ns = one.end_ns or belief.stamp_ns
+            again = next((i for i, joined in enumerate(joins) if joined.contact is one.contact), None)
+            if again is not None:
+                del joins[again]
+            elif belief.contact is Contact.FREE or belief.stamp_ns >= end_ns + SAME_NS:
+                leaves.append(one)
+            else:
+                missing.append(replace(one, end_ns=end_ns))
+        self.further = (*belief.further, *missing)
+        return is_news, joins, leaves
 
 
 def _without(contacts: Iterable[FurtherContact], others: Iterable[FurtherContact]) -> list[FurtherContact]:

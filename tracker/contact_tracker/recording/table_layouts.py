@@ -159,6 +159,7 @@ class TableLayout:
     rest : index of a column with the nanoseconds of the second.
     has_own_unit : whether the format itself defines the unit of its times.
     names : of the values of JSON lines, and of cells with several values, whose columns are ``heads``.
+    quaternion : names of the columns of the only body's, if users can name others.
     """
 
     kind: str
@@ -171,6 +172,7 @@ class TableLayout:
     has_own_unit: bool = False
     names: tuple[str, ...] = ()
     heads: tuple[str, ...] = ()
+    quaternion: tuple[str, ...] = ()
 
     @property
     def places(self) -> list[int]:
@@ -291,9 +293,11 @@ _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
-_EXAMPLE: Final = "time [s],x [m],y [m],z [m],qx,qy,qz,qw"
+_EXAMPLE: Final = "time [s],x [{0}],y [{0}],z [{0}],qx,qy,qz,qw"
 _SHOWN: Final = 12
 MOST_COLUMNS: Final = 5000
+CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
+"""Whether ``--columns`` can have a name."""
 _LONGEST_NAME: Final = 200
 NO_FRAMES: Final = (
     "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
@@ -432,23 +436,30 @@ def layout(
     bodies = bodies_of(found, list(zip(columns.names, columns.units, strict=True)), reading)
     if time is None or not bodies:
         best = max(found.values(), key=len, default=())
-        raise _lacking(columns.names, time is not None, POSE_ROLES if bodies else best)
-    return TableLayout(kind, separator, skip, time, 1e9 if rest is not None else time_ns, bodies, rest)
+        raise _lacking(columns, reading, time is not None, POSE_ROLES if bodies else best)
+    quaternion = tuple(columns.names[place] for place in bodies[0].columns[3:])
+    if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
+        quaternion = ()
+    time_ns = 1e9 if rest is not None else time_ns
+    return TableLayout(kind, separator, skip, time, time_ns, bodies, rest, quaternion=quaternion)
 
 
-def _lacking(names: Sequence[str], has_time: bool, roles: Collection[str]) -> UnreadableRecording:
+def _lacking(
+    columns: Columns, reading: TableReading, has_time: bool, roles: Collection[str]
+) -> UnreadableRecording:
     """The error where columns are missing beside those of these roles."""
-    missing = [role for role in POSE_ROLES if role not in roles]
+    missing, names = [role for role in POSE_ROLES if role not in roles], columns.names
     if not missing:
         return UnreadableRecording(
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
             "none is, give the rate of the rows, as in --time-unit 200Hz"
         )
     missing = missing if has_time else ["a time", *missing]
+    unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
     return UnreadableRecording(
         f"no columns of a pose among {_listed(names)}: missing {'is' if len(missing) == 1 else 'are'} "
         f"{', '.join(missing)}: say which columns they are, as in --columns time=t,x=px, or rename columns, "
-        f"as in: {_EXAMPLE}"
+        f"as in: {_EXAMPLE.format(unit)}"
     )
 
 
@@ -460,8 +471,6 @@ _LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock)", re.I
 """Names that a column of times may have."""
 _MOST_GROUPS: Final = 12
 """Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
-_CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
-"""Whether ``--columns`` can have a name."""
 _A_RATE: Final = "100Hz"
 _ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 _NANOSECONDS: Final = 10
@@ -634,7 +643,7 @@ def _proposal(columns: Columns, reading: TableReading, path: str) -> str | None:
             f"{about_rate}. {_ORDERS}"
         )
     matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
-    bases = dict.fromkeys(match[1] for match in matches if match is not None and _CAN_BE_GIVEN(match[1]))
+    bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
     counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
     parts = [(base, many) for base, many in counted if many in _LISTS]
     pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
@@ -656,7 +665,7 @@ def _with_time(columns: Columns, reading: TableReading) -> tuple[TableReading, s
     if time is not None or reading.time_unit is not None:
         return reading, "", ""
     numbered = any(map(FRAME.fullmatch, columns.plain))
-    like = next(filter(_LIKE_TIME.match, filter(_CAN_BE_GIVEN, columns.names)), None)
+    like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
     if like is not None and not numbered:
         return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
     about = "its times are numbers of frames" if numbered else "it has no times"

@@ -51,11 +51,11 @@ _EMPTY: Final = f",;{BLANKS}"
 _COMMENT: Final = re.compile(r"#|%|//|;(?!(?:[^;]*;){2})")
 """How comments begin; rows of which the first cell is empty have more semicolons than one."""
 _LENGTH: Final = re.compile(
-    r"(?<![^\W_])(?<!\d[\s-])((?:nano|micro|milli|centi|deci|kilo)met(?:er|re)s?|inch(?:es)?|feet"
+    r"(?:=\s{0,4}1\s?|(?<![^\W_])(?<!\d[\s-]))((?:nano|micro|milli|centi|deci|kilo)met(?:er|re)s?|inch(?:es)?|feet"
     r"|[\u00b5\u03bcumcd]m)(?![^\W_])",
     re.IGNORECASE,
 )
-"""A unit of lengths but metres, unless a number is before it."""
+"""A unit of lengths but metres, unless a number is before it other than of ``1 unit = 1 mm``."""
 _SENTENCE: Final = 1000
 """Length of the beginning of a line in which words are looked for."""
 _PAIR: Final = re.compile(

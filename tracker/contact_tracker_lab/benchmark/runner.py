@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from tqdm import tqdm
 
+from contact_tracker.cli.arguments import add_processes
 from contact_tracker.cli.terminal import show
 from contact_tracker.processes import Workers
 from contact_tracker_lab.evaluation.tables import table
@@ -38,7 +39,7 @@ def parser_of(
         parser.add_argument("folder", type=Path, nargs="?" if folder else None, default=folder)
         parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
-    parser.add_argument("--processes", type=int, default=2)
+    add_processes(parser, 61, 2, "recordings at once (default: 2)")
     return parser
 
 
