@@ -381,28 +381,27 @@ def run_each(works: Iterable[Callable[[], int]], is_only_one: bool = False) -> I
             yield INPUT if isinstance(error, InputError) else USAGE
 
 
-def seconds(text: str) -> float:
-    """A finite number of seconds, zero or more."""
-    value = _number(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is negative")
-    return value
+def _within(is_within: Callable[[float], bool], fault: str) -> Callable[[str], float]:
+    """The type of a finite number in a range."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        for is_fine, why in ((math.isfinite(value), "is not a finite number"), (is_within(value), fault)):
+            if not is_fine:
+                raise argparse.ArgumentTypeError(f"{text!r} {why}")
+        if abs(value) > _MOST:
+            raise argparse.ArgumentTypeError(f"{text!r} is beyond {_MOST:g}")
+        return value
+
+    return parse
 
 
-def positive(text: str) -> float:
-    """A finite number above zero."""
-    value = _number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not above zero")
-    return value
-
-
-def share(text: str) -> float:
-    """A number between 0 and 1."""
-    value = positive(text)
-    if value >= 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not between 0 and 1")
-    return value
+seconds: Final = _within(lambda value: value >= 0, "is negative")
+positive: Final = _within(lambda value: value > 0, "is not above zero")
+share: Final = _within(lambda value: 0 < value < 1, "is not between 0 and 1")
 
 
 def whole_number(text: str, least: int, most: int) -> int:
@@ -410,18 +409,6 @@ def whole_number(text: str, least: int, most: int) -> int:
     if not text.isdecimal() or not least <= int(text) <= most:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} to {most}")
     return int(text)
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
-    if abs(value) > _MOST:
-        raise argparse.ArgumentTypeError(f"{text!r} is beyond {_MOST:g}")
-    return value
 
 
 def _numbers(example: str, *counts: int) -> Callable[[str], list[float]]:

@@ -17,7 +17,7 @@ RESULT_TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC, MAP_T
 ROWS: Final = "contact_tracker/pose_row"
 """The encoding of channels whose poses come in columns: of tables, or composed of transforms."""
 ROWS_AT_ONCE: Final = 10_000
-"""Rows of a table that are read together."""
+"""Rows of a table that are read together; with as many poses, those read ahead are enough."""
 BUFFER_BYTES: Final = 2**23
 """Size from which messages are no longer collected, but handled."""
 _PENDING_BYTES: Final = 8 * BUFFER_BYTES

@@ -3,9 +3,9 @@
 A source is a topic with its frames. Where a file has an index, its channels are known from there and their
 frames from a prefix that starts at the first chunk of each. Otherwise (pipes, growing, truncated and
 index-less files) the prefix of the whole decides. A prefix is one second of log time from its first pose, and
-at most 2000 pose messages or 8 MB; those of all channels of an index have 32 MB together. If another
-matching source appears only later, the user has to choose; a live stream continues with the first one, and
-reports it.
+at most 2000 pose messages and 10,000 poses; by an index at most 8 MB, and 32 MB of all channels together. If
+another matching source appears only later, the user has to choose; a live stream continues with the first
+one, and reports it.
 `/tf_static` does not move, and `/contact/frames` belongs to results: these are sources only if their topic is
 requested.
 """
@@ -39,6 +39,7 @@ from contact_tracker.recording.items import (
     BUFFER_BYTES,
     FRAMES_TOPIC,
     RESULT_TOPICS,
+    ROWS_AT_ONCE,
     Channel,
     PoseSource,
     RawMessage,
@@ -274,11 +275,13 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
 
 def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[LoggedPose | None]]:
     """The poses of the next messages or rows, up to one second of log time, or many; empty at the end."""
-    prefix, times_ns = list[Sequence[LoggedPose | None]](), list[int]()
+    prefix, times_ns, many = list[Sequence[LoggedPose | None]](), list[int](), 0
     for group in groups:
         prefix.append(group)
+        many += len(group)
         times_ns += [one[2] for one in group[:1] if one is not None]
-        if len(prefix) >= PREFIX_MESSAGES or (times_ns and times_ns[-1] - times_ns[0] >= PREFIX_NS):
+        is_long = bool(times_ns) and times_ns[-1] - times_ns[0] >= PREFIX_NS
+        if is_long or len(prefix) >= PREFIX_MESSAGES or many >= ROWS_AT_ONCE:
             break
     return prefix
 
