@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, suppress
 from functools import partial
 from io import StringIO
-from itertools import chain, islice
+from itertools import chain, islice, repeat
 from operator import attrgetter
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple
@@ -224,10 +224,9 @@ _TWIST: Final = 48 + _COVARIANCE
 _MOST_SOURCES: Final = 64
 """Most sources of a channel that are kept: some have endlessly many frame names."""
 
-Observation = tuple[PoseSource, Pose]
-"""One pose as published, before validation; the child frame is empty where the type has none."""
 LoggedPose = tuple[PoseSource, Pose, int]
-"""The same with its log time in nanoseconds."""
+"""One pose as published, before validation, with its log time (ns); the child frame of its source is empty
+where the type has none."""
 
 
 _LAYOUTS: Final[Mapping[str, tuple[int, int, int, bool]]] = MappingProxyType(
@@ -252,11 +251,11 @@ class _KnownLayout:
         self._channel, self._layout = channel, _LAYOUTS[canonical(channel.type)]
         self._sources = dict[bytes, PoseSource]()
 
-    def read(self, data: bytes) -> list[Observation] | None:
+    def read(self, data: bytes, log_time_ns: int) -> list[LoggedPose] | None:
         """The poses in a message; None unless it has the size of its type and names, and if one of several
         bodies has no name or is in it twice: such messages are left to the library."""
         at, names, tail, repeats = self._layout
-        found = list[Observation]()
+        found = list[LoggedPose]()
         try:
             order = _ORDERS[data[:2]]
             read_head, read_size, read_pose = _HEAD[order].unpack_from, _SIZE[order].unpack_from, _POSE[order]
@@ -273,11 +272,12 @@ class _KnownLayout:
                 source = self._sources.get(key)
                 if source is None:
                     source = self._new_source(key, order)
-                found.append((source, Pose(sec * SECOND_NS + nanosec, (x, y, z), (qx, qy, qz, qw))))
+                pose = Pose(sec * SECOND_NS + nanosec, (x, y, z), (qx, qy, qz, qw))
+                found.append((source, pose, log_time_ns))
                 at = start + read_pose.size + tail
         except (struct.error, KeyError, UnicodeDecodeError):
             return None
-        is_whole = at == len(data) and (count == 1 or len({source for source, _ in found}) == count)
+        is_whole = at == len(data) and (count == 1 or len({source for source, _, _ in found}) == count)
         return found if is_whole else None
 
     def _new_source(self, key: bytes, order: str) -> PoseSource:
@@ -362,7 +362,7 @@ class MessageDecoder:
         for item in items:
             if isinstance(item, Rows):
                 for row in zip(*item.poses, strict=True):
-                    yield [(s, pose, pose.stamp_ns) for s, pose in zip(item.sources, row, strict=True)]
+                    yield list(zip(item.sources, row, repeat(row[0].stamp_ns), strict=False))
             elif isinstance(item, RawMessage):
                 if item.channel is not channel:  # hashing takes longer than reading a pose
                     channel = item.channel
@@ -372,23 +372,23 @@ class MessageDecoder:
                 if path is None:
                     continue
                 try:
-                    found = None if layout is None else layout.read(item.data)
+                    found = None if layout is None else layout.read(item.data, item.log_time_ns)
                     found = self._observe(item, path) if found is None else found
                     self._spend(item, SHARE_OF_RECORD * (len(found) - 1))
                 except Undecodable:
                     yield (None,)
                 else:
-                    yield [(source, pose, item.log_time_ns) for source, pose in found]
+                    yield found
 
-    def _observe(self, message: RawMessage, path: str) -> list[Observation]:
+    def _observe(self, message: RawMessage, path: str) -> list[LoggedPose]:
         """The poses at a path in a message, by the library's decoder."""
-        decoded, (channel, _, _) = self.decode(message), message
+        decoded, (channel, log_time_ns, _) = self.decode(message), message
         try:
             observed = [one for one in poses_at(path, decoded) if one is not None]
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
         name = channel.topic, channel.type
-        return [(PoseSource(*name, frame, child), pose) for frame, child, pose in observed]
+        return [(PoseSource(*name, frame, child), pose, log_time_ns) for frame, child, pose in observed]
 
     def _way(self, channel: Channel) -> tuple[str | None, _KnownLayout | None]:
         """The path to the poses in a channel's messages, if they have any; their layout, if it is known."""
