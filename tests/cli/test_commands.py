@@ -564,6 +564,18 @@ def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: P
     assert_one_line_error(run("live", log, "--state", tmp_path / "none" / "s.state"), 2, "no folder")
 
 
+def test_a_table_resumes_from_its_next_part_in_another_folder(tmp_path: Path) -> None:
+    poses, state = smooth_poses(120), tmp_path / "s.state"
+    for i, part in enumerate((poses[:60], poses[60:])):
+        path = tmp_path / f"{i}" / "a.csv"
+        path.parent.mkdir()
+        numbers = np.column_stack([1e-9 * part.stamp_ns, part.position_m, part.quat_xyzw])
+        np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
+        done = run("live", path, "--state", state)
+        assert done.returncode == 0, done.stderr
+    assert f"resumed from {state}" in done.stderr
+
+
 def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path: Path) -> None:
     state, other = tmp_path / "s.state", tmp_path / "other.mcap"
     run("live", log, "--state", state)

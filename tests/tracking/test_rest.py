@@ -15,7 +15,7 @@ from contact_tracker.motion.window import rest_ticks
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.transition_model import REST_EXPOSURE
+from contact_tracker.tracking.transition_model import REST_END_S, REST_EXPOSURE
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from pose_filter import after as after_tick
 from pose_filter import forward
@@ -54,7 +54,7 @@ def seen(seconds: float) -> list[FilteredTick]:
 
 def still(ticks: list[FilteredTick]) -> list[int]:
     """The uninformative ticks."""
-    return [i for i, one in enumerate(ticks) if not one.state.hazard_exposure and i]
+    return [i for i, one in enumerate(ticks) if not one.state.hazard_exposure.any() and i]
 
 
 def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
@@ -81,8 +81,9 @@ def test_time_at_rest_counts_once_the_object_moves_on():
     activity = [float(one.state.window.motion_ratio[-1]) for one in ticks]
     exposed = RecordedPass.over(ticks).exposure
     waited = still(ticks)
-    assert exposed[waited[-1] + 1] > len(waited) * REST_EXPOSURE
-    assert exposed.sum() == pytest.approx(np.maximum(activity, REST_EXPOSURE).sum())
+    moved = exposed - np.isin(np.arange(len(ticks)), waited[-1] + 1)[:, None] * REST_END_S / MODEL.tick_s
+    assert moved[waited[-1] + 1].min() > len(waited) * REST_EXPOSURE
+    np.testing.assert_allclose(moved.sum(axis=0), np.maximum(activity, REST_EXPOSURE).sum())
     assert ticks[-1].state.deferred_exposure == 0.0
 
 
@@ -96,7 +97,7 @@ def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
         state = rested._replace(deferred_exposure=rest_s / MODEL.tick_s * REST_EXPOSURE)
         return float(after_tick(state, next_tick)[1].probability[contact.column])
 
-    assert after(5.0) > 0.8 * ticks[MOVED // 20 + 5].belief.probability[contact.column] > 0.5
+    assert after(5.0) > 0.75 * ticks[MOVED // 20 + 5].belief.probability[contact.column] > 0.5
     assert after(5.0) > after(60.0) > after(600.0)
 
 

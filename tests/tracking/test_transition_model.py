@@ -11,6 +11,8 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.transition_model import (
+    NO_EXPOSURE,
+    REST_END_S,
     REST_EXPOSURE,
     destinations,
     initial,
@@ -155,3 +157,12 @@ def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
     )
     np.testing.assert_allclose(jump, chain, atol=1e-3)
     np.testing.assert_allclose(jump.sum(axis=1), 1.0)
+
+
+def test_what_stands_is_mostly_moved_to_be_lifted_and_what_is_held_is_not_let_go():
+    """17 of 26 rests in f-f ended in another state, and none of 13 in others."""
+    ends, goes_on = (
+        tick_transitions(load_model(), 1.0 + s / MODEL.tick_s) for s in (REST_END_S, NO_EXPOSURE)
+    )
+    assert 1.0 - np.exp(ends.log_survival[0]) == pytest.approx(17 / 26, abs=0.03)
+    np.testing.assert_allclose(ends.log_survival[1:], goes_on.log_survival[1:])

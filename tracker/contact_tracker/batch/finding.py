@@ -52,10 +52,10 @@ def matching(name: str) -> tuple[list[str], int]:
     if remote.is_remote(name):
         return [name], 0
     if os.path.lexists(name):
-        files = _files_in(name)  # none if it is no folder
-        tables = [one for one in files if one.lower().endswith(_OF_TABLES)]
+        inside = _files_in(name)  # none if it is no folder
+        tables = [one for one in inside if one.lower().endswith(_OF_TABLES)]
         is_whole = os.path.exists(os.path.join(name, _METADATA))
-        return [name], 0 if is_whole or not recordings_among(files) else len(tables)
+        return [name], 0 if is_whole or not recordings_among(inside) else len(tables)
     found = sorted(glob(name, recursive=True))
     whole = {one.rstrip(os.sep) for one in found if os.path.exists(os.path.join(one, _METADATA))}
     single = [one for one in found if os.path.dirname(one) not in whole]

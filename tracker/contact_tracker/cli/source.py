@@ -7,6 +7,7 @@ import signal
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Final
@@ -279,7 +280,10 @@ class SavedStream:
         self.signal = 0
         self._waits = False
         self.tracker = initial
-        self._path, self._initial, self._log, self._source = path, fingerprint(initial), source.log, source
+        read_as = source.log.source.read_as._replace(path="")  # the next part has another name
+        inspection = initial.inspection._replace(read_as=read_as)
+        self._initial = fingerprint(replace(initial, inspection=inspection))
+        self._path, self._log, self._source = path, source.log, source
         self._changes, self._follow = changes, follow
         self._saved_s = time.monotonic()
         if path.exists():
@@ -343,6 +347,7 @@ class SavedStream:
                 f"{self._path} is of another recording, which does not end before {name} begins: name "
                 "another file"
             )
+        self.tracker.inspection = self.tracker.inspection._replace(read_as=log.source.read_as)
         log.carry_on(gate, Stamping(*stamping), taken, is_same_log)
         self._source.carry_on(*span)
         changes = self._changes

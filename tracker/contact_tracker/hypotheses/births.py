@@ -227,8 +227,8 @@ class TickInput(NamedTuple):
     """The latest ticks, this one included."""
     before: Window
     """The window before this tick."""
-    hazard_exposure: float
-    """Exposure to a change of state, in ticks of motion."""
+    hazard_exposure: Array
+    """(7,) exposure of each state to a change, in ticks of motion."""
     log_transition: Array
     """(7, 7) log probabilities of a change before the tick, from row to column."""
     log_survival: Array

@@ -226,20 +226,26 @@ def _per_axis(apart: Array) -> Array:
 
 
 class NewestRest(NamedTuple):
-    """Whether the newest tick ``is_in_rest``, and whether it ``completes`` the first ``REST_S`` of one."""
+    """Whether the newest tick ``is_in_rest``, ``completes`` the first ``REST_S`` of a rest, or ``ends``
+    one as the first after it."""
 
-    is_in_rest: bool
-    completes: bool
+    is_in_rest: bool = False
+    completes: bool = False
+    ends: bool = False
+
+
+NO_REST: Final = NewestRest()
 
 
 def newest_rest(window: Window, tick_s: float) -> NewestRest:
     """Whether the object rests in the newest tick; not if that has no frames."""
     if window.frames is None or not window.frames[-1]:
-        return NewestRest(False, False)
+        return NO_REST
     count = rest_ticks(tick_s)
     still = _still(window, np.flatnonzero(window.frames)[-2 * count :], count)
     is_in_rest = bool(still[-1:].any())
-    return NewestRest(is_in_rest, is_in_rest and not still[:-1].any())
+    rested = bool(still[-2:-1].any())
+    return NewestRest(is_in_rest, is_in_rest and not still[:-1].any(), rested and not is_in_rest)
 
 
 def at_rest(window: Window, tick_s: float) -> Bools:

@@ -27,13 +27,15 @@ from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, with_excess
-from contact_tracker.motion.window import NewestRest, Window, advance_window, newest_rest, rest_ticks
+from contact_tracker.motion.window import NO_REST, NewestRest, Window, advance_window, newest_rest, rest_ticks
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
 from contact_tracker.tracking.state import FilterState, start
 from contact_tracker.tracking.transition_model import (
     FREE,
+    NO_EXPOSURE,
+    REST_END_S,
     REST_EXPOSURE,
     REST_LOG_LIKELIHOOD,
     tick_transitions,
@@ -44,11 +46,11 @@ Index = NDArray[np.int64]
 
 
 def predict_transitions(
-    state: FilterState, tick: Tick, window: Window, completes_rest: bool = False
+    state: FilterState, tick: Tick, window: Window, rest: NewestRest = NO_REST
 ) -> TickInput:
     """The prediction for a ``tick``, the newest of the ``window``, by which ``state`` has not been updated.
 
-    If it completes a rest, the object has rested until now in the state: that counts once.
+    If it completes a ``rest``, the object has rested until now in the state: that counts once.
     """
     model = state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
@@ -56,12 +58,13 @@ def predict_transitions(
     exposed = max(window.latest_motion_ratio, REST_EXPOSURE) + state.deferred_exposure
     if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
-    transition, survival = tick_transitions(model, exposed)
+    exposure = exposed + (REST_END_S / model.tick_s if rest.ends else NO_EXPOSURE)
+    transition, survival = tick_transitions(model, exposure)
     if state.knows_elements:
         beyond = model.noise.extra_contact_variance
         proposals, log_odds[:-1], gain = weigh_births(proposals, window, beyond, state.scales)
         transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
-    if completes_rest:
+    if rest.completes:
         transition, survival = transition + REST_LOG_LIKELIHOOD[:, None], survival + REST_LOG_LIKELIHOOD
     if state.ticks:
         birth_weight = hmm.birth_log_weights(state.log_state_weight, transition)
@@ -78,7 +81,7 @@ def predict_transitions(
         past,
         window,
         state.window,
-        exposed,
+        exposure,
         transition,
         survival,
         birth_weight,
@@ -131,7 +134,7 @@ class ContactFilter:
         if is_uninformative(state, tick, window, rest):  # in gaps, and at rest
             state, belief = pass_tick(state, tick, window)
         else:
-            change = predict_transitions(state, tick, window, rest.completes)  # and births, by the map
+            change = predict_transitions(state, tick, window, rest)  # and births, by the map
             banks, weights = updated_banks(state, change)  # fit of the geometry, evidence, search, pruning
             state = weighed(state, tick, change, banks, weights)  # HMM
             state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
@@ -173,7 +176,7 @@ def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: Newes
     those of the map each up to the one that completes a rest, except after a gap."""
     if state.belief is None or state.known_map.lists_elements or tick.innovation_excess != NO_EXCESS:
         return False
-    if state.window.innovation_excess[-1].any():
+    if state.window.innovation_excess[-1].any() or rest.ends:
         return False
     assert window.frames is not None
     if state.knows_elements and window.frames[-rest_ticks(state.model.tick_s) :].all():
@@ -193,7 +196,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
             for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
         )
     change, birth_weight = state.log_transition, state.log_birth_weight
-    if state.hazard_exposure:  # the tick before was informative
+    if state.hazard_exposure.any():  # the tick before was informative
         change = tick_transitions(state.model, 0.0).log_transition
         birth_weight = hmm.birth_log_weights(state.log_state_weight, change)
     histories = state.lag_history
@@ -207,7 +210,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
         ticks=state.ticks + 1,
         next_hypothesis_id=state.next_hypothesis_id + 1,
         outliers=state.outliers + tick.outliers,
-        hazard_exposure=0.0,
+        hazard_exposure=NO_EXPOSURE,
         log_transition=change,
         log_birth_weight=birth_weight,
         deferred_exposure=state.deferred_exposure + REST_EXPOSURE,

@@ -55,8 +55,9 @@ class Expected(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KnownStates:
-    """``label`` (T,) column of the true state of each tick, or ``UNKNOWN``; ``exposure`` (T,) of each tick,
-    see ``transition_model.hazard_exposure``."""
+    """``label`` (T,) column of the true state of each tick, or ``UNKNOWN``; ``exposure`` (T,) to change at
+    the boundary before each tick, in ticks of motion, or (T, 7) of each state. A change at the end of a rest
+    counts as one by motion (``transition_model.REST_END_S``)."""
 
     label: Ints
     exposure: Array
@@ -205,7 +206,7 @@ def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -
     changes = np.zeros((len(STATES), len(STATES)))
     for chain, e in zip(chains, expected, strict=True):
         # without any exposure nothing has changed
-        h = np.maximum(model.tick_s * chain.exposure, LEAST_EXPOSURE_S)[:, None]
+        h = np.maximum(model.tick_s * np.broadcast_to(chain.exposure.T, e.stays.T.shape).T, LEAST_EXPOSURE_S)
         begins += e.begins
         changes += e.changes.sum(axis=0)
         left_after = 1.0 / rate - h / np.expm1(rate * h)
