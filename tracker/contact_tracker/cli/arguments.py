@@ -401,7 +401,7 @@ def _within(is_within: Callable[[float], bool], fault: str) -> Callable[[str], f
 
 seconds: Final = _within(lambda value: value >= 0, "is negative")
 positive: Final = _within(lambda value: value > 0, "is not above zero")
-share: Final = _within(lambda value: 0 < value < 1, "is not between 0 and 1")
+share: Final = _within(lambda value: 0 < value < 1, "is not above zero and below one")
 
 
 def whole_number(text: str, least: int, most: int) -> int:
