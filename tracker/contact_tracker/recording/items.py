@@ -21,6 +21,8 @@ ROWS_AT_ONCE: Final = 10_000
 BUFFER_BYTES: Final = 2**23
 """Size from which messages are no longer collected, but handled."""
 _PENDING_BYTES: Final = 8 * BUFFER_BYTES
+_MESSAGE_BYTES: Final = 245
+"""Memory of a message that is buffered beside its data, by tracemalloc."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +99,12 @@ def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[Item]
     for begin_ns, items in chunks:
         while pending and (pending[0][0] < begin_ns or pending_bytes > _PENDING_BYTES):
             _, _, earliest = heappop(pending)
-            pending_bytes -= len(earliest.data)
+            pending_bytes -= len(earliest.data) + _MESSAGE_BYTES
             yield earliest
         for item in items:
             if isinstance(item, RawMessage):
                 heappush(pending, (item.log_time_ns, next(number), item))
-                pending_bytes += len(item.data)
+                pending_bytes += len(item.data) + _MESSAGE_BYTES
             else:
                 yield item
     while pending:

@@ -510,9 +510,8 @@ def _layout_of_rows(
 
 def _distinct(names: Sequence[str]) -> list[str]:
     """The names, those that are there again with a number, as pandas reads them: ``x``, ``x.1``."""
-    number_of = defaultdict[str, Any](count)
-    numbered = [(name, next(number_of[name])) for name in names]
-    return [f"{name}.{i}" if i else name for name, i in numbered]
+    times = defaultdict[str, Iterator[int]](count)
+    return [f"{name}.{i}" if (i := next(times[name])) else name for name in names]
 
 
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
