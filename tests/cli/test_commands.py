@@ -435,7 +435,7 @@ def test_a_suspicion_that_lasts_is_said_once(log: Path, capsys: pytest.CaptureFi
 def test_info_reads_a_file_once_however_many_sources_it_has(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("contact_tracker.recording.summary.SOURCES_KEPT", 20)
+    monkeypatch.setattr("contact_tracker.recording.log.SOURCES_KEPT", 20)
     poses = list(smooth_poses(60))
     bodies = [f"body {i}" for i in range(24)]
     rows = [

@@ -44,17 +44,11 @@ def add_source(
     verb = parser.prog.rpartition(" ")[2]
     parser.set_defaults(verb=AS_NAMED.verb if verb == "batch" else verb)  # batch reads whole folders
     parser.add_argument("--topic", help=topic)
-    parser.add_argument(
-        "--field",
-        metavar="PATH.TO.POSE",
-        help="take the poses in this field of messages: tracked.pose, results[0].pose, or . for the message",
-    )
+    text = "take the poses in this field of messages: tracked.pose, results[0].pose, or . for the message"
+    parser.add_argument("--field", metavar="PATH.TO.POSE", help=text)
     parser.add_argument("--frame", help=frame)
-    parser.add_argument(
-        "--relative-to",
-        metavar="TOPIC|FRAME",
-        help="poses in this frame, or relative to the body of this topic or name, which may move",
-    )
+    text = "poses in this frame, or relative to the body of this topic or name, which may move"
+    parser.add_argument("--relative-to", metavar="TOPIC|FRAME", help=text)
     _add_table_reading(parser, verb)
 
 
@@ -93,18 +87,10 @@ def set_table(args: argparse.Namespace) -> None:
 
 def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
     """``--labels`` and ``--map``."""
-    parser.add_argument(
-        "--labels",
-        metavar="FILE",
-        help=f"{text}: start, end and contact, in s since the first pose or as stamps",
-    )
-    parser.add_argument(
-        "--map",
-        action="append",
-        default=[],
-        metavar="LABEL=STATES",
-        help="what a label means: touch=any, flat='f-f|e-f', or ? for what is not scored",
-    )
+    text = f"{text}: start, end and contact, in s since the first pose or as stamps"
+    parser.add_argument("--labels", metavar="FILE", help=text)
+    text = "what a label means: touch=any, flat='f-f|e-f', or ? for what is not scored"
+    parser.add_argument("--map", action="append", default=[], metavar="LABEL=STATES", help=text)
 
 
 def load_labels(args: argparse.Namespace, log: str) -> "Truth":
@@ -138,19 +124,13 @@ def open_poses(args: argparse.Namespace, log: str, *live: Any) -> "PoseLog":
 
 def add_model(parser: argparse.ArgumentParser) -> None:
     """``--model``, ``--noise`` and ``--accuracy``."""
-    parser.add_argument(
-        "--model",
-        default="default",
-        metavar="NAME|FILE",
-        help=f"a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)",
+    text = f"a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)"
+    parser.add_argument("--model", default="default", metavar="NAME|FILE", help=text)
+    text = (
+        "standard deviations of a pose per axis, where you know them: 0.3mm,0.15deg (default: as the "
+        "stream shows)"
     )
-    parser.add_argument(
-        "--noise",
-        type=_typed(deviations),
-        metavar="MM,DEG",
-        help="standard deviations of a pose per axis, where you know them: 0.3mm,0.15deg (default: as the "
-        "stream shows)",
-    )
+    parser.add_argument("--noise", type=_typed(deviations), metavar="MM,DEG", help=text)
     parser.add_argument(
         "--accuracy",
         type=_typed(partial(deviations, may_be_zero=True)),
@@ -188,12 +168,8 @@ def add_known(parser: argparse.ArgumentParser) -> None:
         "what is known", "in metres; a value that begins with a minus is written as --plane=-1,0,0,0.5"
     )
     group.add_argument("--known", metavar="FILE", help="a TOML file that says what is known and how exactly")
-    group.add_argument(
-        "--up",
-        type=_numbers("0,0,1", 3, 4),
-        metavar="X,Y,Z[,DEG]",
-        help="faces of the surroundings look along this direction, within DEG degrees (default: 2)",
-    )
+    text = "faces of the surroundings look along this direction, within DEG degrees (default: 2)"
+    group.add_argument("--up", type=_numbers("0,0,1", 3, 4), metavar="X,Y,Z[,DEG]", help=text)
     group.add_argument(
         "--plane",
         type=_numbers("0,0,1,0.75", 4),
@@ -202,18 +178,10 @@ def add_known(parser: argparse.ArgumentParser) -> None:
         metavar="NX,NY,NZ,H",
         help="a face n . x = H of the surroundings, its normal on the free side; may be repeated",
     )
-    group.add_argument(
-        "--box",
-        type=_numbers("0.2,0.1,0.1", 3),
-        metavar="A,B,C",
-        help="the object is a box with edges of A, B and C metres about the body frame's origin",
-    )
-    group.add_argument(
-        "--states",
-        type=_typed(states_from),
-        metavar="f-f,e-f,...",
-        help="the contacts that can occur (default: all); free motion always can",
-    )
+    text = "the object is a box with edges of A, B and C metres about the body frame's origin"
+    group.add_argument("--box", type=_numbers("0.2,0.1,0.1", 3), metavar="A,B,C", help=text)
+    text = "the contacts that can occur (default: all); free motion always can"
+    group.add_argument("--states", type=_typed(states_from), metavar="f-f,e-f,...", help=text)
 
 
 def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "Map":
@@ -234,13 +202,11 @@ def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "M
 
 def add_map_out(parser: argparse.ArgumentParser) -> None:
     """``--map-out``."""
-    parser.add_argument(
-        "--map-out",
-        type=output_file(".toml"),
-        metavar="FILE.toml",
-        help="write what the contacts have touched to FILE.toml, for --known with the next recording of the "
-        "same object and place; it may be the file of --known",
+    text = (
+        "write what the contacts have touched to FILE.toml, for --known with the next recording of the "
+        "same object and place; it may be the file of --known"
     )
+    parser.add_argument("--map-out", type=output_file(".toml"), metavar="FILE.toml", help=text)
 
 
 def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
@@ -276,12 +242,11 @@ def write_map(path: Path, world: "GrowingMap | None") -> None:
 def add_wrench(parser: argparse.ArgumentParser) -> None:
     """``--wrench`` and ``--mass``."""
     group = parser.add_argument_group("force")
-    group.add_argument(
-        "--wrench",
-        metavar="TOPIC",
-        help="WrenchStamped messages on TOPIC are the wrench of the hand or robot on the object: they "
-        "decide where motion cannot tell contacts apart",
+    text = (
+        "WrenchStamped messages on TOPIC are the wrench of the hand or robot on the object: they "
+        "decide where motion cannot tell contacts apart"
     )
+    group.add_argument("--wrench", metavar="TOPIC", help=text)
     text = "mass of the object, if known (default: from free motion)"
     group.add_argument("--mass", type=positive, metavar="KG", help=text)
 
@@ -416,28 +381,27 @@ def run_each(works: Iterable[Callable[[], int]], is_only_one: bool = False) -> I
             yield INPUT if isinstance(error, InputError) else USAGE
 
 
-def seconds(text: str) -> float:
-    """A finite number of seconds, zero or more."""
-    value = _number(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is negative")
-    return value
+def _within(is_within: Callable[[float], bool], fault: str) -> Callable[[str], float]:
+    """The type of a finite number in a range."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        for is_fine, why in ((math.isfinite(value), "is not a finite number"), (is_within(value), fault)):
+            if not is_fine:
+                raise argparse.ArgumentTypeError(f"{text!r} {why}")
+        if abs(value) > _MOST:
+            raise argparse.ArgumentTypeError(f"{text!r} is beyond {_MOST:g}")
+        return value
+
+    return parse
 
 
-def positive(text: str) -> float:
-    """A finite number above zero."""
-    value = _number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not above zero")
-    return value
-
-
-def share(text: str) -> float:
-    """A number between 0 and 1."""
-    value = positive(text)
-    if value >= 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not between 0 and 1")
-    return value
+seconds: Final = _within(lambda value: value >= 0, "is negative")
+positive: Final = _within(lambda value: value > 0, "is not above zero")
+share: Final = _within(lambda value: 0 < value < 1, "is not above zero and below one")
 
 
 def whole_number(text: str, least: int, most: int) -> int:
@@ -445,18 +409,6 @@ def whole_number(text: str, least: int, most: int) -> int:
     if not text.isdecimal() or not least <= int(text) <= most:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} to {most}")
     return int(text)
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
-    if abs(value) > _MOST:
-        raise argparse.ArgumentTypeError(f"{text!r} is beyond {_MOST:g}")
-    return value
 
 
 def _numbers(example: str, *counts: int) -> Callable[[str], list[float]]:

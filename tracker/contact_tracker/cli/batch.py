@@ -32,13 +32,11 @@ _NOTHING_THERE: Final = "no such file or folder"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "logs",
-        nargs="+",
-        metavar="LOG",
-        help="recordings, folders to search for MCAP files and ROS bags, patterns in quotes, URLs (s3://, "
-        "https://, ...), or - for names on stdin, one a line",
+    text = (
+        "recordings, folders to search for MCAP files and ROS bags, patterns in quotes, URLs (s3://, "
+        "https://, ...), or - for names on stdin, one a line"
     )
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=text)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DATASET", help="the folder of the dataset"
     )
@@ -52,11 +50,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     arguments.add_processes(where, 1024, None, "recordings at once (default: as many as there are cores)")
     where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
-    parser.add_argument(
-        "--rehash",
-        action="store_true",
-        help="read all recordings to see whether they have changed, also where size, time and inode have not",
-    )
+    text = "read all recordings to see whether they have changed, also where size, time and inode have not"
+    parser.add_argument("--rehash", action="store_true", help=text)
 
 
 def run(args: argparse.Namespace) -> int:

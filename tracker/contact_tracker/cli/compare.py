@@ -32,12 +32,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_interval(parser)
     arguments.add_model(parser)
     arguments.add_known(parser)
-    parser.add_argument(
-        "--tolerance",
-        type=arguments.share,
-        metavar="SHARE",
-        help="share of its longer duration by which a step may differ (default: 0.25)",
-    )
+    text = "share of its longer duration by which a step may differ (default: 0.25)"
+    parser.add_argument("--tolerance", type=arguments.share, metavar="SHARE", help=text)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
     text = "write FILE.csv, a row per step, or the figure FILE.png, .pdf or .svg as well"
     arguments.add_output(parser, (".csv", *FIGURES), text)

@@ -40,40 +40,28 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate", type=arguments.positive, metavar="X", help="replay at X times the recorded speed"
     )
-    parser.add_argument(
-        "--lag",
-        type=arguments.seconds,
-        default=0.0,
-        metavar="S",
-        help="report the state of S seconds ago, using the poses since then (default: 0)",
+    text = "report the state of S seconds ago, using the poses since then (default: 0)"
+    parser.add_argument("--lag", type=arguments.seconds, default=0.0, metavar="S", help=text)
+    text = (
+        "say which small motion would decide while the contact is open: a line a second, or "
+        '"suggestions" in --json'
     )
-    parser.add_argument(
-        "--suggest",
-        action="store_true",
-        help="say which small motion would decide while the contact is open: a line a second, or "
-        '"suggestions" in --json',
+    parser.add_argument("--suggest", action="store_true", help=text)
+    text = (
+        "say when the contacts leave this plan, once, and which step comes next: lines with plan:, or "
+        f'"plan" in --json; the exit code is {DIFFERENT} if it was left'
     )
-    parser.add_argument(
-        "--expect",
-        metavar="PLAN.toml",
-        help="say when the contacts leave this plan, once, and which step comes next: lines with plan:, or "
-        f'"plan" in --json; the exit code is {DIFFERENT} if it was left',
-    )
+    parser.add_argument("--expect", metavar="PLAN.toml", help=text)
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
-    parser.add_argument(
-        "--state",
-        type=Path,
-        metavar="FILE",
-        help="carry on from FILE, if it is there, and keep the state in it: every 10 s, and when the stream "
-        "ends or is interrupted; the last, partial tick waits there for what follows",
+    text = (
+        "carry on from FILE, if it is there, and keep the state in it: every 10 s, and when the stream "
+        "ends or is interrupted; the last, partial tick waits there for what follows"
     )
+    parser.add_argument("--state", type=Path, metavar="FILE", help=text)
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
-    where.add_argument(
-        "--web",
-        action="store_true",
-        help="show it in a browser on this machine as well, until interrupted",
-    )
+    text = "show it in a browser on this machine as well, until interrupted"
+    where.add_argument("--web", action="store_true", help=text)
     text = "write all ticks to FILE.csv, .jsonl or .parquet as well; it is there when the stream has ended"
     arguments.add_output(parser, TICKS, text)
     arguments.add_map_out(parser)

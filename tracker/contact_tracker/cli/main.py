@@ -161,23 +161,12 @@ def _add_verbosity(parser: argparse.ArgumentParser) -> None:
     text = "whole rows, on a terminal that is narrower as well"
     parser.add_argument("--wide", action="store_true", help=text)
     group = parser.add_mutually_exclusive_group()
+    text = "warnings and errors only on stderr, and no progress"
     group.add_argument(
-        "-q",
-        "--quiet",
-        action="store_const",
-        dest="verbosity",
-        const=QUIET,
-        default=USUAL,
-        help="warnings and errors only on stderr, and no progress",
+        "-q", "--quiet", action="store_const", dest="verbosity", const=QUIET, default=USUAL, help=text
     )
-    group.add_argument(
-        "-v",
-        "--verbose",
-        action="store_const",
-        dest="verbosity",
-        const=VERBOSE,
-        help="say which poses, model and code are used",
-    )
+    text = "say which poses, model and code are used"
+    group.add_argument("-v", "--verbose", action="store_const", dest="verbosity", const=VERBOSE, help=text)
 
 
 def run(argv: Sequence[str] | None = None) -> int:

@@ -122,16 +122,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
     )
     able = ", ".join(suffix for suffix, one in FORMATS.items() if len(one.rows) > 1)
-    parser.add_argument(
-        "--rows",
-        choices=ROWS,
-        help=f"what {able} have an entry per (default: .csv segments, the others ticks)",
-    )
-    parser.add_argument(
-        "--graph",
-        action="store_true",
-        help="draw the contacts and the transitions between them in FILE.png, .pdf or .svg instead",
-    )
+    text = f"what {able} have an entry per (default: .csv segments, the others ticks)"
+    parser.add_argument("--rows", choices=ROWS, help=text)
+    text = "draw the contacts and the transitions between them in FILE.png, .pdf or .svg instead"
+    parser.add_argument("--graph", action="store_true", help=text)
     arguments.add_labels(parser, "your own labels of LOG, shown in a figure above those that are found")
     arguments.add_map_out(parser)
     several = "processes that fit segments in parallel; helps with recordings of many minutes (default: 1)"

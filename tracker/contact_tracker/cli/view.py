@@ -33,17 +33,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_model(parser)
     arguments.add_known(parser)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--save",
-        type=arguments.output_file(".rrd"),
-        metavar="FILE",
-        help="write FILE.rrd, which rerun opens later, instead of opening the viewer",
-    )
-    where.add_argument(
-        "--web",
-        action="store_true",
-        help="serve it to a browser on this machine, without a window, until interrupted",
-    )
+    text = "write FILE.rrd, which rerun opens later, instead of opening the viewer"
+    where.add_argument("--save", type=arguments.output_file(".rrd"), metavar="FILE", help=text)
+    text = "serve it to a browser on this machine, without a window, until interrupted"
+    where.add_argument("--web", action="store_true", help=text)
     arguments.add_overwrite(parser)
 
 

@@ -2,12 +2,34 @@
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Final
 
 LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 ANGLES: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
 TIMES_NS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """In nanoseconds."""
+TIME_WORDS: Final = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+NAMED_NS: Final[Mapping[str, int]] = {
+    **TIMES_NS,
+    **{word: TIMES_NS[unit] for unit, word in TIME_WORDS.items()},
+    **{word[:-1]: TIMES_NS[unit] for unit, word in TIME_WORDS.items()},
+    **dict.fromkeys(("sec", "secs"), TIMES_NS["s"]),
+    **{f"{unit}ec": TIMES_NS[unit] for unit in ("ms", "us", "ns")},
+    **dict.fromkeys(("\u00b5s", "\u03bcs"), TIMES_NS["us"]),
+    **dict.fromkeys(("min", "minute", "minutes"), 60 * TIMES_NS["s"]),
+}
+"""Units in names of columns, in nanoseconds."""
+_METRES: Final = {"": 1.0, "centi": 1e-2, "milli": 1e-3, "micro": 1e-6}
+LENGTHS_M: Final[Mapping[str, float]] = {
+    **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6},
+    **dict.fromkeys(("in", "inch", "inches"), 0.0254),
+    **{f"{part}met{end}": m for part, m in _METRES.items() for end in ("er", "re", "ers", "res")},
+}
+ANGLE_UNITS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("deg", "degs", "degree", "degrees", "\u00b0"), "deg"),
+    **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
+}
 RANGE_NS: Final = 2**62
 """Largest stamp, in either direction: 146 years from zero."""
 _UNITS: Final = LENGTHS | ANGLES

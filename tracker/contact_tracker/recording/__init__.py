@@ -12,9 +12,16 @@ from contact_tracker.recording.items import (
     PoseSource,
     RawMessage,
 )
-from contact_tracker.recording.log import PoseLog, list_sources, open_log
+from contact_tracker.recording.log import (
+    PoseLog,
+    RecordingSummary,
+    SourceSummary,
+    list_sources,
+    open_log,
+    summarise,
+    summarise_log,
+)
 from contact_tracker.recording.reading import may_be_recording, parts_of
-from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise, summarise_log
 from contact_tracker.recording.wrenches import WRENCH_TYPE, WrenchLog, read_wrenches
 from contact_tracker.recording.writing import write_beside, write_recording
 

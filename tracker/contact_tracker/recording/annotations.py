@@ -5,8 +5,9 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
+from contact_tracker.config.quantities import NAMED_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, NoTruth, printable
 from contact_tracker.files import near_file
@@ -17,7 +18,6 @@ from contact_tracker.recording.items import Attachment, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.mcap_file import summary_of
 from contact_tracker.recording.reading import Reading, is_table_file, parts_of
-from contact_tracker.recording.table_layouts import NAMED_NS
 from contact_tracker.recording.tables import exact_ns, stamp_of_date
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.suggestions import suggestion
@@ -98,18 +98,15 @@ def _from_messages(path: str) -> Truth | None:
     if not any(s is None or any(c.topic == TRUTH_TOPIC for c in s.channels.values()) for s in summaries):
         return None
     changes, end_ns, reading = list[tuple[int, str]](), 0, Reading(path, lambda channel: True)
-    for item in reading:
-        if isinstance(item, RawMessage):
-            end_ns = max(end_ns, item.log_time_ns)
-            if (item.channel.topic, item.channel.type) == (TRUTH_TOPIC, TRUTH_TYPE):
-                try:
-                    changes.append((item.log_time_ns, str(reading.decoder.decode(item).data)))
-                except (Undecodable, AttributeError) as error:
-                    raise NoTruth(f"a truth message cannot be decoded: {error}") from error
-    if not changes:
-        return None
-    stamps, labels = zip(*sorted(changes), strict=True)
-    return Truth.from_changes(stamps, labels, end_ns)
+    for item in (one for one in reading if isinstance(one, RawMessage)):
+        end_ns = max(end_ns, item.log_time_ns)
+        if (item.channel.topic, item.channel.type) == (TRUTH_TOPIC, TRUTH_TYPE):
+            try:
+                changes.append((item.log_time_ns, str(reading.decoder.decode(item).data)))
+            except (Undecodable, AttributeError) as error:
+                raise NoTruth(f"a truth message cannot be decoded: {error}") from error
+    stamps, labels = zip(*sorted(changes), strict=True) if changes else ((), ())
+    return Truth.from_changes(stamps, labels, end_ns) if changes else None
 
 
 _START: Final = ("start", "begin", "begin_time", "start_time", "onset", "from", "tmin")
@@ -125,12 +122,8 @@ _SLACK_NS: Final = 60 * 10**9
 
 
 Table = Sequence[Sequence[str]]
-
-
-class _Row(NamedTuple):
-    start_ns: int
-    end_ns: int
-    name: str
+_Row = tuple[int, int, str]
+"""First and last time (ns) and name of a label."""
 
 
 def read_labels(
@@ -159,28 +152,30 @@ def read_labels(
     rows = sorted(_rows_of_file(path) if isinstance(labels, str) else _rows_of_table(path, labels))
     if not rows:
         raise NoTruth(f"{path}: it has no label")
-    is_stamp = rows[0].start_ns >= first_ns - _SLACK_NS and rows[-1].start_ns <= last_ns + _SLACK_NS
-    is_since = rows[-1].start_ns <= last_ns - first_ns + _SLACK_NS
-    if not is_stamp and not is_since:
-        times = f"{rows[0].start_ns * 1e-9:.9g} to {rows[-1].end_ns * 1e-9:.9g} s"
+    first, last, length_ns = rows[0][0], rows[-1][0], last_ns - first_ns
+    is_since = last <= length_ns + _SLACK_NS
+    if not is_since and not first_ns - _SLACK_NS <= first <= last <= last_ns + _SLACK_NS:
+        times = f"{first * 1e-9:.9g} to {rows[-1][1] * 1e-9:.9g} s"
         raise NoTruth(
-            f"{path}: its times, {times}, are neither since the first pose (0 to "
-            f"{(last_ns - first_ns) * 1e-9:.2f} s) nor its stamps: name their unit, as in start_ms"
+            f"{path}: its times, {times}, are neither since the first pose (0 to {length_ns * 1e-9:.2f} s) "
+            "nor its stamps: name their unit, as in start_ms"
         )
     offset_ns = first_ns if is_since else 0
-    for before, after in pairwise(rows):
-        if after.start_ns < before.end_ns:
-            raise NoTruth(f"{path}: {before.name} and {after.name} overlap at {after.start_ns * 1e-9:.9g} s")
-    found = {name: _meaning(path, name, meanings or {}) for name in dict.fromkeys(row.name for row in rows)}
+    for (_, before_ns, before), (start_ns, _, after) in pairwise(rows):
+        if start_ns < before_ns:
+            raise NoTruth(f"{path}: {before} and {after} overlap at {start_ns * 1e-9:.9g} s")
+    found = {
+        name: _meaning(path, name, meanings or {}) for name in dict.fromkeys(name for _, _, name in rows)
+    }
     unused = [name for name in meanings or {} if name not in found]
     if unused:
         raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], found)}")
     intervals = list[TruthInterval]()
-    for row in rows:
-        states = found[row.name]
+    for start_ns, end_ns, name in rows:
+        states = found[name]
         contact = states[0] if len(states) == 1 else None
-        coarse = CoarseLabel(row.name, states) if len(states) > 1 else None
-        span = row.start_ns + offset_ns, row.end_ns + offset_ns - 1
+        coarse = CoarseLabel(name, states) if len(states) > 1 else None
+        span = start_ns + offset_ns, end_ns + offset_ns - 1
         intervals.append(TruthInterval(*span, contact, coarse=coarse))
     how = "since the first pose" if is_since else "as stamps of the recording"
     return Truth(tuple(intervals)), f"{path}: the times of its {len(rows)} labels are taken {how}"
@@ -231,10 +226,10 @@ def _rows_of_file(path: str) -> Iterator[_Row]:
 
 def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
     names, *rows = table
-    columns = [_column(names, some) for some in (_START, _END, _LABEL)]
-    if any(column is None for column in columns):
+    columns = list(filter(None, (_column(names, wanted) for wanted in (_START, _END, _LABEL))))
+    if len(columns) < 3:
         raise NoTruth(f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact")
-    (start, start_ns), (end, end_ns), (label, _) = (column for column in columns if column is not None)
+    (start, start_ns), (end, end_ns), (label, _) = columns
     for number, row in enumerate(rows, 2):
         if len(row) <= max(start, end, label):
             raise NoTruth(f"{path}: row {number} has {len(row)} values")
@@ -272,10 +267,10 @@ def _rows_of_json(path: str, text: str) -> Iterator[_Row]:
 
 
 def _row(path: str, start: Any, start_unit_ns: int, end: Any, end_unit_ns: int, name: str) -> _Row:
-    row = _Row(_time_ns(path, start, start_unit_ns), _time_ns(path, end, end_unit_ns), name.strip())
-    if row.end_ns <= row.start_ns:
+    start_ns, end_ns = _time_ns(path, start, start_unit_ns), _time_ns(path, end, end_unit_ns)
+    if end_ns <= start_ns:
         raise NoTruth(f"{path}: {printable(name)} ends at {end}, before it starts at {start}")
-    return row
+    return start_ns, end_ns, name.strip()
 
 
 def _time_ns(path: str, value: Any, unit_ns: int) -> int:

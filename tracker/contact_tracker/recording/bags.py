@@ -6,7 +6,6 @@ index orders them by time. A database can define tables by expressions that run 
 authorizer allows only columns of tables here, and the work is bounded.
 """
 
-import bz2
 import os
 import sqlite3
 import struct
@@ -25,13 +24,11 @@ from contact_tracker.recording.bytestream import (
     WorkBudget,
     open_stream,
 )
-from contact_tracker.recording.items import Channel, RawMessage, in_log_order
-from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_lz4
+from contact_tracker.recording.items import Channel, Item, RawMessage, in_log_order
+from contact_tracker.recording.mcap_file import PARSE_ERRORS, decompress
 
 BAG_MAGIC: Final = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
-_BZ2_WORK: Final = 4
-"""Time to decompress a byte of bz2, relative to zstd or lz4."""
 _LENGTH: Final = struct.Struct("<I")
 _TIME: Final = struct.Struct("<II")
 
@@ -66,7 +63,7 @@ _Chunk = tuple[_Header, int, int]
 
 def read_bag(
     path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
-) -> Iterator[RawMessage]:
+) -> Iterator[Item]:
     """The messages of a ``.bag`` or a ``.db3`` file by log time; of a ``.bag`` file without an index in the
     order of its chunks.
 
@@ -102,13 +99,11 @@ class _Bag:
     def __init__(
         self, stream: ByteStream, wanted: Callable[[Channel], bool], report: Callable[[str], None]
     ) -> None:
-        self._stream = stream
-        self._wanted = wanted
-        self._report = report
+        self._stream, self._wanted, self._report = stream, wanted, report
         self._channels: dict[int, Channel | None] = {}
         try:
             head, size = self._next_head()
-            is_head = head.number(b"op") == _BAG and stream.skip(size)
+            is_head = head.number(b"op") == _BAG and stream.take(size, False) is not None
         except (*PARSE_ERRORS, EOFError):
             is_head = False
         if not is_head:
@@ -127,21 +122,20 @@ class _Bag:
                 end = stream.position + size
                 if size >= RECORD_LIMIT or not stream.may_have(size):
                     raise EOFError("it is cut off")
-                if header.number(b"op") == _CHUNK:
+                op = header.number(b"op")
+                if op == _CHUNK:
                     chunks[place] = header, stream.position, size
-                elif header.number(b"op") == _CHUNK_INFO:
+                elif op == _CHUNK_INFO:
                     begins_ns[header.number(b"chunk_pos")] = header.time_ns(b"start_time")
-                elif header.number(b"op") == _CONNECTION:
+                elif op == _CONNECTION:
                     self._note_connection(header, stream.read(size))
                 stream.seek(end)
-            except EOFError as error:
-                if str(error):
+            except (EOFError, *PARSE_ERRORS) as error:
+                if not isinstance(error, EOFError):
+                    fault = f"it is damaged at byte {place} ({first_line(error)})"
+                    self._report(f"{fault}: rosbag reindex may find more")
+                elif str(error):
                     self._report(f"{error} at byte {place}")
-                return chunks, begins_ns
-            except PARSE_ERRORS as error:
-                self._report(
-                    f"it is damaged at byte {place} ({first_line(error)}): rosbag reindex may find more"
-                )
                 return chunks, begins_ns
 
     def messages_in(self, chunk: _Chunk) -> list[RawMessage]:
@@ -173,26 +167,10 @@ class _Bag:
 
     def _inflated(self, chunk: _Chunk) -> bytes:
         header, at, stored = chunk
-        stream, size = self._stream, header.number(b"size")
-        data = stream.read(stored) if stream.seek(at) else b""
-        match header[b"compression"]:
-            case b"none":
-                return data
-            case b"lz4":
-                stream.budget.inflate(len(data), size)
-                found = inflate_lz4(data, size)
-            case b"bz2":
-                stream.budget.check_record(len(data), size)
-                stream.budget.inflate(_BZ2_WORK * len(data), _BZ2_WORK * size)
-                try:
-                    found = bz2.BZ2Decompressor().decompress(data, size)
-                except OSError as error:  # else it would look as if the file could not be read
-                    raise ValueError(f"its bz2 data is damaged: {error}") from error
-            case unknown:
-                raise ValueError(f"unknown compression {unknown!r}")
-        if len(found) != size:
-            raise ValueError(f"{len(found)} bytes where {size} were promised")
-        return found
+        data = self._stream.read(stored) if self._stream.seek(at) else b""
+        compression = header[b"compression"].decode(errors="replace")
+        size = len(data) if compression == "none" else header.number(b"size")
+        return decompress(compression, data, size, self._stream.budget)
 
     def _next_head(self) -> tuple[_Header, int]:
         """The header of the next record and the size of its data; raises EOFError at the end of the file,
@@ -224,8 +202,6 @@ _STEPS: Final = 10_000
 """Steps of the virtual machine between checks of their number."""
 _LEAST_STEPS: Final = 50_000_000
 _STEPS_PER_BYTE: Final = 20
-_SQLITE_ERRORS: Final = (sqlite3.Error, UnicodeDecodeError)
-"""The second where a message of SQLite would quote bytes that are no text."""
 _MOST_NAMED: Final = 500
 """With more topics all messages are read and filtered afterwards."""
 
@@ -244,14 +220,13 @@ def _read_sqlite(
             chosen = {number: channel for number, channel in topics.items() if wanted(channel)}
             try:
                 yield from _messages(file, chosen, budget, size)
-            except (*_SQLITE_ERRORS, TooMuchWork) as error:
-                report(f"it is damaged: {_words(error)}")
-    except _SQLITE_ERRORS as error:
-        raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {_words(error)}") from error
-
-
-def _words(error: Exception) -> str:
-    return "its tables are malformed" if isinstance(error, UnicodeDecodeError) else str(error)
+            except (sqlite3.Error, TooMuchWork) as error:
+                report(f"it is damaged: {error}")
+            except UnicodeDecodeError:  # a message of SQLite would quote bytes that are no text
+                report("it is damaged: its tables are malformed")
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        words = error if isinstance(error, sqlite3.Error) else "its tables are malformed"
+        raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {words}") from error
 
 
 def _opened(path: str, size: int) -> sqlite3.Connection:

@@ -1,11 +1,17 @@
-"""Tables of poses in Parquet and in arrays of NumPy (.npy, .npz), in columns.
+"""Tables of poses in Parquet, in arrays of NumPy (.npy, .npz) and in C3D files with rigid bodies.
 
 Values in lists and structs of Parquet are columns of their own. What its pages declare is checked before a
 library decompresses them: a few bytes can expand to billions of rows or to gigabytes. Footer and page headers
 are in Thrift's compact protocol: https://parquet.apache.org/docs/file-format/
+
+C3D has a header, groups of parameters, and data in blocks of 512 bytes (https://www.c3d.org). Theia3D and
+Visual3D write matrices of the data type ROTATION: 16 floats by columns and one of reliability, negative where
+there is none (https://www.c-motion.com/v3dwiki/index.php?title=ROTATION_DATA_TYPE). It is read here, as the
+library ezc3d ends the process at damaged files.
 """
 
 import os
+import struct
 import zipfile
 import zlib
 from collections import Counter
@@ -22,12 +28,18 @@ from numpy.typing import NDArray
 from pyarrow import compute, types
 from pyarrow.parquet import ColumnChunkMetaData, FileMetaData, ParquetFile
 
-from contact_tracker.config.table_reading import TableReading
-from contact_tracker.errors import UnreadableRecording, first_line, printable
+from contact_tracker.config.quantities import LENGTHS_M
+from contact_tracker.config.table_reading import TableReading, reading_of
+from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.proposals import layout_of_names, layout_without_names
-from contact_tracker.recording.table_layouts import numbers
+from contact_tracker.recording.table_layouts import (
+    Body,
+    TableLayout,
+    layout_of_names,
+    layout_without_names,
+    numbers,
+)
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
 _BUFFER_BYTES: Final = 2**16
@@ -60,7 +72,8 @@ class ParquetTable:
         self.damage: tuple[str, ...] = ()
         try:
             self._file = ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
-            leaves = [leaf for field in self._file.schema_arrow for leaf in self._leaves(field, path, budget)]
+            columns = [(one.name, (one.name,), one.type) for one in self._file.schema_arrow]
+            leaves = [leaf for column in columns for leaf in self._leaves(*column, path, budget)]
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
@@ -103,32 +116,30 @@ class ParquetTable:
             for place, values in found.items()
         }
 
-    def _leaves(self, field: Any, path: str, budget: WorkBudget) -> Iterator[_Leaf]:
+    def _leaves(
+        self, name: str, path: tuple[str | int, ...], kind: Any, file: str, budget: WorkBudget
+    ) -> Iterator[_Leaf]:
         """The columns of single values in a column of the file; the first row has the length of lists."""
-        if not types.is_list(field.type) and not types.is_large_list(field.type):
-            yield from _leaves(field.name, (field.name,), field.type)
+        if len(path) > _DEEPEST:
             return
-        try:
-            _check_pages(self._file.metadata, path, {field.name}, 1, budget)
-            batch = next(self._file.iter_batches(1, columns=[field.name], use_threads=False), None)
-        except UnreadableRecording:
-            return
-        first = None if batch is None else batch.column(0)[0].as_py()
-        for i in range(min(len(first or ()), _WIDEST)):
-            yield from _leaves(f"{field.name}[{i}]", (field.name, i), field.type.value_type)
-
-
-def _leaves(name: str, path: tuple[str | int, ...], kind: Any) -> Iterator[_Leaf]:
-    if len(path) > _DEEPEST:
-        return
-    if types.is_struct(kind):
-        for inner in map(kind.field, range(min(kind.num_fields, _WIDEST))):
-            yield from _leaves(f"{name}.{inner.name}", (*path, inner.name), inner.type)
-    elif types.is_fixed_size_list(kind):
-        for i in range(min(kind.list_size, _WIDEST)):
-            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type)
-    else:
-        yield _Leaf(name, path, kind)
+        inner: list[tuple[str, str | int, Any]] = []
+        if types.is_struct(kind):
+            fields = map(kind.field, range(min(kind.num_fields, _WIDEST)))
+            inner = [(f"{name}.{field.name}", field.name, field.type) for field in fields]
+        elif types.is_fixed_size_list(kind):
+            inner = [(f"{name}[{i}]", i, kind.value_type) for i in range(min(kind.list_size, _WIDEST))]
+        elif len(path) == 1 and (types.is_list(kind) or types.is_large_list(kind)):
+            try:
+                _check_pages(self._file.metadata, file, {name}, 1, budget)
+                batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
+            except UnreadableRecording:
+                return
+            first = None if batch is None else batch.column(0)[0].as_py()
+            inner = [(f"{name}[{i}]", i, kind.value_type) for i in range(min(len(first or ()), _WIDEST))]
+        else:
+            yield _Leaf(name, path, kind)
+        for own, step, of_inner in inner:
+            yield from self._leaves(own, (*path, step), of_inner, file, budget)
 
 
 def _is_number(kind: Any) -> bool:
@@ -150,15 +161,10 @@ def _single(column: Any, path: tuple[str | int, ...]) -> Any:
 
 def _texts(column: Any) -> list[str]:
     """Times as text, dates and durations in nanoseconds; empty where there is none."""
-    for is_kind, unit in (
-        (types.is_date, pyarrow.timestamp("ns")),
-        (types.is_timestamp, pyarrow.timestamp("ns")),
-        (types.is_duration, pyarrow.duration("ns")),
-        (types.is_time, pyarrow.time64("ns")),
-    ):
-        if is_kind(column.type):
-            column = column.cast(unit).cast(pyarrow.int64())
-            break
+    if types.is_temporal(column.type):
+        is_time, is_duration = types.is_time(column.type), types.is_duration(column.type)
+        kind = pyarrow.time64 if is_time else pyarrow.duration if is_duration else pyarrow.timestamp
+        column = column.cast(kind("ns")).cast(pyarrow.int64())
     return ["" if value is None else str(value) for value in column.to_pylist()]
 
 
@@ -236,30 +242,25 @@ def _thrift_struct(data: bytes, at: int) -> tuple[_Struct, int]:
     """The struct at an offset, and the offset after it; raises LookupError, ValueError or RecursionError."""
     fields, number = dict[int, Any](), 0
     while head := data[at]:
-        at += 1
-        if head >> 4:
-            number += head >> 4
-        else:
+        number, kind, at = number + (head >> 4), head & 15, at + 1
+        if not head >> 4:
             number, at = _varint(data, at)
-            number = number >> 1
-        fields[number], at = _thrift_value(data, at, head & 15)
+            number >>= 1
+        value: Any = kind == 1
+        if kind == 3:
+            value, at = data[at], at + 1
+        elif kind in (4, 5, 6):
+            value, at = _varint(data, at)
+            value = (value >> 1) ^ -(value & 1)
+        elif kind == 8:
+            size, at = _varint(data, at)
+            value, at = None, at + size
+        elif kind == 12:
+            value, at = _thrift_struct(data, at)
+        elif kind not in (1, 2):
+            raise ValueError(f"a field of the kind {kind}")
+        fields[number] = value
     return fields, at + 1
-
-
-def _thrift_value(data: bytes, at: int, kind: int) -> tuple[Any, int]:
-    if kind in (1, 2):
-        return kind == 1, at
-    if kind == 3:
-        return data[at], at + 1
-    if kind in (4, 5, 6):
-        number, at = _varint(data, at)
-        return (number >> 1) ^ -(number & 1), at
-    if kind == 8:
-        size, at = _varint(data, at)
-        return None, at + size
-    if kind == 12:
-        return _thrift_struct(data, at)
-    raise ValueError(f"a field of the kind {kind}")
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
@@ -280,7 +281,7 @@ _ARRAY_ERRORS: Final = (
 
 
 class ArrayTable:
-    """The columns of arrays with as many rows, some rows after others; they have no ``damage``.
+    """The columns of arrays with as many rows, some rows after others; these have no ``damage``.
 
     Raises
     ------
@@ -354,3 +355,104 @@ def _array(file: IO[bytes], packed: int, size: int, budget: WorkBudget) -> NDArr
     budget.inflate(packed, size)
     values = np.frombuffer(file.read(width * shape[0] * kind.itemsize), kind)
     return values.reshape(shape, order="F" if by_columns else "C")
+
+
+_BLOCK: Final = 512
+_INTEL: Final = 84
+_VALUES: Final = 17
+_POSE: Final = 12
+"""Values of a pose: the columns of the matrix and the position, without the last row."""
+_KINDS: Final = {-1: "S1", 1: "i1", 2: "<i2", 4: "<f4"}
+_MARKERS_SHOWN: Final = 5
+_SUFFIX: Final = "_4x4"
+_NO_BODIES: Final = (
+    "it is C3D with markers ({names}), not bodies: export bodies (6D) as text; or points = "
+    "ezc3d.c3d({name!r})['data']['points'] (4, markers, N), of which scipy's Rotation.align_vectors finds "
+    "rotations; contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
+)
+
+
+class C3DTable(ArrayTable):
+    """The bodies of a C3D file in columns, some frames after others; ``damage`` says what is missing.
+
+    Raises
+    ------
+    UnreadableRecording
+        It is damaged, or has no bodies.
+    ChoiceError
+        The user says of its columns what the file says itself.
+    """
+
+    def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
+        if reading != reading_of(unit=reading.unit):
+            raise ChoiceError(f"{path}: C3D says what its rotations and times are: leave out all but --unit")
+        try:
+            with open(path, "rb") as file:
+                head = file.read(_BLOCK)
+                file.seek((head[0] - 1) * _BLOCK)
+                blocks = file.read(4)
+                if blocks[3] != _INTEL:
+                    raise UnreadableRecording("its numbers are not those of a PC: write it for Intel")
+                found = _parameters(file.read(blocks[2] * _BLOCK))
+            names = [n for key in sorted(found) if key.startswith("ROTATION:LABELS") for n in found[key]]
+            names = names[: int(found.get("ROTATION:USED", [0])[0])]
+            if not names:
+                markers = [*map(printable, found.get("POINT:LABELS", []))]
+                shown = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
+                about = {"names": ", ".join(shown) or "none", "name": os.path.basename(path)}
+                raise UnreadableRecording(_NO_BODIES.format(**about))
+            unit = str([*found.get("ROTATION:UNITS", []), *found.get("POINT:UNITS", []), "mm"][0]).lower()
+            ratio = found.get("ROTATION:RATIO", [1])[0]
+            own_rate = found.get("ROTATION:RATE")
+            rate = float(found["POINT:RATE"][0] * float(ratio) if own_rate is None else own_rate[0])
+            if not 0.0 < rate < 1e6:
+                raise ValueError(f"a rate of {rate:g} Hz")
+            bodies = tuple(
+                Body(
+                    name[: -len(_SUFFIX)] if name.lower().endswith(_SUFFIX) else name,
+                    tuple(_POSE * i + place for place in (9, 10, 11, 0, 3, 6, 1, 4, 7, 2, 5, 8)),
+                    LENGTHS_M[reading.unit or unit],
+                    "matrix",
+                )
+                for i, name in enumerate(names)
+            )
+            first, last = struct.unpack_from("<HH", head, 6)
+            rows, start = (last - first + 1) * int(ratio), int(found["ROTATION:DATA_START"][0]) % 2**16 - 1
+            there = max(os.path.getsize(path) - start * _BLOCK, 0) // (4 * _VALUES * len(bodies))
+            self._rows = there if last == 2**16 - 1 else min(rows, there)  # longer ones do not fit
+            values = np.fromfile(path, "<f4", self._rows * len(bodies) * _VALUES, offset=start * _BLOCK)
+        except (LookupError, ValueError, TypeError, struct.error, OSError) as error:
+            raise UnreadableRecording(f"it is damaged: its parameters cannot be read ({error})") from error
+        if self._rows < rows:
+            text = f"it ends after {self._rows} of {rows} frames: if more was recorded, copy it again"
+            self.damage = (text,)
+        self.layout = TableLayout("C3D", None, 0, -1, 1e9 / rate, bodies, has_own_unit=True)
+        matrices = values.reshape(self._rows, len(bodies), _VALUES).astype(np.float64)
+        matrices[matrices[:, :, -1] < 0.0] = np.nan
+        poses = matrices[:, :, :16].reshape(self._rows, len(bodies), 4, 4)[..., :3]
+        self._values = list(poses.reshape(self._rows, _POSE * len(bodies)).T)
+
+
+def _parameters(data: bytes) -> dict[str, Any]:
+    """The parameters as ``GROUP:NAME``; raises LookupError, ValueError or struct.error."""
+    groups, found, at = dict[int, str](), list[tuple[int, str, Any]](), 0
+    while at < len(data) and data[at]:
+        size, group = struct.unpack_from("bb", data, at)
+        name = data[at + 2 : at + 2 + abs(size)].decode("latin-1").upper()
+        at += 2 + abs(size)
+        (step,) = struct.unpack_from("<H", data, at)
+        if group < 0:
+            groups[-group] = name
+        else:
+            kind, rank = struct.unpack_from("bB", data, at + 2)
+            shape = tuple(data[at + 4 : at + 4 + rank])
+            count = int(np.prod(shape, dtype=int))
+            values: Any = np.frombuffer(data, _KINDS[kind], count, at + 4 + rank)
+            if kind == -1:  # text in rows of one width
+                width, text = max(shape[0] if shape else 1, 1), values.tobytes().decode("latin-1")
+                values = [text[i : i + width].strip(" \0") for i in range(0, len(text), width)]
+            found.append((group, name, values))
+        if not step:
+            break
+        at += step
+    return {f"{groups.get(group, '')}:{name}": values for group, name, values in found}

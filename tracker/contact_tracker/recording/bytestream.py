@@ -51,10 +51,8 @@ class WorkBudget:
     """
 
     def __init__(self) -> None:
-        self.bytes_read = 0
-        self.is_message_left_out = False
-        self._inflated = 0
-        self._records = 0.0
+        self.bytes_read, self.is_message_left_out = 0, False
+        self._inflated, self._records = 0, 0.0
 
     def spend(self, records: float) -> None:
         """Count records, rows, poses, or work that takes as long; raises TooMuchWork, then nothing is
@@ -140,25 +138,14 @@ class ByteStream:
         self.position = 0
         self.error: str | None = None
         self.budget = budget or WorkBudget()
-        self._plain = file
-        self._follow = follow
-        self._path = path
-        self._tail = b""
-        self._written_ns = 0
-        self._may_be_rewritten = follow is not None and is_regular(path)
+        self.follow = follow
+        self._plain, self._path = file, path
+        self._tail, self._written_ns = b"", 0
         self._inflated: IO[bytes] | None = None
         self._size = None if compressed or follow is not None else _size_of(file)
         if compressed:
             counted = cast(IO[bytes], _Counted(file, self.budget))
             self._inflated = zstandard.ZstdDecompressor().stream_reader(counted, read_across_frames=True)
-
-    @property
-    def follows(self) -> bool:
-        return self._follow is not None
-
-    @property
-    def stopped(self) -> bool:
-        return self._follow is not None and self._follow.stopped
 
     def may_have(self, count: int) -> bool:
         """Whether ``count`` bytes may follow; of a file that does not grow this is known without reading."""
@@ -172,20 +159,25 @@ class ByteStream:
             missing -= len(part)
             if part:
                 parts.append(part)
-            elif self.error or self._follow is None or self._is_replaced() or not self._follow.wait():
+            elif self.error or self.follow is None or self._has_changed(True) or not self.follow.wait():
                 break
         data = parts[0] if len(parts) == 1 else b"".join(parts)
         self.position += len(data)
         return data
 
-    def skip(self, count: int) -> bool:
-        """Skip ``count`` bytes; returns whether there were that many."""
-        if self._size is not None and self.may_have(count) and self.seek(self.position + count):
+    def take(self, count: int, is_read: bool) -> bytes | None:
+        """The next ``count`` bytes, empty if they are skipped unread; None if there are fewer."""
+        if not self.may_have(count):
+            return None
+        if is_read:
+            data = self.read(count)
+            return data if len(data) == count else None
+        if self._size is not None and self.seek(self.position + count):
             self.budget.bytes_read += count
-            return True
+            return b""
         while count and (got := len(self.read(min(count, _BLOCK)))):
             count -= got
-        return count == 0
+        return None if count else b""
 
     def seek(self, position: int) -> bool:
         """Go to ``position``; returns False where the input does not allow it."""
@@ -199,12 +191,11 @@ class ByteStream:
     def _read_some(self, count: int) -> bytes:
         try:
             if self._inflated is None:
-                if self._has_other_content():
+                if self._has_changed(False):
                     return b""
                 data = self._plain.read(count)
                 self.budget.bytes_read += len(data)
-                if self._may_be_rewritten:
-                    self._tail = (self._tail + data)[-_TAIL:]
+                self._tail = (self._tail + data)[-_TAIL:] if self._path else b""
                 return data
             self.budget.check_record(self.budget.bytes_read, count)
             part = self._inflated.read(min(count, _BLOCK))
@@ -214,40 +205,28 @@ class ByteStream:
             self.error = str(error) or type(error).__name__
             return b""
 
-    def _is_replaced(self) -> bool:
-        """Whether the followed file is no longer at its path, or has become shorter."""
+    def _has_changed(self, is_at_end: bool) -> bool:
+        """Whether the followed file was written anew in place, as the bytes that were read last are others;
+        or, at its end, whether it is no longer at its path, or has become shorter."""
         if not self._path:
             return False
+        own = os.fstat(self._plain.fileno())
         try:
             now = os.stat(self._path)
-            mine = os.fstat(self._plain.fileno())
+            if is_at_end and not os.path.samestat(now, own):
+                self.error = "it was replaced by another file while it was followed"
+            elif is_at_end and stat.S_ISREG(now.st_mode) and now.st_size < self._plain.tell():
+                self.error = "it became shorter while it was followed"
+            elif stat.S_ISREG(own.st_mode) and own.st_mtime_ns != self._written_ns:
+                self._written_ns = own.st_mtime_ns
+                with open(self._path, "rb") as again:
+                    again.seek(self._plain.tell() - len(self._tail))
+                    there = again.read(len(self._tail))
+                if len(there) == len(self._tail) and there != self._tail:
+                    self.error = "it was written anew while it was followed"
         except OSError:
-            self.error = "it was removed while it was followed"
-            return True
-        if not os.path.samestat(now, mine):
-            self.error = "it was replaced by another file while it was followed"
-        elif stat.S_ISREG(now.st_mode) and now.st_size < self._plain.tell():
-            self.error = "it became shorter while it was followed"
+            self.error = "it was removed while it was followed" if is_at_end else None
         return self.error is not None
-
-    def _has_other_content(self) -> bool:
-        """Whether the followed file was written anew in place: the bytes that were read last are others."""
-        if not self._may_be_rewritten:
-            return False
-        try:
-            written_ns = os.fstat(self._plain.fileno()).st_mtime_ns
-            if written_ns == self._written_ns:
-                return False
-            self._written_ns = written_ns
-            with open(self._path, "rb") as again:
-                again.seek(self._plain.tell() - len(self._tail))
-                there = again.read(len(self._tail))
-        except OSError:
-            return False
-        if there == self._tail or len(there) < len(self._tail):
-            return False  # or it is removed, replaced or shorter, which is seen at its end
-        self.error = "it was written anew while it was followed"
-        return True
 
 
 def _size_of(file: IO[bytes]) -> int | None:
@@ -263,8 +242,7 @@ class _Counted(RawIOBase):
     """A raw stream that counts the bytes read by the decompressor."""
 
     def __init__(self, file: IO[bytes], budget: WorkBudget) -> None:
-        self._file = file
-        self._budget = budget
+        self._file, self._budget = file, budget
 
     def read(self, size: int = -1) -> bytes:
         data = self._file.read(size)
@@ -287,23 +265,15 @@ def open_stream(
     """
     try:
         file = cast(BufferedReader, sys.stdin.buffer) if path == "-" else open(path, "rb")  # noqa: SIM115
+        is_compressed = follow is None and file.peek(len(ZSTD_MAGIC)).startswith(ZSTD_MAGIC)
     except OSError as error:
         raise UnreadableRecording(error.strerror or str(error)) from error
     try:
-        if follow is None and _starts_compressed(file):
-            yield ByteStream(file, budget, compressed=True)
-        else:
-            yield ByteStream(file, budget, follow, path if follow is not None and path != "-" else "")
+        followed = path if follow is not None and path != "-" else ""
+        yield ByteStream(file, budget, follow, followed, is_compressed)
     finally:
         if path != "-":
             file.close()
-
-
-def _starts_compressed(file: BufferedReader) -> bool:
-    try:
-        return file.peek(len(ZSTD_MAGIC)).startswith(ZSTD_MAGIC)
-    except OSError as error:
-        raise UnreadableRecording(error.strerror or str(error)) from error
 
 
 def is_regular(path: str) -> bool:

@@ -15,10 +15,11 @@ its messages are left to the library.
 import json
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, suppress
+from functools import partial
 from io import StringIO
-from itertools import islice
+from itertools import chain, islice, repeat
 from operator import attrgetter
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple
@@ -58,6 +59,8 @@ _NAMES: Final = ("child_frame_id", "rigid_body_name", "name")
 _NAMES_IN_LISTS: Final = (*_NAMES, "hypothesis.class_id", "id")
 _PARTS: Final = {"position": "orientation", "translation": "rotation"}
 _HOLDERS: Final = ("pose", "transform")
+_XYZ: Final[Callable[[Any], Iterable[Any]]] = attrgetter("x", "y", "z")
+_XYZW: Final[Callable[[Any], Iterable[Any]]] = attrgetter("x", "y", "z", "w")
 _DEEPEST: Final = 3
 """Most such fields in each other."""
 _FOXGLOVE: Final = {
@@ -132,9 +135,8 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
             inside = inside if holder is None else (*inside, getattr(inside[-1], holder))
         pose = inside[-1]
         place = next((name for name in _PARTS if hasattr(pose, name)), "position")
-        px, py, pz = map(float, _xyz(getattr(pose, place)))
-        turn = getattr(pose, _PARTS[place])
-        x, y, z, w = map(float, (*_xyz(turn), turn.w))
+        px, py, pz = map(float, _XYZ(getattr(pose, place)))
+        x, y, z, w = map(float, _XYZW(getattr(pose, _PARTS[place])))
         stamps = (one for one in _nearest(inside, _STAMPS) if not isinstance(one, int | float | str))
         stamp_ns = next(filter(None, map(_stamp_ns, stamps)), 0)
         frame = next(filter(None, _nearest(inside, _FRAMES)), "")
@@ -190,10 +192,6 @@ def _child(inside: tuple[Any, ...], number: str) -> str:
     return "/".join(found) or number
 
 
-def _xyz(vector: Any) -> tuple[Any, Any, Any]:
-    return vector.x, vector.y, vector.z
-
-
 def _stamp_ns(stamp: Any) -> int:
     """Nanoseconds of a time of ROS, protobuf or JSON."""
     seconds, fraction = (
@@ -207,6 +205,8 @@ USUAL: Final = (
     "foxglove.PoseInFrame and foxglove.FrameTransform"
 )
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
+_READABLE: Final = (("cdr", "ros2msg"), ("cdr", ""), ("ros1", "ros1msg"), ("protobuf", "protobuf"))
+"""Encodings of messages and of their schemas."""
 _MESSAGE_LIMIT: Final = 2**22
 _RECORDS_PER_DEFINITION: Final = 64
 """Records whose work a definition takes, whatever its length."""
@@ -224,31 +224,22 @@ _TWIST: Final = 48 + _COVARIANCE
 _MOST_SOURCES: Final = 64
 """Most sources of a channel that are kept: some have endlessly many frame names."""
 
-Observation = tuple[PoseSource, Pose]
-"""One pose as published, before validation; the child frame is empty where the type has none."""
 LoggedPose = tuple[PoseSource, Pose, int]
-"""The same with its log time in nanoseconds."""
+"""One pose as published, before validation, with its log time (ns); the child frame of its source is empty
+where the type has none."""
 
 
-class _Layout(NamedTuple):
-    """Layout of a message type in CDR: ``stamp_at``, offset of the first stamp; number of names after it;
-    bytes after the numbers of the pose; whether there may be several such blocks after their count."""
-
-    stamp_at: int
-    names: int
-    tail: int
-    repeats: bool = False
-
-
-_LAYOUTS: Final[Mapping[str, _Layout]] = MappingProxyType(
+_LAYOUTS: Final[Mapping[str, tuple[int, int, int, bool]]] = MappingProxyType(
     {
-        "geometry_msgs/msg/PoseStamped": _Layout(4, 1, 0),
-        "geometry_msgs/msg/PoseWithCovarianceStamped": _Layout(4, 1, _COVARIANCE),
-        "geometry_msgs/msg/TransformStamped": _Layout(4, 2, 0),
-        "nav_msgs/msg/Odometry": _Layout(4, 2, _COVARIANCE + _TWIST),
-        "tf2_msgs/msg/TFMessage": _Layout(8, 2, 0, repeats=True),
+        "geometry_msgs/msg/PoseStamped": (4, 1, 0, False),
+        "geometry_msgs/msg/PoseWithCovarianceStamped": (4, 1, _COVARIANCE, False),
+        "geometry_msgs/msg/TransformStamped": (4, 2, 0, False),
+        "nav_msgs/msg/Odometry": (4, 2, _COVARIANCE + _TWIST, False),
+        "tf2_msgs/msg/TFMessage": (8, 2, 0, True),
     }
 )
+"""Layouts of types in CDR: offset of the first stamp; number of names after it; bytes after the numbers of
+the pose; whether there may be several such blocks after their count."""
 _HEAD, _SIZE, _POSE = ({o: struct.Struct(o + kinds) for o in "<>"} for kinds in ("iII", "I", "7d"))
 """By the order of bytes: stamp and size of a name, a size, and the numbers of a pose."""
 
@@ -256,39 +247,37 @@ _HEAD, _SIZE, _POSE = ({o: struct.Struct(o + kinds) for o in "<>"} for kinds in 
 class _KnownLayout:
     """Reads the poses of one channel at their places in the layout of its type."""
 
-    def __init__(self, channel: Channel, layout: _Layout) -> None:
-        self._channel, self._layout = channel, layout
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._layout = channel, _LAYOUTS[canonical(channel.type)]
         self._sources = dict[bytes, PoseSource]()
 
-    def read(self, data: bytes) -> list[Observation] | None:
+    def read(self, data: bytes, log_time_ns: int) -> list[LoggedPose] | None:
         """The poses in a message; None unless it has the size of its type and names, and if one of several
         bodies has no name or is in it twice: such messages are left to the library."""
+        at, names, tail, repeats = self._layout
+        found = list[LoggedPose]()
         try:
-            return self._read(data)
+            order = _ORDERS[data[:2]]
+            read_head, read_size, read_pose = _HEAD[order].unpack_from, _SIZE[order].unpack_from, _POSE[order]
+            count = read_size(data, _ENCAPSULATION)[0] if repeats else 1
+            while len(found) < count:
+                sec, nanosec, size = read_head(data, at)
+                end = at + 12 + size
+                for _ in range(names - 1):
+                    end += -end % 4
+                    end += 4 + read_size(data, end)[0]
+                start = end + (_ENCAPSULATION - end) % 8
+                x, y, z, qx, qy, qz, qw = read_pose.unpack_from(data, start)
+                key = data[at + 8 : end]
+                source = self._sources.get(key)
+                if source is None:
+                    source = self._new_source(key, order)
+                pose = Pose(sec * SECOND_NS + nanosec, (x, y, z), (qx, qy, qz, qw))
+                found.append((source, pose, log_time_ns))
+                at = start + read_pose.size + tail
         except (struct.error, KeyError, UnicodeDecodeError):
             return None
-
-    def _read(self, data: bytes) -> list[Observation] | None:
-        at, names, tail, repeats = self._layout
-        order = _ORDERS[data[:2]]
-        read_head, read_size, read_pose = _HEAD[order].unpack_from, _SIZE[order].unpack_from, _POSE[order]
-        count = read_size(data, _ENCAPSULATION)[0] if repeats else 1
-        found = list[Observation]()
-        while len(found) < count:
-            sec, nanosec, size = read_head(data, at)
-            end = at + 12 + size
-            for _ in range(names - 1):
-                end += -end % 4
-                end += 4 + read_size(data, end)[0]
-            start = end + (_ENCAPSULATION - end) % 8
-            x, y, z, qx, qy, qz, qw = read_pose.unpack_from(data, start)
-            key = data[at + 8 : end]
-            source = self._sources.get(key)
-            if source is None:
-                source = self._new_source(key, order)
-            found.append((source, Pose(sec * SECOND_NS + nanosec, (x, y, z), (qx, qy, qz, qw))))
-            at = start + _POSE[order].size + tail
-        is_whole = at == len(data) and (count == 1 or len({source for source, _ in found}) == count)
+        is_whole = at == len(data) and (count == 1 or len({source for source, _, _ in found}) == count)
         return found if is_whole else None
 
     def _new_source(self, key: bytes, order: str) -> PoseSource:
@@ -300,7 +289,7 @@ class _KnownLayout:
             names.append(key[at + 4 : max(end - 1, at + 4)].decode())
             at = end
         frame, child = (*names, "")[:2]
-        if self._layout.repeats and not child:
+        if self._layout[3] and not child:
             raise KeyError("a body among others that has no name gets a number")
         source = PoseSource(self._channel.topic, self._channel.type, frame, child)
         if len(self._sources) >= _MOST_SOURCES:
@@ -313,15 +302,8 @@ class Undecodable(Exception):
 
 
 class _Decoder(NamedTuple):
-    """The decoder of messages.
-
-    Parameters
-    ----------
-    decode : None where their definition cannot be used.
-    is_known : whether that is the known one of CDR.
-    why : why the known one is used instead of that of the file, in words, if it is.
-    bytes_per_record : bytes of a message that count as the work of one record.
-    """
+    """The decoder of messages, None where their definition cannot be used; whether that is the known one of
+    CDR; why that is used instead of the one of the file; bytes that count as the work of a record."""
 
     decode: Callable[[bytes], Any] | None
     is_known: bool = False
@@ -344,8 +326,7 @@ class MessageDecoder:
 
     def __init__(self, budget: WorkBudget, field: str | None = None) -> None:
         self.assumed: dict[tuple[str, str], str] = {}
-        self._field = field
-        self._budget = budget
+        self._budget, self._field = budget, field
         self._decoders: dict[tuple[str, str, str, bytes], _Decoder] = {}
 
     def decode(self, message: RawMessage) -> Any:
@@ -364,22 +345,24 @@ class MessageDecoder:
             return decode(data)
         except (Undecodable, MissingExtra):
             raise
-        except (*PARSE_ERRORS, TypeError, AttributeError, AssertionError) as error:
-            raise Undecodable(f"{channel.topic}: {error}") from error
-        except Exception as error:
-            if channel.encoding == "cdr":
+        except Exception as error:  # optional libraries can raise anything
+            expected = (*PARSE_ERRORS, TypeError, AttributeError, AssertionError)
+            if channel.encoding == "cdr" and not isinstance(error, expected):
                 raise
-            raise Undecodable(f"{channel.topic}: {error}") from error  # errors of optional libraries
+            raise Undecodable(f"{channel.topic}: {error}") from error
 
     def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose | None]:
         """The poses in messages of pose types, and in rows; None for each message that cannot be decoded."""
+        return chain.from_iterable(self.groups(items))
+
+    def groups(self, items: Iterable[Item]) -> Iterator[Sequence[LoggedPose | None]]:
+        """The same, those of one message or row together."""
         ways = dict[Channel, tuple[str | None, _KnownLayout | None]]()
         channel: Channel | None = None
         for item in items:
             if isinstance(item, Rows):
                 for row in zip(*item.poses, strict=True):
-                    for source, pose in zip(item.sources, row, strict=True):
-                        yield source, pose, pose.stamp_ns
+                    yield list(zip(item.sources, row, repeat(row[0].stamp_ns), strict=False))
             elif isinstance(item, RawMessage):
                 if item.channel is not channel:  # hashing takes longer than reading a pose
                     channel = item.channel
@@ -389,53 +372,48 @@ class MessageDecoder:
                 if path is None:
                     continue
                 try:
-                    found = None if layout is None else layout.read(item.data)
+                    found = None if layout is None else layout.read(item.data, item.log_time_ns)
                     found = self._observe(item, path) if found is None else found
                     self._spend(item, SHARE_OF_RECORD * (len(found) - 1))
                 except Undecodable:
-                    yield None
+                    yield (None,)
                 else:
-                    for source, pose in found:
-                        yield source, pose, item.log_time_ns
+                    yield found
 
-    def _observe(self, message: RawMessage, path: str) -> list[Observation]:
+    def _observe(self, message: RawMessage, path: str) -> list[LoggedPose]:
         """The poses at a path in a message, by the library's decoder."""
-        decoded, (channel, _, _) = self.decode(message), message
+        decoded, (channel, log_time_ns, _) = self.decode(message), message
         try:
             observed = [one for one in poses_at(path, decoded) if one is not None]
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
-        return [
-            (PoseSource(channel.topic, channel.type, frame, child), pose) for frame, child, pose in observed
-        ]
+        name = channel.topic, channel.type
+        return [(PoseSource(*name, frame, child), pose, log_time_ns) for frame, child, pose in observed]
 
     def _way(self, channel: Channel) -> tuple[str | None, _KnownLayout | None]:
         """The path to the poses in a channel's messages, if they have any; their layout, if it is known."""
         has_field = may_have_poses(channel, self._field)
         if not has_field and not may_have_poses(channel):
             return None, None
-        layout = _LAYOUTS.get(canonical(channel.type)) if self._decoder(channel).is_known else None
+        has_layout = self._decoder(channel).is_known and canonical(channel.type) in _LAYOUTS
         path = pose_field(channel, self._field if has_field else None)
-        return path, None if layout is None else _KnownLayout(channel, layout)
+        return path, _KnownLayout(channel) if has_layout else None
 
     def _decoder(self, channel: Channel) -> _Decoder:
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
         if key not in self._decoders:
-            self._decoders[key] = self._new_decoder(channel)
-        decoder = self._decoders[key]
-        if decoder.why is not None:
-            self.assumed[channel.topic, channel.type] = decoder.why
-        return decoder
-
-    def _new_decoder(self, channel: Channel) -> _Decoder:
-        found = _Decoder(None, why="its definition in the file is too long, or one of too many")
-        with suppress(TooMuchWork):
-            self._budget.spend(_RECORDS_PER_DEFINITION + len(channel.schema) // _DEFINITION_BYTES_PER_RECORD)
-            found = _decoder_of(channel)
-        known = known_definition(channel.type) if channel.encoding == "cdr" else None
-        if found.decode is None and known is not None:
-            return _cdr(known)._replace(why=found.why)
-        return found if found.decode is not None else _Decoder(None)
+            found = _Decoder(None, why="its definition in the file is too long, or one of too many")
+            work = _RECORDS_PER_DEFINITION + len(channel.schema) // _DEFINITION_BYTES_PER_RECORD
+            with suppress(TooMuchWork):
+                self._budget.spend(work)
+                found = _decoder_of(channel)
+            known = known_definition(channel.type) if channel.encoding == "cdr" else None
+            if found.decode is None:
+                found = _Decoder(None) if known is None else _cdr(known)._replace(why=found.why)
+            self._decoders[key] = found
+        if (why := self._decoders[key].why) is not None:
+            self.assumed[channel.topic, channel.type] = why
+        return self._decoders[key]
 
     def _spend(self, message: RawMessage, records: float) -> None:
         """Count the work beyond that of one record; raises Undecodable where it exceeds the budget."""
@@ -459,14 +437,10 @@ def may_have_poses(channel: Channel, field: str | None = None) -> bool:
 
 def is_readable(channel: Channel) -> bool:
     """Whether a channel has a schema that a library can decode."""
-    if not channel.type:
-        return False
-    match channel.encoding, channel.schema_encoding:
-        case ("cdr", "ros2msg" | "") | ("ros1", "ros1msg") | ("protobuf", "protobuf") | ("json", _):
-            return True
-        case "cdr", "ros2idl":
-            return known_definition(channel.type) is not None
-    return False
+    encodings = channel.encoding, channel.schema_encoding
+    if encodings == ("cdr", "ros2idl"):
+        return bool(channel.type) and known_definition(channel.type) is not None
+    return bool(channel.type) and (channel.encoding == "json" or encodings in _READABLE)
 
 
 def _decoder_of(channel: Channel) -> _Decoder:
@@ -487,7 +461,7 @@ def _decoder_of(channel: Channel) -> _Decoder:
                 definition = parse_definition(channel.schema.decode(), channel.type)
                 return _Decoder(ros1_decoder(definition), bytes_per_record=_bytes_per_record(definition))
             case "json":
-                return _Decoder(_decode_json)
+                return _Decoder(partial(json.loads, object_hook=lambda values: SimpleNamespace(**values)))
             case "protobuf":
                 schema = Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
                 return _Decoder(factory.decoder_for(channel.encoding, schema))
@@ -506,8 +480,3 @@ def _cdr(definition: Definition) -> _Decoder:
 
 def _bytes_per_record(definition: Definition) -> int:
     return min(BYTES_PER_RECORD, _ELEMENTS_PER_RECORD * definition.element_bytes)
-
-
-def _decode_json(data: bytes) -> Any:
-    """A JSON object; raises ValueError."""
-    return json.loads(data, object_hook=lambda values: SimpleNamespace(**values))

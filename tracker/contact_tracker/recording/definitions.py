@@ -33,8 +33,7 @@ PRIMITIVES: Final[Mapping[str, int]] = {
     **dict.fromkeys(("int64", "uint64", "float64", "time", "duration"), 8),
 }
 """Types without fields, and least sizes of their values (bytes)."""
-_SIZE_OF_LENGTH: Final = 4
-
+_LENGTH: Final = struct.Struct("<I")
 _HEADER: Final = "std_msgs/Header header\n"
 _PARTS: Final = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
@@ -104,7 +103,8 @@ class Definition(NamedTuple):
         """The definition in ros2msg."""
         parts = list[str]()
         for name, fields in self.fields.items():
-            lines = "".join(f"{kind}{_brackets(length)} {field}\n" for kind, field, length in fields)
+            sizes = ("" if length is None else f"[{length or ''}]" for _, _, length in fields)
+            lines = "".join(f"{one.type}{size} {one.name}\n" for one, size in zip(fields, sizes, strict=True))
             parts.append(f"{'=' * 80}\nMSG: {name}\n{lines}" if parts else lines)
         return "".join(parts)
 
@@ -150,11 +150,8 @@ def parse_definition(text: str, type_name: str) -> Definition:
     levels, sizes = dict[str, int](), dict[str, int](PRIMITIVES)
     for name in TopologicalSorter(parts).static_order():  # raises ValueError where a type is part of itself
         levels[name] = 1 + max((levels[part] for part in parts[name]), default=0)
-        own_sizes = [
-            _SIZE_OF_LENGTH if length == 0 else (length or 1) * sizes[kind]
-            for kind, _, length in fields[name]
-        ]
-        sizes[name] = max(sum(own_sizes), 1)
+        own = [_LENGTH.size if n == 0 else (n or 1) * sizes[kind] for kind, _, n in fields[name]]
+        sizes[name] = max(sum(own), 1)
     if levels[message] > _DEEPEST:
         raise ValueError("the definition is too deep")
     arrays = {kind for own in fields.values() for kind, _, length in own if length is not None}
@@ -171,8 +168,8 @@ def known_definition(type_name: str) -> Definition | None:
 
 def _bodies(text: str, name: str) -> dict[str, list[str]]:
     """The lines of each type, by its first definition."""
-    body, bodies, after_rule = list[str](), dict[str, list[str]](), False
-    bodies[name] = body
+    body, after_rule = list[str](), False
+    bodies = {name: body}
     for line in text.splitlines():
         if _RULE.fullmatch(line):
             after_rule = True
@@ -190,19 +187,12 @@ def _bodies(text: str, name: str) -> dict[str, list[str]]:
 def _field(line: str) -> Field | None:
     """The field that a line defines; None for a constant, a comment, or nothing; raises ValueError."""
     found = _FIELD.match(line)
-    if found is None:
-        if line.strip() and not line.lstrip().startswith("#"):
-            raise ValueError("a line that defines no field")
+    if found is None and line.strip() and not line.lstrip().startswith("#"):
+        raise ValueError("a line that defines no field")
+    if found is None or found[5]:
         return None
-    kind, brackets, length, name, is_constant = found.groups()
-    if is_constant:
-        return None
-    has_bound = brackets is not None and "<" in brackets
-    return Field(kind, name, None if brackets is None else 0 if has_bound else int(length or 0))
-
-
-def _brackets(length: int | None) -> str:
-    return "" if length is None else f"[{length or ''}]"
+    kind, brackets, length, name, _ = found.groups()
+    return Field(kind, name, None if brackets is None else 0 if "<" in brackets else int(length or 0))
 
 
 def _short(name: str) -> str:
@@ -218,7 +208,6 @@ _TIMES: Final = {
     "time": [Field("uint32", "sec", None), Field("uint32", "nanosec", None)],
     "duration": [Field("int32", "sec", None), Field("int32", "nanosec", None)],
 }
-_LENGTH: Final = struct.Struct("<I")
 _Step = tuple[list[str], struct.Struct | Field]
 """Names of consecutive fields with their numbers, or of one other field."""
 

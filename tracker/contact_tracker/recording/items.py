@@ -17,10 +17,12 @@ RESULT_TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC, MAP_T
 ROWS: Final = "contact_tracker/pose_row"
 """The encoding of channels whose poses come in columns: of tables, or composed of transforms."""
 ROWS_AT_ONCE: Final = 10_000
-"""Rows of a table that are read together."""
+"""Rows of a table that are read together; with as many poses, those read ahead are enough."""
 BUFFER_BYTES: Final = 2**23
 """Size from which messages are no longer collected, but handled."""
 _PENDING_BYTES: Final = 8 * BUFFER_BYTES
+_MESSAGE_BYTES: Final = 245
+"""Memory of a message that is buffered beside its data, by tracemalloc."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +75,6 @@ class Rows(NamedTuple):
     sources: tuple[PoseSource, ...]
     poses: tuple[Poses, ...]
 
-    @property
-    def many(self) -> int:
-        """The number of poses."""
-        return sum(map(len, self.poses))
-
 
 class Attachment(NamedTuple):
     name: str
@@ -92,8 +89,8 @@ class Metadata(NamedTuple):
 Item = RawMessage | Rows | Attachment | Metadata
 
 
-def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMessage]:
-    """The messages of all chunks by log time.
+def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[Item]:
+    """The messages of all chunks by log time; other items at once.
 
     Each chunk comes with a lower bound of its log times (ns), in the order of these bounds. Messages are
     buffered as long as later chunks may have earlier ones, up to 64 MB.
@@ -102,11 +99,13 @@ def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMe
     for begin_ns, items in chunks:
         while pending and (pending[0][0] < begin_ns or pending_bytes > _PENDING_BYTES):
             _, _, earliest = heappop(pending)
-            pending_bytes -= len(earliest.data)
+            pending_bytes -= len(earliest.data) + _MESSAGE_BYTES
             yield earliest
         for item in items:
             if isinstance(item, RawMessage):
                 heappush(pending, (item.log_time_ns, next(number), item))
-                pending_bytes += len(item.data)
+                pending_bytes += len(item.data) + _MESSAGE_BYTES
+            else:
+                yield item
     while pending:
         yield heappop(pending)[2]

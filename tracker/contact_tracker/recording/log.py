@@ -1,13 +1,17 @@
-"""A recording as a stream of validated poses of one source."""
+"""A recording as a stream of validated poses of one source; and its summary for ``contact-tracker info``."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import MissingExtra, NoPoses, UnreadableRecording
 from contact_tracker.motion.pose_validation import (
@@ -17,16 +21,16 @@ from contact_tracker.motion.pose_validation import (
     remark_on_loss,
     remarks_on,
 )
-from contact_tracker.motion.poses import BATCH, Pose, Poses
+from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.decoding import LoggedPose, assumption_text
-from contact_tracker.recording.items import BUFFER_BYTES, PoseSource, RawMessage, Rows
+from contact_tracker.recording.items import ROWS, Attachment, Item, Metadata, PoseSource, RawMessage, Rows
 from contact_tracker.recording.reading import STDIN, Reading
 from contact_tracker.recording.sources import (
     ChannelFilter,
     Logged,
     Stamping,
-    messages_by_topic,
+    is_prefix,
     only_one,
     peek,
     poses_by_source,
@@ -35,20 +39,16 @@ from contact_tracker.recording.sources import (
 )
 from contact_tracker.recording.transforms import (
     ARROW,
-    Chain,
     Composer,
-    chain_between,
-    chain_relative,
-    composed_source,
     composition_hint,
-    is_beside,
+    find_chain,
     last_moving,
     moving_parent_note,
     relative_hint,
 )
 
 _MOST_HEAD: Final = 200_000
-"""Messages or rows kept until the requested frames are connected."""
+"""Poses kept until the requested frames are connected."""
 _LATE: Final = 8
 """Most late sources that are named."""
 _SEVERAL: Final = "time runs backward in it; if its files are recordings of their own, name one"
@@ -94,18 +94,15 @@ class PoseLog:
         composer: Composer | None = None,
         note: str | None = None,
     ) -> None:
-        self.source = source
-        self.note = note
-        self.first = prefix[0]
+        self.source, self.note, self.first = source, note, prefix[0]
         self.late_sources: tuple[PoseSource, ...] = ()
         self.stamping = Stamping.by(prefix)
         self.is_stamped = reading.is_table or composer is not None
         self._counts: Counter[str] = Counter()
-        self.gate = PoseGate(self._counts)
+        self.gate, self._is_resumed = PoseGate(self._counts), False
         self._taken = self._skipped = self.valid = self.first_ns = self.last_ns = 0
-        self._is_resumed = False
         self._reading, self._composer, self._logged = reading, composer, logged
-        self._assumed = reading.decoder.assumed
+        self._assumed = reading.decoder.assumed if composer is None else {}
         self._frame, self._count_late = frame, count_late
         self._arrivals = self._arrive()
 
@@ -172,16 +169,6 @@ class PoseLog:
         if is_same_log:
             self.stamping, self._skipped = stamping, taken
 
-    @property
-    def assumed(self) -> Mapping[tuple[str, str], str]:
-        """As of ``MessageDecoder``, for poses that are not composed."""
-        return self._assumed if self._composer is None else {}
-
-    def published(self) -> Iterator[LoggedPose | None]:
-        """What is read instead of the valid poses: those of other sources included, as published or composed,
-        and None for each message that cannot be decoded."""
-        return self._logged
-
     def __iter__(self) -> Iterator[Pose]:
         return (pose for arrival in self._arrivals for pose in arrival.poses)
 
@@ -205,10 +192,8 @@ class PoseLog:
 
     def _noted(self, poses: Poses) -> Iterator[Poses]:
         if len(poses):
-            self.first_ns, self.last_ns = (
-                self.first_ns if self.valid else int(poses.stamp_ns[0]),
-                int(poses.stamp_ns[-1]),
-            )
+            self.first_ns = self.first_ns if self.valid else int(poses.stamp_ns[0])
+            self.last_ns = int(poses.stamp_ns[-1])
             self.valid += len(poses)
             yield poses
 
@@ -217,16 +202,14 @@ class PoseLog:
         for one in self._logged:
             if one is None:
                 self._counts["undecodable"] += 1
-                continue
-            source, pose, log_time_ns = one
-            if source != self.source:
-                self._note_other(source)
-                continue
-            self._taken += 1
-            if self._taken > self._skipped:
-                if self.assumed and (source.topic, source.type) in self.assumed:
-                    self._counts["known_definition"] += 1
-                yield pose, log_time_ns
+            elif one[0] != self.source:
+                self._note_other(one[0])
+            else:
+                self._taken += 1
+                if self._taken > self._skipped:
+                    if self._assumed and (self.source.topic, self.source.type) in self._assumed:
+                        self._counts["known_definition"] += 1
+                    yield one[1:]
 
     def _note_other(self, other: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""
@@ -279,77 +262,39 @@ def open_log(
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
     wanted = ChannelFilter(topic, table, is_chain, relative_to)
     reading = Reading(path, wanted, follow, table)
-    decoder, items = reading.decoder, iter(reading)
+    groups = reading.decoder.groups(reading)
     count_late = count_late or follow is not None
     known = {} if follow else peek(path, wanted, table.field)
     all_known = dict(known)
-    head: list[RawMessage | Rows] = []
-    head_poses = head_bytes = 0
+    head: list[Sequence[LoggedPose | None]] = []
     while True:
         fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
-        logged = decoder.poses(chain(head, items))
+        logged = chain.from_iterable(chain(head, groups))
         if fitting and relative_to is None:
             source = only_one(path, fitting, composition_hint(fitting))
-            if follow is None:
-                source = replace(source, messages=messages_by_topic(path).get(source.topic))
-            note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
-            prefix = known[source]
+            source = replace(source, messages=wanted.counts.get(source.topic))
+            note, prefix, around = None, known[source], set(all_known)
+            if source.frame_id and not (frame == source.frames and is_chain):
+                with suppress(NoPoses, MissingExtra):
+                    around |= (
+                        set() if follow else peek(path, ChannelFilter(None, with_transforms=True)).keys()
+                    )
+                note = moving_parent_note(around, source)
             return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
-        found = _chain(path, all_known, fitting, frame, relative_to)
+        found = find_chain(path, all_known, fitting, frame, relative_to)
         if found is not None:
             steps, source = found
             at_once = 1 if follow is not None or path == STDIN else BATCH
-            body = last_moving(steps)
-            composer = Composer(steps, body, source, decoder.assumed, at_once)
-            if not reading.is_table:
-                composer.learn(all_known)
-            prefix, logged = all_known[steps[body].source], composer.compose(logged)
-            return PoseLog(source, reading, logged, prefix, None, count_late, composer)
-        more = take_prefix(items)
+            learned = {} if reading.is_table else all_known
+            composer = Composer(steps, source, reading.decoder.assumed, at_once, learned)
+            prefix, composed = all_known[steps[last_moving(steps)].source], composer.compose(logged)
+            return PoseLog(source, reading, composed, prefix, None, count_late, composer)
+        more = take_prefix(groups)
         head = [*head, *more] if is_chain else more
-        if is_chain:
-            head_poses += sum(one.many if isinstance(one, Rows) else 1 for one in more)
-            head_bytes += sum(len(one.data) for one in more if isinstance(one, RawMessage))
-        if not more or head_poses > _MOST_HEAD or head_bytes > 8 * BUFFER_BYTES:
-            raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
-        known = poses_by_source(more, decoder)
+        if not more or sum(map(len, head)) > _MOST_HEAD:
+            raise _explain(path, frame, set(all_known), wanted, reading.damage)
+        known = poses_by_source(chain.from_iterable(more))
         all_known = {**known, **all_known}
-
-
-def _chain(
-    path: str,
-    known: Mapping[PoseSource, list[Logged]],
-    fitting: list[PoseSource],
-    frame: str | None,
-    relative_to: str | None,
-) -> tuple[Chain, PoseSource] | None:
-    """The transforms to compose and the name of the composed poses; None where none are known yet."""
-    if relative_to is None:
-        steps = chain_between(known, frame) if frame is not None and ARROW in frame else None
-        parent, _, child = (frame or "").partition(ARROW)
-    else:
-        bodies = [s for s in fitting if s.topic != relative_to or s.is_named(frame or "")]
-        if frame is None:
-            bodies = [s for s in bodies if not is_beside(s, s, relative_to)] or bodies
-        if not bodies:
-            return None
-        body = only_one(path, bodies)
-        steps = chain_relative(path, known, body, relative_to)
-        parent, child = relative_to, body.child_frame_id
-    return None if steps is None else (steps, composed_source(steps, parent, child))
-
-
-def _note(
-    path: str, source: PoseSource, known: Mapping[PoseSource, list[Logged]], follow: Follow | None
-) -> str | None:
-    """The note on a parent frame that may itself move."""
-    if not source.frame_id:
-        return None
-    sources = set(known)
-    if follow is None:
-        with suppress(NoPoses, MissingExtra):
-            sources |= peek(path, ChannelFilter(None, with_transforms=True)).keys()
-    return moving_parent_note(sources, source)
 
 
 def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
@@ -367,27 +312,261 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
         return []
     if not known:
         reading = Reading(path, wanted, table=table)
-        known = poses_by_source(take_prefix(iter(reading)), reading.decoder)
-    counts = messages_by_topic(path)
-    return [replace(source, messages=counts.get(source.topic)) for source in sorted(known)]
+        known = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
+    return [replace(source, messages=wanted.counts.get(source.topic)) for source in sorted(known)]
 
 
 def _explain(
-    path: str,
-    frame: str | None,
-    found_sources: set[PoseSource],
-    wanted: ChannelFilter,
-    damage: str | None,
-    relative_to: str | None,
+    path: str, frame: str | None, known: set[PoseSource], wanted: ChannelFilter, damage: str | None
 ) -> Exception:
-    is_named = frame is None or any(source.is_named(frame) for source in found_sources)
-    if found_sources and relative_to is not None and is_named:
-        return without_frame(path, f"that leads to {relative_to}", relative_to, found_sources)
-    if found_sources and frame is not None:
-        hint = relative_hint(path, found_sources, frame) if relative_to is None else ""
-        if not any(source.frames for source in found_sources) and len(found_sources) == 1:
+    """The error where no pose is selected."""
+    relative_to = wanted.relative_to
+    is_named = frame is None or any(source.is_named(frame) for source in known)
+    if known and relative_to is not None and is_named:
+        return without_frame(path, f"that leads to {relative_to}", relative_to, known)
+    if known and frame is not None:
+        hint = relative_hint(path, known, frame) if relative_to is None else ""
+        if not any(source.frames for source in known) and len(known) == 1:
             hint = "; it has no frame: leave out --frame"
-        return without_frame(path, frame, frame, found_sources, hint)
+        return without_frame(path, frame, frame, known, hint)
     if damage is not None:
         return UnreadableRecording(f"{path}: no pose can be read: {damage}")
     return wanted.nothing_found(path)
+
+
+SOURCES_KEPT: Final = 256
+BEGINNING_S: Final = 30.0
+BEGINNING_NS: Final = round(BEGINNING_S * 1e9)
+BEGINNING_POSES: Final = 20_000
+KEPT_POSES: Final = 200_000
+"""Limit for all sources together."""
+_SAMPLE: Final = 50_000
+_MAD_TO_SIGMA: Final = 1.4826
+
+
+@dataclass(frozen=True)
+class SourceSummary:
+    """Summary of one pose source; figures are nan or None where too few poses are valid.
+
+    Parameters
+    ----------
+    poses, observed : numbers of valid and of published poses.
+    first_ns, last_ns : stamps of the first and last valid pose.
+    median_rate_hz, jitter_s : of the time between poses; jitter is its robust standard deviation.
+    counts : what the gate dropped, repaired or noted, by kind (including ``gap`` and ``held``).
+    log_offset_s : median of log time minus header stamp.
+    path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
+    loss : one line if most poses were dropped.
+    beginning : the first valid poses, ``BEGINNING_S`` at most.
+    sigma_position_m, sigma_rotation_rad : estimated sensor noise; filled in by the caller.
+    """
+
+    source: PoseSource
+    poses: int
+    observed: int
+    first_ns: int | None
+    last_ns: int | None
+    median_rate_hz: float
+    jitter_s: float
+    counts: Mapping[str, int]
+    log_offset_s: float
+    path_m: float
+    extent_m: tuple[float, float, float]
+    loss: str | None = None
+    beginning: Poses = field(default=NO_POSES, compare=False, repr=False)
+    sigma_position_m: float | None = None
+    sigma_rotation_rad: float | None = None
+
+    @property
+    def duration_s(self) -> float:
+        if self.first_ns is None or self.last_ns is None:
+            return float("nan")
+        return (self.last_ns - self.first_ns) * 1e-9
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """Summary of a recording.
+
+    Parameters
+    ----------
+    sources : the pose sources, at most ``SOURCES_KEPT``, in the order of their names.
+    more_sources : whether there are more.
+    topics : messages by (topic, type, encoding), of all topics.
+    metadata : records by name. attachments : their names.
+    undecodable : number of messages of pose topics that do not match their schema.
+    damage : one line if it is truncated or damaged.
+    assumptions : one line for each source whose type the file does not define usably, and for a guessed time
+        unit.
+    """
+
+    sources: tuple[SourceSummary, ...]
+    topics: Mapping[tuple[str, str, str], int]
+    metadata: Mapping[str, Mapping[str, str]]
+    attachments: tuple[str, ...]
+    undecodable: int
+    damage: str | None
+    more_sources: bool = False
+    assumptions: tuple[str, ...] = ()
+
+
+def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
+    """Read a whole recording once, in bounded memory; ``table`` is that of ``open_log``.
+
+    Raises
+    ------
+    UnreadableRecording
+        No such file, or not MCAP.
+    """
+    topics, attachments = Counter[tuple[str, str, str]](), list[str]()
+    metadata: dict[str, Mapping[str, str]] = {}
+
+    def noted(items: Iterable[Item]) -> Iterator[Item]:
+        for item in items:
+            match item:
+                case Metadata(name, values):
+                    metadata[name] = values
+                case Attachment(name, _):
+                    attachments.append(name)
+                case RawMessage(channel, _, _):
+                    topics[channel.topic, channel.type, channel.encoding] += 1
+                case Rows(rows_of, poses):
+                    for source, some in zip(rows_of, poses, strict=True):
+                        topics[source.topic, source.type, ROWS] += len(some)
+            yield item
+
+    reading = Reading(path, lambda channel: True, table=table)
+    logged, assumed = reading.decoder.poses(noted(reading)), reading.decoder.assumed
+    sources, undecodable, more_sources = _summaries(logged, assumed, reading.is_table)
+    assumptions = [
+        f"{one.source.topic}: {assumption_text(one.observed, one.source.type, why)}"
+        for one in sources
+        if (why := assumed.get((one.source.topic, one.source.type))) is not None
+    ]
+    assumptions += filter(None, [reading.assumption])
+    noted_names, damage = tuple(attachments), reading.damage
+    return RecordingSummary(
+        sources, topics, metadata, noted_names, undecodable, damage, more_sources, tuple(assumptions)
+    )
+
+
+def summarise_log(log: PoseLog) -> SourceSummary:
+    """Summary of the poses that a log selects, which may be composed; reads it to its end."""
+    sources, _, _ = _summaries(log._logged, log._assumed, log.is_stamped)
+    (found,) = (one for one in sources if one.source == log.source)
+    return replace(found, source=log.source, counts=Counter(found.counts) + Counter(log.counts))
+
+
+def _summaries(
+    logged: Iterable[LoggedPose | None], assumed: Mapping[tuple[str, str], str], is_stamped: bool
+) -> tuple[tuple[SourceSummary, ...], int, bool]:
+    """The summary of each source, the number of undecodable messages, and whether there are more sources."""
+    tallies, undecodable, more_sources, kept = dict[PoseSource, _Tally](), 0, False, 0
+    for one in logged:
+        if one is None:
+            undecodable += 1
+            continue
+        source, pose, log_time_ns = one
+        tally = tallies.get(source)
+        if tally is None:
+            if len(tallies) >= SOURCES_KEPT:
+                more_sources = True
+                continue
+            tally = tallies[source] = _Tally(is_stamped)
+        kept += tally.add(pose, log_time_ns, keep=kept < KEPT_POSES)
+    for source, tally in tallies.items():
+        if (source.topic, source.type) in assumed:
+            tally.counts["known_definition"] += tally.observed
+    return tuple(tallies[source].summary(source) for source in sorted(tallies)), undecodable, more_sources
+
+
+class _Sample:
+    """A regular sample of a stream of integers; when full, every second one is dropped and the stride
+    doubles."""
+
+    def __init__(self) -> None:
+        self.values, self._stride, self._seen = np.zeros(0, np.int64), 1, 0
+
+    def add(self, values: NDArray[np.int64]) -> None:
+        """Add at most ``_SAMPLE`` values."""
+        self.values = np.append(self.values, values[-self._seen % self._stride :: self._stride])
+        self._seen += len(values)
+        while len(self.values) > _SAMPLE:
+            self.values, self._stride = self.values[::2], 2 * self._stride
+
+
+class _Tally:
+    """Running figures of one source, of which ``observed`` poses were published."""
+
+    def __init__(self, is_stamped: bool) -> None:
+        self.counts: Counter[str] = Counter()
+        self.observed = self._poses = self._kept = self._first_ns = 0
+        self._gate = PoseGate(self.counts)
+        self._stamping = Stamping() if is_stamped else None
+        self._waiting, self._beginning = list[Logged](), list[Poses]()
+        self._last = NO_POSES
+        self._steps_ns, self._offsets_ns = _Sample(), _Sample()
+        self._path_m = 0.0
+        self._low_m, self._high_m = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def add(self, pose: Pose, log_time_ns: int, keep: bool) -> int:
+        """Add a pose; the first are buffered until their stamping is determined. Returns how many poses were
+        kept as its beginning."""
+        self.observed += 1
+        self._waiting.append((pose, log_time_ns))
+        is_enough = is_prefix(self._waiting) if self._stamping is None else len(self._waiting) == BATCH
+        return self._admit(keep) if is_enough else 0
+
+    def _admit(self, keep: bool) -> int:
+        waiting, self._waiting = self._waiting, []
+        self._stamping = self._stamping or Stamping.by(waiting)
+        times_ns = np.array(
+            [[max(min(t, RANGE_NS), -RANGE_NS) for t in (log_ns, pose.stamp_ns)] for pose, log_ns in waiting]
+        )
+        self._offsets_ns.add(times_ns[:, 0] - times_ns[:, 1])
+        return self._note(self._stamping.admitted(self._gate, waiting), keep)
+
+    def _note(self, poses: Poses, keep: bool) -> int:
+        """Add valid poses; returns how many were kept."""
+        if not len(poses):
+            return 0
+        if not self._poses:
+            self._first_ns = int(poses.stamp_ns[0])
+        self._poses += len(poses)
+        joined = Poses.join([self._last, poses])
+        self._steps_ns.add(np.diff(joined.stamp_ns))
+        self._path_m += float(np.linalg.norm(np.diff(joined.position_m, axis=0), axis=1).sum())
+        self._low_m = np.minimum(self._low_m, poses.position_m.min(axis=0))
+        self._high_m = np.maximum(self._high_m, poses.position_m.max(axis=0))
+        self._last = joined[-1:]
+        early = poses[: np.searchsorted(poses.stamp_ns, self._first_ns + BEGINNING_NS)] if keep else NO_POSES
+        if not len(early) or self._kept >= BEGINNING_POSES:
+            return 0
+        self._beginning.append(early)
+        self._kept += len(early)
+        return len(early)
+
+    def summary(self, source: PoseSource) -> SourceSummary:
+        if self._waiting:
+            self._admit(keep=True)
+        self._note(Poses.collect(self._gate.finish()), keep=True)
+        nan = float("nan")
+        steps = self._steps_ns.values
+        period_ns = float(np.median(steps)) if len(steps) else nan
+        jitter_ns = _MAD_TO_SIGMA * float(np.median(np.abs(steps - period_ns))) if len(steps) else nan
+        x, y, z = (self._high_m - self._low_m).tolist() if self._poses else (nan, nan, nan)
+        return SourceSummary(
+            source=source,
+            poses=self._poses,
+            observed=self.observed,
+            first_ns=self._first_ns if self._poses else None,
+            last_ns=int(self._last.stamp_ns[0]) if self._poses else None,
+            median_rate_hz=1e9 / period_ns,
+            jitter_s=jitter_ns * 1e-9,
+            counts=dict(self.counts),
+            log_offset_s=float(np.median(self._offsets_ns.values)) * 1e-9,
+            path_m=self._path_m,
+            extent_m=(x, y, z),
+            loss=remark_on_loss(self.counts, self.observed, self._gate.refused_xyzw),
+            beginning=Poses.join(self._beginning),
+        )

@@ -6,14 +6,15 @@ chunk is left out; where the framing of records is lost, the loop continues at t
 there is one. Chunks in the index are not decompressed.
 """
 
+import bz2
 import os
 import struct
 import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from io import BytesIO
-from itertools import chain, pairwise
-from typing import IO, Final, cast
+from itertools import pairwise
+from typing import IO, Any, Final
 
 import zstandard
 from mcap import records
@@ -42,6 +43,8 @@ _COUNTED_AT_ONCE: Final = 64
 """Records of a chunk that are counted together."""
 FIRST_UNKNOWN: Final = max(Opcode) + 1
 """Opcodes from here on are of later versions of the format, or private, and skipped."""
+_BZ2_WORK: Final = 4
+"""Time to decompress a byte of bz2, relative to zstd or lz4."""
 MAGIC: Final = b"\x89MCAP0\r\n"
 """First and last bytes of a file."""
 RECORD_HEAD: Final = struct.Struct("<BQ")
@@ -68,34 +71,41 @@ def channel_of(record: records.Channel, schemas: Mapping[int, records.Schema]) -
 
 def inflate(chunk: records.Chunk, budget: WorkBudget) -> bytes:
     """The decompressed records of a chunk; raises one of PARSE_ERRORS if they are damaged or too large."""
-    size = chunk.uncompressed_size
-    budget.inflate(len(chunk.data), size)
-    match chunk.compression:
-        case "":
-            data = chunk.data
-        case "zstd":
-            data = inflate_zstd(chunk.data, size)
-        case "lz4":
-            data = inflate_lz4(chunk.data, size)
-        case unknown:
-            raise ValueError(f"unknown compression {unknown!r}")
-    if len(data) != size:
-        raise ValueError(f"{len(data)} bytes where {size} were promised")
+    data = decompress(chunk.compression, chunk.data, chunk.uncompressed_size, budget)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("its checksum is wrong")
     return data
 
 
+def decompress(compression: str, data: bytes, size: int, budget: WorkBudget) -> bytes:
+    """The ``size`` bytes of a chunk of MCAP or of a bag; raises as ``inflate``."""
+    budget.check_record(len(data), size)
+    work = _BZ2_WORK if compression == "bz2" else 1
+    budget.inflate(work * len(data), work * size)
+    match compression:
+        case "" | "none":
+            found = data
+        case "zstd":
+            found = inflate_zstd(data, size)
+        case "lz4":
+            import lz4.frame  # type: ignore[import-untyped]
+
+            found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+        case "bz2":
+            try:
+                found = bz2.BZ2Decompressor().decompress(data, size)
+            except OSError as error:  # else it would look as if the file could not be read
+                raise ValueError(f"its bz2 data is damaged: {error}") from error
+        case unknown:
+            raise ValueError(f"unknown compression {unknown!r}")
+    if len(found) != size:
+        raise ValueError(f"{len(found)} bytes where {size} were promised")
+    return found
+
+
 def inflate_zstd(data: bytes, limit: int) -> bytes:
     """Decompress zstd to at most ``limit`` bytes, whatever size the data declares."""
     return zstandard.ZstdDecompressor().stream_reader(data).read(limit)
-
-
-def inflate_lz4(data: bytes, limit: int) -> bytes:
-    """Decompress lz4 to at most ``limit`` bytes."""
-    import lz4.frame  # type: ignore[import-untyped]
-
-    return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit))
 
 
 def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int]]:
@@ -118,14 +128,6 @@ def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int
     budget.spend(uncounted)
 
 
-def attachment_of(payload: bytes) -> Attachment:
-    attachment = records.Attachment.read(payload_stream(payload))
-    (crc,) = struct.unpack("<I", payload[-4:])
-    if crc and crc != zlib.crc32(payload[:-4]):
-        raise ValueError("its checksum is wrong")
-    return Attachment(attachment.name, attachment.data)
-
-
 def payload_stream(payload: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(payload))
 
@@ -144,8 +146,12 @@ def summary_of(part: str) -> Summary | None:
             size = os.fstat(file.fileno()).st_size
     except (*PARSE_ERRORS, OSError):
         return None
-    if summary is None or summary.statistics is None or not _are_disjoint(summary, size):
+    if summary is None or summary.statistics is None:
         return None
+    entries: list[Entry] = [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
+    places = [*sorted(map(_place, entries)), (size, 0)]
+    if any(offset + length > following for (offset, length), (following, _) in pairwise(places)):
+        return None  # a small file could have the same bytes read over and over
     has_channels = summary.channels.keys() >= summary.statistics.channel_message_counts.keys()
     has_schemas = {channel.schema_id for channel in summary.channels.values()} <= {0, *summary.schemas}
     return summary if has_channels and has_schemas else None
@@ -162,14 +168,6 @@ def _place(index: Entry) -> tuple[int, int]:
     return index.offset, index.length
 
 
-def _are_disjoint(summary: Summary, size: int) -> bool:
-    """Whether the records of an index are disjoint and inside the file: else a small one could have the same
-    bytes read over and over."""
-    entries: list[Entry] = [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
-    places = [*sorted(map(_place, entries)), (size, 0)]
-    return all(offset + length <= following for (offset, length), (following, _) in pairwise(places))
-
-
 def _read(file: IO[bytes]) -> Summary | None:
     """The records between the start that the footer gives and the footer; None if there are others than those
     of an index, or too many."""
@@ -181,39 +179,26 @@ def _read(file: IO[bytes]) -> Summary | None:
         return None
     file.seek(start)
     summary = Summary()
+    by_id: dict[type, Any] = {records.Schema: summary.schemas, records.Channel: summary.channels}
+    lists: dict[type, Any] = {
+        records.ChunkIndex: summary.chunk_indexes,
+        records.AttachmentIndex: summary.attachment_indexes,
+        records.MetadataIndex: summary.metadata_indexes,
+    }
     for record in StreamReader(BytesIO(file.read()), skip_magic=True, emit_chunks=True).records:
-        match record:
-            case records.Statistics():
-                summary.statistics = record
-            case records.Schema():
-                summary.schemas[record.id] = record
-            case records.Channel():
-                summary.channels[record.id] = record
-            case records.ChunkIndex():
-                summary.chunk_indexes.append(record)
-            case records.AttachmentIndex():
-                summary.attachment_indexes.append(record)
-            case records.MetadataIndex():
-                summary.metadata_indexes.append(record)
-            case records.SummaryOffset() | records.Footer():
-                pass
-            case _:
-                return None
+        kind = type(record)
+        if isinstance(record, records.Statistics):
+            summary.statistics = record
+        elif isinstance(record, records.Schema | records.Channel):
+            by_id[kind][record.id] = record
+        elif kind in lists:
+            lists[kind].append(record)
+        elif not isinstance(record, records.SummaryOffset | records.Footer):
+            return None
     return summary
 
 
-_READ: Final = frozenset(
-    {
-        Opcode.HEADER,
-        Opcode.FOOTER,
-        Opcode.SCHEMA,
-        Opcode.CHANNEL,
-        Opcode.MESSAGE,
-        Opcode.CHUNK,
-        Opcode.ATTACHMENT,
-        Opcode.METADATA,
-    }
-)
+_READ: Final = IN_CHUNKS | {*(Opcode.HEADER, Opcode.FOOTER, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)}
 
 
 class RecordLoop:
@@ -245,15 +230,11 @@ class RecordLoop:
         summary: Summary | None = None,
     ) -> None:
         self._opcodes = _READ if wanted is not None else _READ - {Opcode.CHUNK, Opcode.MESSAGE}
-        self._report = report
-        self.is_sound = True
-        self.messages = 0
-        self._stream = stream
-        self._wanted = wanted
+        self._report, self._stream, self._wanted = report, stream, wanted
+        self.is_sound, self.messages = True, 0
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, Channel | None] = {}
-        self._chunk_starts: list[int] = []
-        self._orphans = 0
+        self._chunk_starts, self._orphans = list[int](), 0
         if summary is not None:
             self._schemas.update(summary.schemas)
             self._chunk_starts = sorted(c.chunk_start_offset for c in summary.chunk_indexes)
@@ -261,17 +242,13 @@ class RecordLoop:
                 self._add_channel(channel)
 
     def __iter__(self) -> Iterator[Item]:
-        return chain.from_iterable(self.groups())
-
-    def groups(self) -> Iterator[list[Item]]:
         """The items of one record after the other; the messages of a chunk in the order of log time."""
         if (magic := self._stream.read(len(MAGIC))) != MAGIC:
             hint = "; if it is a table, name it .csv" if is_text(magic) else ""
             reason = self._stream.error or (f"it is not an MCAP file{hint}" if magic else "it is empty")
             raise UnreadableRecording(reason)
         for opcode, payload, start in self._frames():
-            if group := self._group(opcode, payload, start):
-                yield group
+            yield from self._group(opcode, payload, start)
         self.report_orphans()
 
     def opcode_of(self, index: Entry) -> int | None:
@@ -282,7 +259,7 @@ class RecordLoop:
         return opcode if opcode in _READ and len(head) + length == size else None
 
     def items_of(self, index: Entry) -> list[Item]:
-        """The items of one record, as in ``groups``; channels are those of ``summary``."""
+        """The items of one record, as in iteration; channels are those of ``summary``."""
         offset, size = _place(index)
         opcode, length = self.opcode_of(index), size - RECORD_HEAD.size
         if opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:
@@ -318,8 +295,11 @@ class RecordLoop:
                 elif (channel := channels[channel_id]) is not None:
                     group.append(RawMessage(channel, log_time_ns, payload[begin + head_size : end]))
         except PARSE_ERRORS as error:
-            self._damage(f"unreadable {_name(opcode)} at byte {start} ({first_line(error)})")
-        return _in_log_order(group)
+            self._damage(f"unreadable {Opcode(opcode).name.lower()} at byte {start} ({first_line(error)})")
+        times_ns = [item.log_time_ns for item in group if isinstance(item, RawMessage)]
+        if any(before > after for before, after in pairwise(times_ns)):
+            group.sort(key=lambda item: item.log_time_ns if isinstance(item, RawMessage) else 0)
+        return group
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
         """Opcode, payload and offset of every relevant record, until the input ends."""
@@ -336,45 +316,41 @@ class RecordLoop:
             except TooMuchWork as error:
                 self._note_end(str(error))
                 return
-            look = opcode in self._opcodes and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
-            payload, complete, fault = b"", False, f"no MCAP record at byte {start}"
-            if opcode != 0 and not (look and length > RECORD_LIMIT):
+            is_read = opcode in self._opcodes and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
+            if opcode == 0 or (is_read and length > RECORD_LIMIT):
+                payload, fault = None, f"no MCAP record at byte {start}"
+            else:
+                payload = stream.take(length, is_read) if opcode > 0 else None
                 fault = f"it is cut off inside a record at byte {start}"
-                complete = opcode > 0 and stream.may_have(length)
-                if complete and look:
-                    payload = stream.read(length)
-                    complete = len(payload) == length
-                elif complete:
-                    complete = stream.skip(length)
-            if complete and look:
+            if payload is None:  # reading goes on at the next chunk that the index has
+                following = bisect_right(self._chunk_starts, start)
+                if not any(map(stream.seek, self._chunk_starts[following : following + 1])):
+                    self._note_end(fault)
+                    return
+                self._damage(fault)
+                continue
+            if is_read:
                 yield opcode, payload, start
-            if complete and opcode == Opcode.FOOTER:
+            if opcode == Opcode.FOOTER:
                 if stream.read(len(MAGIC)) != MAGIC:
                     self._damage("its last bytes are missing")
-                elif not stream.follows and stream.read(1):
+                elif stream.follow is None and stream.read(1):
                     self._damage("what follows its end is ignored")
                 return
-            if not complete and not self._resume(start, fault):
-                self._note_end(fault)
-                return
-
-    def _resume(self, start: int, text: str) -> bool:
-        """Go to the next chunk after an invalid record; returns whether there is one."""
-        following = bisect_right(self._chunk_starts, start)
-        if following == len(self._chunk_starts) or not self._stream.seek(self._chunk_starts[following]):
-            return False
-        self._damage(text)
-        return True
 
     def _note_end(self, damage: str) -> None:
         """Add why the input ends to the damage, unless the caller has stopped it."""
-        if not self._stream.stopped:
+        if self._stream.follow is None or not self._stream.follow.stopped:
             self._damage(f"{damage} ({self._stream.error})" if self._stream.error else damage)
 
     def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
         """Add what a record of another kind holds."""
         if opcode == Opcode.ATTACHMENT:
-            group.append(attachment_of(payload))
+            attachment = records.Attachment.read(payload_stream(payload))
+            crc = int.from_bytes(payload[-4:], "little")
+            if crc and crc != zlib.crc32(payload[:-4]):
+                raise ValueError("its checksum is wrong")
+            group.append(Attachment(attachment.name, attachment.data))
         elif opcode == Opcode.METADATA:
             self._stream.budget.spend(len(payload) // BYTES_PER_RECORD)
             metadata = records.Metadata.read(payload_stream(payload))
@@ -392,15 +368,3 @@ class RecordLoop:
     def _add_channel(self, record: records.Channel) -> None:
         channel = channel_of(record, self._schemas)
         self._channels[record.id] = channel if self._wanted is not None and self._wanted(channel) else None
-
-
-def _in_log_order(items: list[Item]) -> list[Item]:
-    """Messages by log time; other items keep their place."""
-    times_ns = [item.log_time_ns for item in items if isinstance(item, RawMessage)]
-    if all(before <= after for before, after in pairwise(times_ns)):
-        return items
-    return sorted(items, key=lambda item: item.log_time_ns if isinstance(item, RawMessage) else 0)
-
-
-def _name(opcode: int) -> str:
-    return Opcode(opcode).name.lower()

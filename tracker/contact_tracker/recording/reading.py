@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from glob import has_magic
 from itertools import pairwise
 from typing import Final
@@ -22,14 +22,13 @@ from contact_tracker.recording.bytestream import (
     open_stream,
 )
 from contact_tracker.recording.decoding import MessageDecoder
-from contact_tracker.recording.items import Channel, Item, RawMessage, in_log_order
+from contact_tracker.recording.items import Channel, Item, in_log_order
 from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, summary_of
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
 
 STDIN: Final = "-"
 _PATTERN: Final = "; it looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"
-_COMPRESSED: Final = (".zstd", ".zst")
-_ENDINGS: Final = (".mcap", ".db3", *(f".mcap{end}" for end in _COMPRESSED))
+_ENDINGS: Final = (".mcap", ".db3", ".mcap.zstd", ".mcap.zst")
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
@@ -61,13 +60,15 @@ def parts_of(path: str) -> list[str]:
             raise UnreadableRecording(f"{path}: no such file{hint or near_file(path)}")
         return [path]
     try:
-        names = sorted((n for n in os.listdir(path) if n.lower().endswith(_ENDINGS)), key=_natural)
+        there = sorted(os.listdir(path))
     except OSError as error:
         raise UnreadableRecording(f"{path}: {error.strerror}") from error
+    names = sorted((n for n in there if n.lower().endswith(_ENDINGS)), key=_natural)
     if not names:
-        raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{_packed_in(path)}")
-    there = {*names}
-    return [os.path.join(path, n) for n in names if _better(n) == n or _better(n) not in there]
+        packed = next((n for n in there if re.search(r"\.(mcap|db3)\.\w+$", n.lower())), None)
+        advice = "" if packed is None else f"; decompress {packed} first"
+        raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{advice}")
+    return [os.path.join(path, n) for n in names if _better(n) == n or _better(n) not in names]
 
 
 def _better(name: str) -> str:
@@ -81,12 +82,6 @@ def recording_of(path: str) -> str:
     return os.path.dirname(path) or "." if os.path.basename(path) == _METADATA else path
 
 
-def _packed_in(folder: str) -> str:
-    """The advice on compressed parts in a folder, if there are any."""
-    names = sorted(n for n in os.listdir(folder) if re.search(r"\.(mcap|db3)\.\w+$", n.lower()))
-    return f"; decompress {names[0]} first" if names else ""
-
-
 def may_be_recording(path: str) -> bool:
     """Whether a file begins like MCAP or a ROS bag, has unknown compressed content, or is a table of poses.
 
@@ -97,14 +92,11 @@ def may_be_recording(path: str) -> bool:
     """
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
-    if begin.startswith(_BAGS):
-        return True
-    begin = begin[: len(MAGIC)]
     if begin.startswith(ZSTD_MAGIC):
         with open_stream(path) as stream:
             begin = stream.read(len(MAGIC))
         return begin == MAGIC or len(begin) < len(MAGIC)
-    return begin == MAGIC or has_poses(path)
+    return begin.startswith((*_BAGS, MAGIC)) or has_poses(path)
 
 
 def size_budget(path: str) -> WorkBudget:
@@ -145,15 +137,8 @@ def _refuse_unrelated(path: str, parts: Sequence[str]) -> None:
 def _interval_ns(part: str) -> tuple[int, int] | None:
     """First and last log time of a part, if its index has them."""
     summary = summary_of(part)
-    if summary is None or summary.statistics is None or not summary.statistics.message_count:
-        return None
-    return summary.statistics.message_start_time, summary.statistics.message_end_time
-
-
-def _is_in_log_order(summary: Summary) -> bool:
-    """Whether the chunks of a file do not overlap in log time."""
-    chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
-    return all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
+    known = None if summary is None else summary.statistics
+    return (known.message_start_time, known.message_end_time) if known and known.message_count else None
 
 
 def is_table_file(path: str) -> bool:
@@ -204,10 +189,7 @@ class Reading:
             raise ChoiceError(
                 f"{_shown(path)}: it is a table: say which columns the poses are in by --columns"
             )
-        self.path = path
-        self._wanted = wanted
-        self._follow = follow
-        self._table_reading = table
+        self.path, self._wanted, self._follow, self._table_reading = path, wanted, follow, table
         self.assumption: str | None = None
         self._damages, self._more_damages = list[str](), 0
         self.budget = WorkBudget()
@@ -240,11 +222,10 @@ class Reading:
             raise errors[0]
 
     def _part(self, part: str, single: bool) -> Iterator[Item]:
-        prefix = "" if single else f"{os.path.basename(part)}: "
         begin = _begin(part)
 
         def report(text: str) -> None:
-            self._report(prefix + text)
+            self._report(text if single else f"{os.path.basename(part)}: {text}")
 
         if (is_bag := begin.startswith(_BAGS)) or is_table(part, begin):
             if self._wanted is None:
@@ -256,8 +237,9 @@ class Reading:
 
                 yield from read_bag(part, self._wanted, report, self.budget)
             else:
-                table = self._table_reading
-                yield from read_table(part, self._wanted, report, self.budget, self._assume, table)
+                yield from read_table(
+                    part, self._wanted, report, self.budget, self._assume, self._table_reading
+                )
             return
         refuse_other_formats(part, begin)
         summary = None if self._follow else summary_of(part)
@@ -267,7 +249,7 @@ class Reading:
                 if summary is None or self._wanted is None:
                     yield from loop
                 else:
-                    yield from self._by_log_time(part, summary, loop, stream, report)
+                    yield from self._by_log_time(summary, loop, stream, report)
             finally:
                 loop.report_orphans()
 
@@ -281,43 +263,30 @@ class Reading:
         self.assumption = text
 
     def _by_log_time(
-        self,
-        part: str,
-        summary: Summary,
-        loop: RecordLoop,
-        stream: ByteStream,
-        report: Callable[[str], None],
+        self, summary: Summary, loop: RecordLoop, stream: ByteStream, report: Callable[[str], None]
     ) -> Iterator[Item]:
-        """The items of a file with an index, messages by log time. If the file is not in this order,
-        attachments and metadata come first, and messages are buffered as long as others may be earlier."""
-        pieces: Iterator[tuple[int, Iterable[Item]]]
-        if not _is_in_log_order(summary) and _is_sortable(summary, loop):
-            chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
-            pieces = ((chunk.message_start_time, loop.items_of(chunk)) for chunk in chunks)
-        elif self._is_unsorted_without_chunks(part, summary):
-            pieces = ((0, [item]) for item in loop)
-        else:
+        """The items of a file with an index, messages by log time: chunks that overlap are read by the index,
+        messages outside of chunks are buffered, as others may be earlier."""
+        known, chunks = summary.statistics, summary.chunk_indexes
+        assert known is not None
+        others: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
+        if not known.chunk_count and not chunks:
+            yield from in_log_order((0, [item]) for item in loop)
+            return
+        chunks = sorted(chunks, key=lambda chunk: chunk.chunk_start_offset)
+        is_in_order = all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
+        counts = known.chunk_count, known.attachment_count + known.metadata_count
+        is_whole = counts == (len(chunks), len(others))
+        if is_in_order or not is_whole or any(loop.opcode_of(chunk) != Opcode.CHUNK for chunk in chunks):
             stream.seek(0)
             yield from loop
             return
-        others: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
         for entry in others:
             yield from loop.items_of(entry)
-        stream.seek(0)
-        yield from in_log_order(pieces)
-        assert summary.statistics is not None
-        if loop.is_sound and (lost := summary.statistics.message_count - loop.messages) > 0:
+        chunks.sort(key=lambda chunk: chunk.message_start_time)
+        yield from in_log_order((chunk.message_start_time, loop.items_of(chunk)) for chunk in chunks)
+        if loop.is_sound and (lost := known.message_count - loop.messages) > 0:
             report(f"{lost} messages outside of chunks, which overlap in log time, are left out")
-
-    def _is_unsorted_without_chunks(self, part: str, summary: Summary) -> bool:
-        """Whether wanted messages of a file without chunks, which no index orders, are not in the order of
-        log time: they are read once for that, up to the first that goes back."""
-        if summary.statistics is None or summary.statistics.chunk_count or summary.chunk_indexes:
-            return False
-        with open_stream(part) as stream:
-            loop = RecordLoop(stream, lambda text: None, self._wanted, summary)
-            times_ns = (item.log_time_ns for item in loop if isinstance(item, RawMessage))
-            return any(before > after for before, after in pairwise(times_ns))
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether each is the only one; when following, new ones, too."""
@@ -331,11 +300,8 @@ class Reading:
             if new:
                 yield new[0], single
                 done.add(new[0])
-            elif self._is_finished() or not self._follow.wait():
+            elif os.path.exists(os.path.join(self.path, _METADATA)) or not self._follow.wait():
                 return
-
-    def _is_finished(self) -> bool:
-        return os.path.exists(os.path.join(self.path, _METADATA))
 
 
 def _begin(part: str) -> bytes:
@@ -349,20 +315,9 @@ def _begin(part: str) -> bytes:
         return b""
 
 
-def _is_sortable(summary: Summary, loop: RecordLoop) -> bool:
-    """Whether the index has all chunks, attachments and metadata, and its chunks are there."""
-    known = summary.statistics
-    is_whole = known is not None and (
-        (known.chunk_count, known.attachment_count, known.metadata_count)
-        == (len(summary.chunk_indexes), len(summary.attachment_indexes), len(summary.metadata_indexes))
-    )
-    return is_whole and all(loop.opcode_of(chunk) == Opcode.CHUNK for chunk in summary.chunk_indexes)
-
-
 def _plain(name: str) -> str:
     """The name of a part without the suffix of compressed files, in any case."""
-    ending = next((end for end in _COMPRESSED if name.lower().endswith(end)), "")
-    return name.removesuffix(name[len(name) - len(ending) :]) if ending else name
+    return re.sub(r"\.zstd?$", "", name, flags=re.IGNORECASE)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

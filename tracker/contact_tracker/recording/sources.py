@@ -3,9 +3,9 @@
 A source is a topic with its frames. Where a file has an index, its channels are known from there and their
 frames from a prefix that starts at the first chunk of each. Otherwise (pipes, growing, truncated and
 index-less files) the prefix of the whole decides. A prefix is one second of log time from its first pose, and
-at most 2000 pose messages or 8 MB; those of all channels of an index have 32 MB together. If another
-matching source appears only later, the user has to choose; a live stream continues with the first one, and
-reports it.
+at most 2000 pose messages and 10,000 poses; by an index at most 8 MB, and 32 MB of all channels together. If
+another matching source appears only later, the user has to choose; a live stream continues with the first
+one, and reports it.
 `/tf_static` does not move, and `/contact/frames` belongs to results: these are sources only if their topic is
 requested.
 """
@@ -25,8 +25,10 @@ from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import WorkBudget, open_stream
 from contact_tracker.recording.decoding import (
+    POSE_TYPES,
     READ,
     USUAL,
+    LoggedPose,
     MessageDecoder,
     fields_with_poses,
     is_readable,
@@ -37,19 +39,18 @@ from contact_tracker.recording.items import (
     BUFFER_BYTES,
     FRAMES_TOPIC,
     RESULT_TOPICS,
+    ROWS_AT_ONCE,
     Channel,
-    Item,
     PoseSource,
     RawMessage,
-    Rows,
 )
 from contact_tracker.recording.mcap_file import RecordLoop, channel_of, summary_of
 from contact_tracker.recording.reading import parts_of, size_budget
 from contact_tracker.suggestions import suggestion
 
-PREFIX_NS: Final = 1_000_000_000
-PREFIX_MESSAGES: Final = 2000
 SECOND_NS: Final = 1_000_000_000
+PREFIX_NS: Final = SECOND_NS
+PREFIX_MESSAGES: Final = 2000
 _LATEST_NS: Final = 2**63 - 1
 COARSE: Final = 4
 """Different poses per stamp from which stamps cannot order poses in time."""
@@ -80,7 +81,11 @@ class Stamping(NamedTuple):
         """By the first poses of a source: one second of log time, and at most 2000."""
         good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
         are_zero = len(prefix) > 1 and not good
-        by_log_time = are_zero or _are_coarse([pose for pose, _ in prefix])
+        stamps = {
+            pose.stamp_ns for pose, _ in prefix
+        }  # coarse if most poses share theirs with a different one
+        enough = COARSE_SECONDS if all(stamp_ns % SECOND_NS == 0 for stamp_ns in stamps) else COARSE
+        by_log_time = are_zero or len({pose[1:] for pose, _ in prefix}) >= enough * len(stamps) > 0
         if not good:
             return cls(by_log_time)
         offset_ns = round(median(log_time_ns - stamp_ns for stamp_ns, log_time_ns in good))
@@ -116,32 +121,20 @@ def is_prefix(first: Sequence[Logged]) -> bool:
     return len(first) >= PREFIX_MESSAGES or first[-1][1] - first[0][1] >= PREFIX_NS
 
 
-def _are_coarse(poses: Sequence[Pose]) -> bool:
-    """Whether most poses share their stamp with a different pose."""
-    stamps = {pose.stamp_ns for pose in poses}
-    enough = COARSE_SECONDS if all(stamp_ns % SECOND_NS == 0 for stamp_ns in stamps) else COARSE
-    return len({pose[1:] for pose in poses}) >= enough * len(stamps) > 0
-
-
 _STATIC: Final = "tf_static"
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
-_FOXGLOVE: Final = ("FrameTransform", "FrameTransforms")
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
 
 
 TRANSFORM_TYPES: Final = frozenset(
-    {
-        "tf2_msgs/msg/TFMessage",
-        "tf/msg/tfMessage",
-        "geometry_msgs/msg/TransformStamped",
-        *(f"{package}{name}" for package in ("foxglove.", "foxglove_msgs/msg/") for name in _FOXGLOVE),
-    }
+    kind for kind in POSE_TYPES if re.search("Transform|TFMessage|tfMessage", kind)
 )
 
 
 class ChannelFilter:
-    """Whether a channel may carry the selected poses; records all channels that were tested.
+    """Whether a channel may carry the selected poses; records all channels that were tested, and by topic the
+    messages that an index counts.
 
     Parameters
     ----------
@@ -158,15 +151,14 @@ class ChannelFilter:
         with_transforms: bool = False,
         relative_to: str | None = None,
     ) -> None:
-        self._topic = topic
-        self._table = table
-        self._field = table.field
-        self._with_transforms, self._relative_to = with_transforms, relative_to
+        self._topic, self._table, self._field = topic, table, table.field
+        self._with_transforms, self.relative_to = with_transforms, relative_to
         self.seen: dict[tuple[str, str, str], Channel] = {}
+        self.counts = Counter[str]()
 
     def __call__(self, channel: Channel) -> bool:
         self.seen[channel.topic, channel.type, channel.encoding] = channel
-        return self._has_poses(channel) or (self._with_transforms and may_be_step(channel, self._relative_to))
+        return self._has_poses(channel) or (self._with_transforms and may_be_step(channel, self.relative_to))
 
     def takes(self, source: PoseSource) -> bool:
         """Whether this source may be that of the poses; transforms are read as well."""
@@ -191,34 +183,33 @@ class ChannelFilter:
         """The error that lists what the recording has instead of the selected poses."""
         seen = list(self.seen.values())
         asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
-        if any(map(self, asked)):
-            return NoPoses(f"{path}: {_undecoded([asked[0].topic])}")
         poses = [c for c in seen if may_have_poses(c, self._field)]
-        fields = _fields_in(path, asked or seen, self._table)
-        if fields and (asked or not poses):
-            return NoPoses(f"{path}: {fields}")
-        if asked:
-            return (ChoiceError if poses else NoPoses)(f"{path}: {_reasons(asked)}")
         alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
-        if self._topic is not None:
-            topics = _listing(dict.fromkeys(c.topic for c in (poses or seen)))
-            fault = ChoiceError if poses else NoPoses
-            near = _printable(suggestion(self._topic, (c.topic for c in (poses or seen))))
-            return fault(f"{path}: no topic {self._topic}; there is {topics or 'none'}{near}")
-        if any(c.topic == FRAMES_TOPIC for c in poses):
-            return NoPoses(f"{path}: it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it")
-        if poses and all(c.topic.endswith(_STATIC) for c in poses):
-            return NoPoses(
-                f"{path}: its only poses are on {poses[0].topic}, which does not move: to take them all the "
-                f"same, --topic {poses[0].topic}"
-            )
-        if poses:
-            return NoPoses(f"{path}: {_undecoded(c.topic for c in poses)}")
         alike = alike or [c for c in seen if not is_readable(c)]
-        if alike:
-            return NoPoses(f"{path}: {_reasons(alike)}")
-        topics = _listing(f"{c.topic} ({c.type})" for c in seen)
-        return NoPoses(f"{path}: no pose topic among {topics or 'no topics at all'}; poses are {USUAL}")
+        fields = _fields_in(path, asked or seen, self._table)
+        fault: type[NoPoses | ChoiceError] = NoPoses
+        if any(map(self, asked)):
+            text = _undecoded([asked[0].topic])
+        elif fields and (asked or not poses):
+            text = fields
+        elif asked:
+            fault, text = (ChoiceError if poses else NoPoses), _reasons(asked)
+        elif self._topic is not None:
+            topics = [c.topic for c in (poses or seen)]
+            fault, near = (ChoiceError if poses else NoPoses), _printable(suggestion(self._topic, topics))
+            text = f"no topic {self._topic}; there is {_listing(dict.fromkeys(topics)) or 'none'}{near}"
+        elif any(c.topic == FRAMES_TOPIC for c in poses):
+            text = f"it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it"
+        elif poses and all(c.topic.endswith(_STATIC) for c in poses):
+            static = poses[0].topic
+            text = f"its only poses are on {static}, which does not move"
+            text += f": to take them all the same, --topic {static}"
+        elif poses or alike:
+            text = _undecoded(c.topic for c in poses) if poses else _reasons(alike)
+        else:
+            topics_seen = _listing(f"{c.topic} ({c.type})" for c in seen) or "no topics at all"
+            text = f"no pose topic among {topics_seen}; poses are {USUAL}"
+        return fault(f"{path}: {text}")
 
 
 def may_be_step(channel: Channel, relative_to: str | None) -> bool:
@@ -236,92 +227,69 @@ def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[Pos
     NoPoses, ChoiceError
         The indexes list all channels, and none is wanted, or none of the requested topic.
     """
-    messages: list[RawMessage] = []
-    read_channels: set[Channel] = set()
-    indexed = True
+    messages, indexed = list[RawMessage](), True
     for part in parts_of(path):
         if (summary := summary_of(part)) is None:
             indexed = False
             continue
-        missing = dict[int, Channel]()
-        for channel_id, count in _message_counts(summary):
+        read, missing = {message.channel for message in messages}, dict[int, Channel]()
+        assert summary.statistics is not None
+        for channel_id in sorted(summary.channels):
+            count = summary.statistics.channel_message_counts.get(channel_id, 0)
             channel = channel_of(summary.channels[channel_id], summary.schemas)
-            if wanted(channel) and count and channel not in read_channels:
+            wanted.counts[channel.topic] += count
+            if wanted(channel) and count and channel not in read:
                 missing[channel_id] = channel
-        found = _peek_channels(part, summary, missing)
-        messages += found
-        read_channels.update(message.channel for message in found)
+        messages += _peek_channels(part, summary, missing)
     if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
         raise wanted.nothing_found(path)
-    return poses_by_source(messages, MessageDecoder(size_budget(path), field))
+    return poses_by_source(MessageDecoder(size_budget(path), field).poses(messages))
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
     """The prefixes of some channels, from the chunks that have their messages; each chunk is read once."""
     prefixes = {channel: list[RawMessage]() for channel in missing.values()}
-    sizes = Counter[Channel]()
-    budget = WorkBudget()
+    sizes, budget = Counter[Channel](), WorkBudget()
     budget.bytes_read += sum(chunk.chunk_length for chunk in summary.chunk_indexes)
-    kept = 0
+
+    def is_full(channel: Channel) -> bool:
+        """Whether the first messages of a channel are enough: one second of log time, or many."""
+        prefix = prefixes[channel]
+        is_long = bool(prefix) and prefix[-1].log_time_ns - prefix[0].log_time_ns >= PREFIX_NS
+        return is_long or len(prefix) >= PREFIX_MESSAGES or sizes[channel] >= BUFFER_BYTES
+
     with open_stream(part, budget=budget) as stream:
         loop = RecordLoop(stream, lambda text: None, prefixes.__contains__, summary)
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
-            there = missing.keys() & chunk.message_index_offsets.keys()
-            if kept >= 4 * BUFFER_BYTES or all(
-                _is_full(prefixes[missing[channel_id]], sizes[missing[channel_id]]) for channel_id in there
-            ):
+            there = [
+                missing[channel_id] for channel_id in missing.keys() & chunk.message_index_offsets.keys()
+            ]
+            if sizes.total() >= 4 * BUFFER_BYTES or all(map(is_full, there)):
                 continue
             for item in loop.items_of(chunk):
-                if isinstance(item, RawMessage) and not _is_full(
-                    prefix := prefixes[item.channel], sizes[item.channel]
-                ):
-                    prefix.append(item)
+                if isinstance(item, RawMessage) and not is_full(item.channel):
+                    prefixes[item.channel].append(item)
                     sizes[item.channel] += len(item.data)
-                    kept += len(item.data)
     return [message for prefix in prefixes.values() for message in prefix]
 
 
-def messages_by_topic(path: str) -> Counter[str]:
-    """Messages by topic, as far as indexes tell."""
-    counts: Counter[str] = Counter()
-    for summary in filter(None, map(summary_of, parts_of(path))):
-        for channel_id, count in _message_counts(summary):
-            counts[summary.channels[channel_id].topic] += count
-    return counts
+def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[LoggedPose | None]]:
+    """The poses of the next messages or rows, up to one second of log time, or many; empty at the end."""
+    prefix, times_ns, many = list[Sequence[LoggedPose | None]](), list[int](), 0
+    for group in groups:
+        prefix.append(group)
+        many += len(group)
+        times_ns += [one[2] for one in group[:1] if one is not None]
+        is_long = bool(times_ns) and times_ns[-1] - times_ns[0] >= PREFIX_NS
+        if is_long or len(prefix) >= PREFIX_MESSAGES or many >= ROWS_AT_ONCE:
+            break
+    return prefix
 
 
-def _message_counts(summary: Summary) -> list[tuple[int, int]]:
-    """Channel ids with their number of messages, by id."""
-    assert summary.statistics is not None
-    counts = summary.statistics.channel_message_counts
-    return [(channel_id, counts.get(channel_id, 0)) for channel_id in sorted(summary.channels)]
-
-
-def _is_full(prefix: Sequence[RawMessage], size: int) -> bool:
-    """Whether the first messages, of so many bytes, are enough: one second of log time, or many."""
-    if not prefix or len(prefix) >= PREFIX_MESSAGES or size >= BUFFER_BYTES:
-        return bool(prefix)
-    return prefix[-1].log_time_ns - prefix[0].log_time_ns >= PREFIX_NS
-
-
-def take_prefix(items: Iterator[Item]) -> list[RawMessage | Rows]:
-    """The next messages, up to one second of log time, or the next rows; empty at the end of the input."""
-    prefix, size = list[RawMessage](), 0
-    for item in items:
-        if isinstance(item, Rows):
-            return [item]
-        if isinstance(item, RawMessage):
-            prefix.append(item)
-            size += len(item.data)
-            if _is_full(prefix, size):
-                break
-    return [*prefix]
-
-
-def poses_by_source(items: Iterable[Item], decoder: MessageDecoder) -> dict[PoseSource, list[Logged]]:
-    """The sources in some messages, each with its poses; undecodable messages are skipped."""
+def poses_by_source(logged: Iterable[LoggedPose | None]) -> dict[PoseSource, list[Logged]]:
+    """The sources of poses, each with its own; what could not be decoded is skipped."""
     poses: dict[PoseSource, list[Logged]] = {}
-    for one in decoder.poses(items):
+    for one in logged:
         if one is not None:
             poses.setdefault(one[0], []).append(one[1:])
     return poses
@@ -379,20 +347,20 @@ def _undecoded(topics: Iterable[str]) -> str:
 
 def _reasons(channels: Sequence[Channel]) -> str:
     """The message on channels that are not pose sources."""
-    reasons = [_unsuitable(channel) for channel in channels[:_LISTED]]
-    advice = [f"poses are {USUAL}"] if any(map(is_readable, channels)) else []
+    reasons = list[str]()
+    for one in channels[:_LISTED]:
+        why = f"{one.type}, which is no pose"
+        if not is_readable(one) or not one.type:
+            how = f"{one.encoding or 'no encoding'} with {one.schema_encoding or 'no schema'}"
+            why = f"{one.type or 'of no type'} in {how}"
+        reasons.append(_printable(f"{one.topic} is {why}"))
+    if any(map(is_readable, channels)):
+        reasons.append(f"poses are {USUAL}")
     if not all(map(is_readable, channels)):
-        advice.append(f"only {READ} with their schemas are read: record or convert it so")
+        reasons.append(f"only {READ} with their schemas are read: record or convert it so")
     if any(channel.schema_encoding == "ros2idl" for channel in channels):
-        advice.append("definitions in IDL are not read: record the types with ros2msg definitions")
-    return "; ".join(reasons + advice)
-
-
-def _unsuitable(channel: Channel) -> str:
-    if not is_readable(channel) or not channel.type:
-        how = f"{channel.encoding or 'no encoding'} with {channel.schema_encoding or 'no schema'}"
-        return _printable(f"{channel.topic} is {channel.type or 'of no type'} in {how}")
-    return _printable(f"{channel.topic} is {channel.type}, which is no pose")
+        reasons.append("definitions in IDL are not read: record the types with ros2msg definitions")
+    return "; ".join(reasons)
 
 
 def _printable(text: str) -> str:

@@ -1,20 +1,21 @@
-"""Layouts of poses in tables: columns by their names and by what users say of them, units and rotations.
+"""Layouts of poses in tables: columns by their names and by what users say of them, units and rotations; and
+the command that reads them where their names do not say what they are.
 
 Names and systems are in tables here: what columns are called, how known systems mean theirs, and what as many
-numbered columns usually are.
+numbered columns usually are. Rows without names have a pose where there is a rotation.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.config.quantities import TIMES_NS
+from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS_M, NAMED_NS, TIMES_NS
 from contact_tracker.config.table_reading import (
     ANGLE,
     ANGLES,
@@ -25,6 +26,7 @@ from contact_tracker.config.table_reading import (
     REST,
     TIME,
     TableReading,
+    reading_of,
 )
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.geometry.rotation import from_rotation_vectors
@@ -56,11 +58,9 @@ def _from_axes(values: Array, unit: str) -> Array:
 def _from_matrices(rows: Array, _: str) -> Array:
     """Quaternions of the rotations nearest to matrices; zero for what is none, which the pose gate counts."""
     matrices = rows.reshape(-1, 3, 3)
-    found = np.zeros((len(rows), 4))
     is_rotation = np.abs(np.linalg.det(matrices) - 1.0) < _PLAUSIBLE
-    if is_rotation.any():
-        found[is_rotation] = Rotation.from_matrix(matrices[is_rotation]).as_quat()
-    return found
+    near = Rotation.from_matrix(np.where(is_rotation[:, None, None], matrices, np.eye(3))).as_quat()
+    return np.where(is_rotation[:, None], near, 0.0)
 
 
 ROTATIONS: Final[Mapping[str, tuple[tuple[str, ...], Callable[[Array, str], Array]]]] = {
@@ -83,27 +83,6 @@ def quaternions(kind: str, values: Array, how: str) -> Array:
     return found
 
 
-TIME_WORDS: Final = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
-NAMED_NS: Final[Mapping[str, int]] = {
-    **TIMES_NS,
-    **{word: TIMES_NS[unit] for unit, word in TIME_WORDS.items()},
-    **{word[:-1]: TIMES_NS[unit] for unit, word in TIME_WORDS.items()},
-    **dict.fromkeys(("sec", "secs"), TIMES_NS["s"]),
-    **{f"{unit}ec": TIMES_NS[unit] for unit in ("ms", "us", "ns")},
-    **dict.fromkeys(("\u00b5s", "\u03bcs"), TIMES_NS["us"]),
-    **dict.fromkeys(("min", "minute", "minutes"), 60 * TIMES_NS["s"]),
-}
-"""Units in names of columns."""
-_METRES: Final = {"": 1.0, "centi": 1e-2, "milli": 1e-3, "micro": 1e-6}
-LENGTHS_M: Final[Mapping[str, float]] = {
-    **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6},
-    **dict.fromkeys(("in", "inch", "inches"), 0.0254),
-    **{f"{part}met{end}": m for part, m in _METRES.items() for end in ("er", "re", "ers", "res")},
-}
-ANGLE_UNITS: Final[Mapping[str, str]] = {
-    **dict.fromkeys(("deg", "degs", "degree", "degrees", "\u00b0"), "deg"),
-    **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
-}
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
 SEPARATORS: Final[Mapping[str, str]] = {
@@ -123,35 +102,23 @@ def number(value: str) -> float:
 
 def numbers(cells: Sequence[str]) -> Array:
     """The numbers in cells; NaN for other text."""
-
-    def one(cell: str) -> float:
-        try:
-            return number(cell)
-        except ValueError:
-            return np.nan
-
     try:
         return np.array(list(map(float, cells)), np.float64)
     except ValueError:
-        return np.array(list(map(one, cells)), np.float64)
+        return np.array([number(cell) if are_numbers([cell]) else np.nan for cell in cells], np.float64)
 
 
 def are_numbers(values: Sequence[str]) -> bool:
     """Whether values are numbers and empty cells, with at least one number."""
     given = [value for value in values if value.strip(BLANKS)]
     try:
-        return bool(given) and all(number(value) is not None for value in given)
+        return bool(list(map(number, given)))
     except ValueError:
         return False
 
 
 class OpenReading(UnreadableRecording):
-    """Columns of a rotation, of these names, may be meant in several ways."""
-
-    @classmethod
-    def of(cls, names: Sequence[str]) -> "OpenReading":
-        """Of columns of these names."""
-        return cls(", ".join(names[:3]))
+    """The columns of a rotation, which are named, may be meant in several ways."""
 
 
 @dataclass(frozen=True)
@@ -247,14 +214,21 @@ def bodies_of(
                 open_names = open_names or [columns[places[r]][0] for r in ROTATIONS[kinds[0]][0]]
             continue
         roles, _ = ROTATIONS[kind]
-        position = [columns[places[r]] for r in POSITION]
-        position = [(label, reading.unit or named or unit) for label, named in position]
-        has_unit = all(named for _, named in position)
+        named = [columns[places[role]] for role in POSITION]
+        position = [(label, (reading.unit or own or unit).lower()) for label, own in named]
+        for label, of_label in position:
+            if of_label and of_label not in LENGTHS_M:
+                raise UnreadableRecording(_unknown_unit(of_label, label, "m, cm, mm, um"))
+        metres, *others = {LENGTHS_M.get(of_label, 1.0) for _, of_label in position}
+        if others:
+            labels = ", ".join(label for label, _ in named)
+            raise UnreadableRecording(f"the units of the columns {labels} differ: give all three in one")
         how = _how(reading, [columns[places[role]] for role in roles[3:] or roles])
-        own = tuple(places[r] for r in (*POSITION, *roles))
-        bodies.append(Body(name, own, _metres_of(position), kind, how, has_unit))
+        own_places = tuple(places[role] for role in (*POSITION, *roles))
+        has_unit = all(reading.unit or own or unit for _, own in named)
+        bodies.append(Body(name, own_places, metres, kind, how, has_unit))
     if open_names and not bodies:
-        raise OpenReading.of(open_names)
+        raise OpenReading(", ".join(open_names[:3]))
     return tuple(bodies)
 
 
@@ -266,20 +240,8 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     if ":" in reading.euler:
         return reading.euler
     if len(units) > 1 or "" in units:
-        raise OpenReading.of([name for name, _ in columns])
+        raise OpenReading(", ".join(name for name, _ in columns[:3]))
     return f"{reading.euler}:{units.pop()}"
-
-
-def _metres_of(columns: Sequence[tuple[str, str]]) -> float:
-    """The factor to metres of x, y and z by their names and units, metres without one."""
-    for name, unit in columns:
-        if unit and unit.lower() not in LENGTHS_M:
-            raise UnreadableRecording(_unknown_unit(unit, name, "m, cm, mm, um"))
-    factors = {LENGTHS_M[unit.lower()] if unit else 1.0 for _, unit in columns}
-    if len(factors) > 1:
-        names = ", ".join(name for name, _ in columns)
-        raise UnreadableRecording(f"the units of the columns {names} differ: give all three in one")
-    return factors.pop()
 
 
 def _unknown_unit(unit: str, name: str, known: str) -> str:
@@ -297,23 +259,33 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
-_QUATERNION: Final = re.compile(
-    _BODY + r"(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzwijk]|r|real)"
+_AXES: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w", "roll": "x", "pitch": "y", "yaw": "z"}
+_ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
+    (re.compile(_BODY + pattern), role)
+    for pattern, role in (
+        (
+            r"(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzwijk]|r|real)",
+            "q{0}",
+        ),
+        (r"(?<![a-z])[pt]([xyz])", "{0}"),
+        (
+            r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?"
+            r"(?<![a-z])([xyz])",
+            "{0}",
+        ),
+        (r"(?<![a-z])(?:q|quat)[._/: -]*0", "qw"),
+        (r"(?<![a-z])(roll|pitch|yaw)", "r{0}"),
+        (
+            r"(?<![a-z])(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
+            r"[._/: -]*([xyz])",
+            "r{0}",
+        ),
+        (r"(?<![a-z])(?:rot_?)?(?:angle|theta)", ANGLE),
+        (r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])", "r{0}{1}"),
+    )
 )
-_IMAGINARY: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w"}
-_FIRST_IS_REAL: Final = re.compile(_BODY + r"(?<![a-z])(?:q|quat)[._/: -]*0")
-_POSITION: Final = re.compile(
-    _BODY + r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?"
-    r"(?<![a-z])([xyz])"
-)
-_PREFIXED: Final = re.compile(_BODY + r"(?<![a-z])[pt]([xyz])")
-_ANGLE: Final = re.compile(
-    _BODY + r"(?<![a-z])(?:(roll|pitch|yaw)"
-    r"|(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)[._/: -]*([xyz]))"
-)
-_AXIS_ANGLE: Final = re.compile(_BODY + r"(?<![a-z])(?:rot_?)?(?:angle|theta)")
-_TURN: Final = {"roll": "x", "pitch": "y", "yaw": "z"}
-_ELEMENT: Final = re.compile(_BODY + r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])")
+"""Names of columns in lower case, after that of their body; a quaternion or a position is one thing only, and
+``rotation_x`` may also be an angle."""
 NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers in one row of values, and of rows and columns of a matrix, as ``T_0_3``."""
@@ -347,28 +319,21 @@ class Columns:
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
         by row."""
-        found = self._matching(NUMBERED, base)
-        if not found:
-            return dict(enumerate(self._matching(BY_ROW, base).values()))
-        return {number: place for (number,), place in found.items()}
-
-    def _matching(self, pattern: re.Pattern[str], base: str) -> dict[tuple[int, ...], int]:
         found = dict[tuple[int, ...], int]()
-        for place, name in enumerate(self.names):
-            match = pattern.fullmatch(name)
-            if match is not None and match[1].lower() == base.lower():
-                found.setdefault(tuple(map(int, match.groups()[1:])), place)
-        return dict(sorted(found.items()))
+        for pattern in (NUMBERED, BY_ROW):
+            for place, name in enumerate(self.names if not found else ()):
+                match = pattern.fullmatch(name)
+                if match is not None and match[1].lower() == base.lower():
+                    found.setdefault(tuple(map(int, match.groups()[1:])), place)
+        ordered = sorted(found.items())
+        return {key[0] if len(key) == 1 else i: place for i, (key, place) in enumerate(ordered)}
 
     def places(self, name: str, is_group: bool) -> list[int]:
         """Indices of a column as users name it, or of a group of numbered ones: ``name`` or ``name[3:7]``;
         raises ChoiceError."""
         lower = name.lower()
-        for names, wanted in (
-            (self.names, name),
-            ([n.lower() for n in self.names], lower),
-            (self.plain, lower),
-        ):
+        by_lower = [*map(str.lower, self.names)]
+        for names, wanted in ((self.names, name), (by_lower, lower), (self.plain, lower)):
             if not is_group and wanted in names:
                 return [names.index(wanted)]
         part = _SLICE.fullmatch(name)
@@ -430,7 +395,7 @@ class Columns:
 
 
 def _split_unit(name: str) -> tuple[str, str]:
-    """A column's name in lower case, and its unit."""
+    """The name of a column in lower case, and its unit."""
     plain = _CAMEL.sub("_", name.strip().lstrip("#").strip()).lower()
     unit = _UNIT.search(plain)
     return (plain, "") if unit is None else (plain[: unit.start()], (unit[1] or unit[2] or "").strip())
@@ -438,18 +403,12 @@ def _split_unit(name: str) -> tuple[str, str]:
 
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
     """Body and role of a column, of which ``rotation_x`` may have two."""
-    if match := _QUATERNION.fullmatch(plain):
-        yield _body(match[1]), f"q{_IMAGINARY.get(match[2], match[2])}"
-    elif match := _PREFIXED.fullmatch(plain) or _POSITION.fullmatch(plain):
-        yield _body(match[1]), match[2]
-    if match := _FIRST_IS_REAL.fullmatch(plain):
-        yield _body(match[1]), "qw"
-    if match := _ANGLE.fullmatch(plain):
-        yield _body(match[1]), f"r{_TURN.get(match[2] or '', match[3])}"
-    if match := _AXIS_ANGLE.fullmatch(plain):
-        yield _body(match[1]), ANGLE
-    if match := _ELEMENT.fullmatch(plain):
-        yield _body(match[1]), f"r{match[3]}{match[2]}" if by_columns else f"r{match[2]}{match[3]}"
+    is_placed = False
+    for i, (pattern, role) in enumerate(_ROLES):
+        if (match := pattern.fullmatch(plain)) and not (i < 3 and is_placed):
+            is_placed |= i < 3
+            axes = [_AXES.get(axis, axis) for axis in match.groups()[1:]]
+            yield _body(match[1]), role.format(*(axes[::-1] if by_columns else axes))
 
 
 def _body(prefix: str) -> str:
@@ -463,8 +422,12 @@ def layout(
     """The layout of columns; raises UnreadableRecording or ChoiceError."""
     found = columns.find(reading)
     time, rest = columns.time(reading, found.pop(TIME))
-    time_ns = reading.time_ns if time is None or reading.time_ns else _time_ns(columns, time)
-    unit_ns = None if time is None or time < 0 else NAMED_NS.get(columns.units[time].lower())
+    time_ns, unit = reading.time_ns, "" if time is None or time < 0 else columns.units[time].lower()
+    unit_ns = NAMED_NS.get(unit)
+    if time is not None and not time_ns:
+        if unit not in NAMED_NS and unit not in _CLOCKS:
+            raise UnreadableRecording(_unknown_unit(unit, columns.names[time], "s, ms, us, ns"))
+        time_ns = NAMED_NS.get(columns.plain[time]) if unit in _CLOCKS else unit_ns
     if reading.has_frame_numbers and unit_ns not in (None, TIMES_NS["s"]):  # whole seconds may be frames
         raise ChoiceError(f"the column {columns.names[time or 0]!r} has times, {NO_FRAMES}")
     found = {
@@ -472,38 +435,28 @@ def layout(
     }
     bodies = bodies_of(found, list(zip(columns.names, columns.units, strict=True)), reading)
     if time is None or not bodies:
-        best = sorted(found.values(), key=len)[-1:]
-        raise UnreadableRecording(
-            _lacking(columns, reading, time is not None, POSE_ROLES if bodies else tuple(*best))
-        )
+        best = max(found.values(), key=len, default=())
+        raise _lacking(columns, reading, time is not None, POSE_ROLES if bodies else best)
     quaternion = tuple(columns.names[place] for place in bodies[0].columns[3:])
     if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
         quaternion = ()
-    unit = 1e9 if rest is not None else time_ns
-    return TableLayout(kind, separator, skip, time, unit, bodies, rest, quaternion=quaternion)
+    time_ns = 1e9 if rest is not None else time_ns
+    return TableLayout(kind, separator, skip, time, time_ns, bodies, rest, quaternion=quaternion)
 
 
-def _time_ns(columns: Columns, time: int) -> int | None:
-    """The unit of a time column in nanoseconds, if its name has one; raises UnreadableRecording."""
-    unit = columns.units[time].lower()
-    if unit in _CLOCKS:
-        return NAMED_NS.get(columns.plain[time])
-    if unit not in NAMED_NS:
-        raise UnreadableRecording(_unknown_unit(unit, columns.names[time], "s, ms, us, ns"))
-    return NAMED_NS[unit]
-
-
-def _lacking(columns: Columns, reading: TableReading, has_time: bool, roles: Sequence[str]) -> str:
-    """The message on columns that are missing beside those of these roles."""
+def _lacking(
+    columns: Columns, reading: TableReading, has_time: bool, roles: Collection[str]
+) -> UnreadableRecording:
+    """The error where columns are missing beside those of these roles."""
     missing, names = [role for role in POSE_ROLES if role not in roles], columns.names
     if not missing:
-        return (
+        return UnreadableRecording(
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
             "none is, give the rate of the rows, as in --time-unit 200Hz"
         )
     missing = missing if has_time else ["a time", *missing]
     unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
-    return (
+    return UnreadableRecording(
         f"no columns of a pose among {_listed(names)}: missing {'is' if len(missing) == 1 else 'are'} "
         f"{', '.join(missing)}: say which columns they are, as in --columns time=t,x=px, or rename columns, "
         f"as in: {_EXAMPLE.format(unit)}"
@@ -512,3 +465,227 @@ def _lacking(columns: Columns, reading: TableReading, has_time: bool, roles: Seq
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+
+
+_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock)", re.IGNORECASE)
+"""Names that a column of times may have."""
+_MOST_GROUPS: Final = 12
+"""Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
+_A_RATE: Final = "100Hz"
+_ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
+_NANOSECONDS: Final = 10
+"""Digits of a second since 1970, of which the nanoseconds have fewer."""
+_UNIT_NORM: Final = 0.002
+"""Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
+_UR: Final = "actual_TCP_pose"
+_UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
+_TWICE: Final = "a position and a quaternion"
+_AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
+_ANGLES_OR_VECTOR: Final[Sequence[Mapping[str, Any]]] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
+"""What three numbers of a rotation may be."""
+_BODY_ANGLES: Final[Sequence[Mapping[str, Any]]] = ({"euler": "XYZ:deg"}, {"euler": "XYZ:rad"})
+_OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
+KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
+    ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
+    ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
+    ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
+    ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
+    ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
+    ("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
+    ("FANUC", ("x", "w", "p", "r"), reading_of("rx=W,ry=P,rz=R", euler="xyz:deg", unit="mm")),
+    ("Polhemus", ("x", "az", "el", "roll"), reading_of("rz=Az,ry=El,rx=Roll", euler="ZYX:deg", unit="cm")),
+    (_AXIS_ANGLE, ("rx", "ry", "rz", "angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("axis_x", "axis_z", "angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("rot_axis_x", "rot_angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("ax", "ay", "az", "angle"), reading_of("rx=ax,ry=ay,rz=az", rotation_vector=True)),
+    (_AXIS_ANGLE, ("ux", "uy", "uz", "theta"), reading_of("rx=ux,ry=uy,rz=uz", rotation_vector=True)),
+    (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
+    (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
+    ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
+    ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
+    ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
+)
+"""Known systems: name; names of columns, in lower case, by which one is recognised; how it means them."""
+_LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
+    16: ("matrix={0}", reading_of(matrix="rows")),
+    12: ("matrix={0}", reading_of(matrix="rows")),
+    9: ("matrix={0}", reading_of(matrix="rows")),
+    7: ("position={0}[0:3],quaternion={0}[3:7]", reading_of()),
+    6: ("position={0}[0:3],rotation={0}[3:6]", reading_of(rotation_vector=True)),
+    4: ("quaternion={0}", reading_of()),
+    3: ("position={0}", reading_of()),
+}
+"""What as many numbered columns usually are."""
+_VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
+_TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
+"""Names of three columns that are a rotation vector."""
+
+
+def layout_of_names(
+    names: Sequence[str],
+    reading: TableReading,
+    path: str = "FILE",
+    kind: str = "table",
+    separator: str | None = None,
+    skip: int = 0,
+    units: Sequence[str] = (),
+) -> TableLayout:
+    """The layout of a table with named columns, whose ``units`` may be in a row of their own.
+
+    Raises
+    ------
+    UnreadableRecording
+        There are no columns of poses, or it is not known how they are meant; the message has the command
+        that reads them where there is one.
+    ChoiceError
+        A column that the reading names is not there.
+    """
+    if len(names) > MOST_COLUMNS:
+        raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
+    columns = Columns(names, units)
+    try:
+        return layout(columns, reading, kind, separator, skip)
+    except UnreadableRecording as error:
+        proposal = _proposal(columns, reading, path)
+        if proposal is not None:
+            raise UnreadableRecording(proposal) from error
+        if isinstance(error, OpenReading):
+            raise UnreadableRecording(f"it is not known how its columns {error} are meant") from error
+        raise
+
+
+def layout_without_names(
+    rows: Sequence[Sequence[str]],
+    reading: TableReading,
+    path: str,
+    kind: str,
+    separator: str | None = None,
+    skip: int = 0,
+) -> TableLayout:
+    """The layout of columns that have no names, by the values of the first rows; raises UnreadableRecording
+    where the reading does not say which columns are what."""
+    values = rows[0] if rows else ()
+    if not reading.columns:
+        how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
+        if ways := [way.with_(reading) for way in _meanings(rows)]:
+            commands = " or ".join(_commands(way, path) for way in ways)
+            how = f"if they are meant so, read them by {commands}"
+            if ways[0].has_frame_numbers and not reading.has_frame_numbers:
+                how += f", with the rate of your poses instead of {ways[0].time_unit}"
+            how += f". {_ORDERS}" if ways[0].euler else ""
+        raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
+    return layout_of_names(
+        [f"{UNNAMED}{i}" for i in range(len(values))], reading, path, kind, separator, skip
+    )
+
+
+def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
+    """What rows without names may be: a pose is where there is a rotation matrix or a unit quaternion, as in
+    KITTI's and TUM's, else at the end of seven values with angles; a time before it, or two numbers as of
+    ``ros2 topic echo --csv``."""
+    values = rows[0] if rows else ()
+    row, width = np.array([numbers(one) for one in rows if len(one) == len(values)]), len(values)
+    row = row[np.isfinite(row[:, width - 4 :]).all(axis=1)]
+
+    def meaning(begin: int, how: Mapping[str, Any], **groups: int) -> TableReading:
+        """A pose of groups of so many values from a place on, after the time."""
+        columns, at = dict[str, str](), begin
+        for role, count in groups.items():
+            columns[role], at = f"{UNNAMED}[{at}:{at + count}]", at + count
+        before = [i for i in range(begin) if are_numbers([values[i]])]
+        if not before:
+            return reading_of(columns, time_unit="10Hz", **how)
+        is_stamp = before[:2] == [0, 1] and all(map(str.isdigit, values[:2]))
+        if is_stamp and len(values[0]) == _NANOSECONDS > len(values[1]):
+            return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1", **columns}, **how)
+        return reading_of({TIME: f"{UNNAMED}{before[-1]}", **columns}, **how)
+
+    if not len(row):
+        return []
+    for count in (16, 12):
+        for begin in range(width - count + 1):
+            matrices = row[:, begin : begin + count].reshape(-1, count // 4, 4)
+            turned = {"rows": matrices, "columns": matrices.transpose(0, 2, 1)}
+            for order in turned if count == 16 else ("rows",):
+                if _are_rotations(turned[order][:, :3, :3]):
+                    return [meaning(begin, {"matrix": order}, matrix=count)]
+    for begin in range(width - len(POSE_ROLES) + 1):
+        norms = np.linalg.norm(row[:, begin + 3 : begin + 7], axis=1)
+        if (np.abs(norms - 1.0) < _UNIT_NORM).all():
+            return [meaning(begin, {}, position=3, quaternion=4)]
+    if width in (6, 7) and np.isfinite(row).all():
+        return [meaning(width - 6, how, position=3, rotation=3) for how in _ANGLES_OR_VECTOR]
+    return []
+
+
+def _are_rotations(matrices: Array) -> bool:
+    errors = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3))
+    return bool((errors < _UNIT_NORM).all() and (np.linalg.det(matrices) > 0).all())
+
+
+def _proposal(columns: Columns, reading: TableReading, path: str) -> str | None:
+    """What the columns seem to be, and the command that reads them so; None if nothing fits."""
+    reading, about_time, about_rate = _with_time(columns, reading)
+    lower = {*map(str.lower, columns.names), *columns.plain}
+    for system, names, meant in KNOWN:
+        one = meant.with_(reading)
+        if lower.issuperset(names) and not _fault(columns, one):
+            return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
+    fault = _fault(columns, reading)
+    if fault is None:
+        return f"{about_time}: read them by {reading.command(path)}{about_rate}"
+    is_opensim = _OPENSIM.match(str(fault))
+    ways = [reading.with_(reading_of(**how)) for how in (_BODY_ANGLES if is_opensim else _ANGLES_OR_VECTOR)]
+    if isinstance(fault, OpenReading) and not any(_fault(columns, one) for one in ways):
+        commands = " or ".join(one.command(path) for one in ways)
+        return (
+            f"its rotations are three numbers, {fault}, angles or a rotation vector: read them by {commands}"
+            f"{about_rate}. {_ORDERS}"
+        )
+    matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
+    bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+    counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
+    parts = [(base, many) for base, many in counted if many in _LISTS]
+    pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
+    for some in chain(([part] for part in parts), pairs):
+        one = reading
+        for base, many in some:
+            is_turn = len(some) > 1 and many == 3 and _TURNING.search(base) is not None
+            stated, meant = _VECTOR if is_turn else _LISTS[many]
+            one = meant.with_(reading_of(stated.format(base))).with_(one)
+        if not _fault(columns, one):
+            return f"if its columns are meant so, read them by {_commands(one, path)}{about_rate}"
+    return None
+
+
+def _with_time(columns: Columns, reading: TableReading) -> tuple[TableReading, str, str]:
+    """A reading with a time, if no column is one by its name: what seems to be the time in words, and what to
+    say of a rate in it."""
+    time, _ = columns.time(reading, columns.find(reading)[TIME])
+    if time is not None or reading.time_unit is not None:
+        return reading, "", ""
+    numbered = any(map(FRAME.fullmatch, columns.plain))
+    like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
+    if like is not None and not numbered:
+        return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
+    about = "its times are numbers of frames" if numbered else "it has no times"
+    rate = f", with the rate of your {'frames' if numbered else 'rows'} instead of {_A_RATE}"
+    return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
+
+
+def _commands(reading: TableReading, path: str) -> str:
+    """The command of a reading, and, where it has a group of four values, with the real part first."""
+    columns, command = dict(reading.columns), reading.command(path)
+    if (group := columns.pop("quaternion", None)) is None:
+        return command
+    first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
+    return f"{command} or, with the real part first, {first.command(path)}"
+
+
+def _fault(columns: Columns, reading: TableReading) -> Exception | None:
+    """Why columns cannot be read so; None if they can."""
+    try:
+        layout(columns, reading)
+    except (UnreadableRecording, ChoiceError) as error:
+        return error
+    return None

@@ -6,6 +6,7 @@ Times are numbers in a unit that is named or guessed, or dates (ISO 8601).
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal
 from itertools import compress
@@ -14,23 +15,17 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.quantities import RANGE_NS, TIMES_NS
+from contact_tracker.config.quantities import RANGE_NS, TIME_WORDS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
-from contact_tracker.recording.c3d_file import C3DTable
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
-from contact_tracker.recording.table_layouts import (
-    BLANKS,
-    NO_FRAMES,
-    SEPARATORS,
-    TIME_WORDS,
-    Body,
-    TableLayout,
-    numbers,
-)
+from contact_tracker.recording.table_layouts import BLANKS, NO_FRAMES, SEPARATORS, Body, TableLayout, numbers
 from contact_tracker.recording.text_tables import TextTable
+
+if TYPE_CHECKING:
+    from contact_tracker.recording.binary_tables import ArrayTable, C3DTable, ParquetTable
 
 _STEP_S: Final = (0.0005, 0.2)
 """Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
@@ -70,10 +65,10 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     Decided by the steps or as dates; as dates if both fit and poses would not be minutes apart.
     """
     step = _median_step(times)
-    by_date = _first_within(_DATE_S, float(times[0])) if len(times) else None
-    by_step = None if step is None else _first_within(_STEP_S, step)
+    by_date = _first_within(_DATE_S, float(times[0]) if len(times) else None)
     if by_date is not None and (step is None or step * TIMES_NS[by_date] <= _LONGEST_STEP_S * 1e9):
         return by_date, None
+    by_step = _first_within(_STEP_S, step)
     if step is None or by_step == "s":
         return "s", None
     unit = by_step if by_step is not None and step >= _SECONDS else "s"
@@ -95,25 +90,24 @@ def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
     if step is None or 1e9 / (step * unit_ns) <= _FASTEST_HZ:
         return None
     named = next((unit for unit, ns in TIMES_NS.items() if ns == unit_ns), f"{unit_ns:g} ns")
-    likely = _first_within(_STEP_S, step)
-    remedy = (
-        f"they look like {TIME_WORDS[likely]}: give --time-unit {likely}, or name their column time_{likely}"
-        if likely is not None
-        else "give their unit with --time-unit s, ms, us or ns, or in the name of their column"
-    )
+    remedy = "give their unit with --time-unit s, ms, us or ns, or in the name of their column"
+    if (likely := _first_within(_STEP_S, step)) is not None:
+        advice = f"give --time-unit {likely}, or name their column time_{likely}"
+        remedy = f"they look like {TIME_WORDS[likely]}: {advice}"
     return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.0f} poses a second; {remedy}"
 
 
 def _median_step(times: NDArray[np.float64]) -> float | None:
     """The median of the steps forward; None if there is none."""
     steps = np.diff(times)
-    steps = steps[steps > 0]
-    return float(np.median(steps)) if len(steps) else None
+    return float(np.median(steps[steps > 0])) if (steps > 0).any() else None
 
 
-def _first_within(bounds_s: tuple[float, float], value: float) -> str | None:
+def _first_within(bounds_s: tuple[float, float], value: float | None) -> str | None:
+    """The first unit in which a value is within bounds."""
     least, most = bounds_s
-    return next((unit for unit, ns in TIMES_NS.items() if least <= value * ns * 1e-9 <= most), None)
+    units = (unit for unit, ns in TIMES_NS.items() if value and least <= value * ns * 1e-9 <= most)
+    return next(units, None)
 
 
 class TableTimes:
@@ -159,11 +153,11 @@ class TableTimes:
             They are ticks since another year than 1970.
         """
         floats = numbers(times)
-        known = np.isfinite(floats)
+        known, stamps = np.isfinite(floats), np.full(len(times), NEVER)
         if self._are_dates is None:
             dates = sum(bool(_DATE.fullmatch(text)) for text in compress(times, ~known))
             if not dates and not known.any():
-                return np.full(len(times), NEVER)
+                return stamps
             self._are_dates = dates > known.sum()
             if not self._are_dates:
                 self._find_unit(floats[known])
@@ -177,12 +171,10 @@ class TableTimes:
         assert self._scale is not None
         known &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
         if self._scale == round(self._scale):  # exact to the written nanosecond
-            written = compress(times, known)
-            exact = [exact_ns(time, round(self._scale)) - self._epoch_ns for time in written]
+            unit_ns, written = round(self._scale), compress(times, known)
+            stamps[known] = [exact_ns(time, unit_ns) - self._epoch_ns for time in written]
         else:
-            exact = np.round(floats[known] * self._scale).tolist()
-        stamps = np.full(len(times), NEVER)
-        stamps[known] = exact
+            stamps[known] = np.round(floats[known] * self._scale)
         if rests is not None:
             more_ns = numbers(rests)
             has_rest = (more_ns >= 0) & (more_ns < 1e9)
@@ -253,29 +245,25 @@ def stamp_of_date(text: str) -> int | None:
     if match is None:
         return None
     part = match.groupdict(default="")
-    year, month, day = 1970, 1, 1
-    if part["year"]:
-        year, month, day = int(part["year"]), int(part["month"]), int(part["day"])
-    elif part["last"]:
+    year, month, day = (
+        int(part[name] or default) for name, default in (("year", 1970), ("month", 1), ("day", 1))
+    )
+    if part["last"]:
         year, month, day = int(part["last"]), int(part["first"]), int(part["second"])
         month, day = (day, month) if part["dots"] == "." or month > 12 else (month, day)
-    hour = int(part["hour"])
+    hour, minute, second = (int(part[name] or 0) for name in ("hour", "minute", "second_"))
     hour = hour % 12 + 12 * (part["half"].upper() == "P") if part["half"] else hour
     if year not in _YEARS:
         return None
     try:
-        time = datetime(year, month, day, hour, int(part["minute"]), int(part["second_"] or 0), tzinfo=UTC)
+        since = datetime(year, month, day, hour, minute, second, tzinfo=UTC) - _EPOCH
     except ValueError:  # as the 31st of June
         return None
-    since = time - _EPOCH
     zone_s = 60 * (60 * int(part["zone"] or 0) + int(part["zone_minutes"] or 0))
     zone_s = -zone_s if part["sign"] == "-" else zone_s
     fraction_ns = int(f"{part['fraction'] or 0:0<9}"[:9])
     return (since.days * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns
 
-
-if TYPE_CHECKING:
-    from contact_tracker.recording.binary_tables import ArrayTable, ParquetTable
 
 _PARQUET: Final = b"PAR1"
 _NPY, _NPZ = b"\x93NUMPY", b"PK\x03\x04"
@@ -328,40 +316,34 @@ _SHOWN: Final = 8
 def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
     format, or named as a table."""
-    text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
-    arrays = _arrays_of_matlab(path) if text == _MATLAB or path.lower().endswith(".mat") else ""
-    if text is not None or arrays:  # MATLAB 4 has no first bytes of its own
+    text, arrays = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None), ""
+    if text == _MATLAB or path.lower().endswith(".mat"):  # MATLAB 4 has no first bytes of its own
+        from scipy.io import whosmat
+
+        with suppress(Exception):  # damaged files can raise anything
+            found = [f"{printable(name)} {shape}" for name, shape, _ in whosmat(path)]
+            arrays = f" with {', '.join(found[:_SHOWN])}{', ...' if len(found) > _SHOWN else ''}"
+    if text is not None or arrays:
         raise UnreadableRecording((text or _MATLAB).format(name=os.path.basename(path), arrays=arrays))
     if begin and path.lower().endswith(TABLE_ENDINGS):
         raise UnreadableRecording("it is named as a table, but is not text")
 
 
-def _arrays_of_matlab(path: str) -> str:
-    from scipy.io import whosmat
-
-    try:
-        found = whosmat(path)
-    except Exception:  # damaged files can raise anything
-        return ""
-    shown = ", ".join(f"{printable(name)} {shape}" for name, shape, _ in found[:_SHOWN])
-    return f" with {shown}{', ...' if len(found) > _SHOWN else ''}"
-
-
-def _is_array_file(path: str, begin: bytes) -> bool:
-    return begin.startswith(_NPY) or (begin.startswith(_NPZ) and path.lower().endswith(".npz"))
-
-
-def _is_c3d(path: str, begin: bytes) -> bool:
-    return begin[1:2] == b"P" and path.lower().endswith(".c3d")
+def _kind(path: str, begin: bytes) -> str:
+    """``Parquet``, ``NumPy`` or ``C3D`` by the first bytes and the name of a file; empty for others."""
+    name = path.lower()
+    if begin.startswith(_PARQUET):
+        return "Parquet"
+    if begin.startswith(_NPY) or (begin.startswith(_NPZ) and name.endswith(".npz")):
+        return "NumPy"
+    return "C3D" if begin[1:2] == b"P" and name.endswith(".c3d") else ""
 
 
 def is_table(path: str, begin: bytes) -> bool:
     """Whether a file with these first bytes may be a table: Parquet, NumPy, C3D, or text without the suffix
     ``.mcap``."""
-    if begin.startswith(_PARQUET) or _is_array_file(path, begin) or _is_c3d(path, begin):
-        return True
     is_other = path.lower().endswith(_RECORDINGS) or begin.startswith(tuple(_OTHERS))
-    return not is_other and is_text(begin, path)
+    return bool(_kind(path, begin)) or (not is_other and is_text(begin, path))
 
 
 def has_poses(path: str) -> bool:
@@ -432,17 +414,17 @@ def read_table(
 
 def _opened(
     path: str, reading: TableReading, budget: WorkBudget
-) -> "TextTable | ParquetTable | ArrayTable | C3DTable":
+) -> "TextTable | ArrayTable | ParquetTable | C3DTable":
     budget.bytes_read += os.path.getsize(path)
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
-    if _is_c3d(path, begin):
-        return C3DTable(path, reading, budget)
-    if not begin.startswith(_PARQUET) and not _is_array_file(path, begin):
+    if not (kind := _kind(path, begin)):
         return TextTable(path, begin, reading)
-    from contact_tracker.recording.binary_tables import ArrayTable, ParquetTable
+    from contact_tracker.recording.binary_tables import ArrayTable, C3DTable, ParquetTable
 
-    return (ParquetTable if begin.startswith(_PARQUET) else ArrayTable)(path, reading, budget)
+    if kind == "C3D":
+        return C3DTable(path, reading, budget)
+    return (ParquetTable if kind == "Parquet" else ArrayTable)(path, reading, budget)
 
 
 def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) -> str:

@@ -11,25 +11,22 @@ import csv
 import json
 import re
 import shlex
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import islice, pairwise
+from functools import partial
+from itertools import chain, count, islice, pairwise, repeat
 from typing import IO, Any, Final
 
-from contact_tracker.config.quantities import LENGTHS
+from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS, LENGTHS_M, NAMED_NS
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.proposals import layout_of_names, layout_without_names
 from contact_tracker.recording.table_layouts import (
-    ANGLE_UNITS,
     BLANKS,
-    LENGTHS_M,
     MOST_COLUMNS,
-    NAMED_NS,
     SEPARATORS,
     UNNAMED,
     Body,
@@ -37,6 +34,8 @@ from contact_tracker.recording.table_layouts import (
     TableLayout,
     are_numbers,
     bodies_of,
+    layout_of_names,
+    layout_without_names,
     number,
 )
 
@@ -108,11 +107,10 @@ class TextTable:
 
     def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
         self._path, self._encoding = path, encoding_of(begin)
-        self._is_document = False
         with self._opened() as file:
             lines = head = list(islice(_lines(file), _HEAD_LINES))
-        if _is_document(head):
-            self._is_document = True
+        self._is_document = _is_document(head)
+        if self._is_document:
             with self._opened() as file:
                 head = list(islice(_entries_in(file), _HEAD_LINES))
         self.layout = _layout_in_unit(lines, head, reading, path)
@@ -127,7 +125,7 @@ class TextTable:
         return open(self._path, encoding=self._encoding, errors="replace")
 
     def _rows(self) -> Iterator[list[str]]:
-        layout, separator, count, last = self.layout, self.layout.separator, 0, list[str]()
+        layout, separator, many, last = self.layout, self.layout.separator, 0, list[str]()
         places, width = layout.places, max(layout.places) + 1
         with self._opened() as file:
             lines = _entries_in(file) if self._is_document else _lines(file)
@@ -138,7 +136,7 @@ class TextTable:
                     if layout.kind == "Vicon":
                         return  # the end of a section
                     continue
-                cells = self._named_cells(line) if layout.names else _cells_of(line, separator)
+                cells = _named_cells(line, layout) if layout.names else _cells_of(line, separator)
                 if line[-1] != "\n" and len(line) < _LINE and last and _is_cut(last, cells):
                     self.damage = (_CUT_OFF,)
                     return
@@ -147,19 +145,12 @@ class TextTable:
                     cells = cells + [""] * (width - len(cells))
                 row = [cells[place] for place in places]
                 if layout.time < 0:
-                    row[0] = str(count)
+                    row[0] = str(many)
                 if len(line) > _LONGEST_CELL * width:
                     row = [cell[:_LONGEST_CELL] for cell in row]
                 if any(map(str.strip, row)):
-                    count += 1
+                    many += 1
                     yield row
-
-    def _named_cells(self, line: str) -> list[str]:
-        try:
-            fields = _fields_of(line) if not self.layout.heads else _fields_in(line, self.layout)
-        except ValueError:
-            return [line] * len(self.layout.names)  # none of them is a number
-        return [fields.get(name, "") for name in self.layout.names]
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
@@ -278,10 +269,17 @@ def _values_in(cell: str) -> Any:
     return values if counted > 1 else cell
 
 
-def _fields_in(line: str, layout: TableLayout) -> dict[str, str]:
-    """The values in a row by their names, where cells have several."""
-    cells = map(_values_in, _cells_of(line, layout.separator))
-    return _flattened(dict(zip(layout.heads, cells, strict=False)))
+def _named_cells(line: str, layout: TableLayout) -> list[str]:
+    """The values in a row by their names, of JSON, or where cells have several."""
+    try:
+        if layout.heads:
+            cells = map(_values_in, _cells_of(line, layout.separator))
+            fields = _flattened(dict(zip(layout.heads, cells, strict=False)))
+        else:
+            fields = _fields_of(line)
+    except ValueError:
+        return [line] * len(layout.names)  # none of them is a number
+    return [fields.get(name, "") for name in layout.names]
 
 
 def _layout_in_unit(
@@ -289,51 +287,35 @@ def _layout_in_unit(
 ) -> TableLayout:
     """The layout of rows ``head``; raises also where positions would be in metres without being told, and the
     first lines of the file name another unit."""
-    layout = _layout_of(head, reading, path)
-    if all(body.has_unit for body in layout.bodies):
-        return layout
-    stated = _LENGTH.search("\n".join(line[:_SENTENCE] for line in _about(lines, layout)))
-    if stated is None:
+    if any(line.count(mark) >= MOST_COLUMNS for line in head for mark in ",;\t "):
+        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
+    begin = next((i for i, line in enumerate(head) if line.strip() and not _COMMENT.match(line)), 0)
+    kinds = [layout_of for is_known, layout_of in _FORMATS if is_known(head[begin] if head else "")]
+    rows = ["\n"] * begin + list(head[begin:]) if kinds else head
+    layout, about, is_above = (kinds or [_layout_of_rows])[0](rows, reading, path), list[str](), True
+    for i, line in enumerate(lines):  # comments, and what is above the rows but for the names of columns
+        cells = _cells_of(line, layout.separator)
+        is_above &= layout.kind == "JSON" or not _are_values(cells)
+        is_head = layout.skip - 2 <= i < layout.skip and len(cells) > max(layout.places)
+        if _COMMENT.match(line) or (is_above and not is_head):
+            about.append(line[:_SENTENCE])
+    stated = _LENGTH.search("\n".join(about))
+    if stated is None or all(body.has_unit for body in layout.bodies):
         return layout
     factor = LENGTHS_M.get(stated[1].lower())
     unit = next((unit for unit in LENGTHS if LENGTHS[unit] == factor), None)
-    remedy = (
-        "convert them to metres"
-        if unit is None
-        else f"read them by {reading.with_(reading_of(unit=unit)).command(path)}"
-    )
+    remedy = "convert them to metres"
+    if unit is not None:
+        remedy = f"read them by {reading.with_(reading_of(unit=unit)).command(path)}"
     raise UnreadableRecording(
         f"a unit is {stated[1].lower()} above its rows: if it is that of positions, {remedy} or, if these "
         f"are in metres, by {reading.with_(reading_of(unit='m')).command(path)}"
     )
 
 
-def _about(lines: Sequence[str], layout: TableLayout) -> Iterator[str]:
-    """Comments, and the lines above the rows of numbers but for the names and units of columns."""
-    is_above = True
-    for i, line in enumerate(lines):
-        cells = _cells_of(line, layout.separator)
-        is_above &= layout.kind == "JSON" or not _are_values(cells)
-        is_head = layout.skip - 2 <= i < layout.skip and len(cells) > max(layout.places)
-        if _COMMENT.match(line) or (is_above and not is_head):
-            yield line
-
-
 def _are_values(cells: Sequence[str]) -> bool:
     """Whether cells are those of a row of values, not of names."""
     return 2 * sum(are_numbers([cell]) for cell in cells) > len(cells)
-
-
-def _layout_of(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
-    """The layout of a text file by its first lines; raises as ``TextTable``."""
-    if any(line.count(mark) >= MOST_COLUMNS for line in lines for mark in ",;\t "):
-        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
-    begin = next((i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), 0)
-    first = lines[begin] if lines else ""
-    for is_known, layout in _FORMATS:
-        if is_known(first):
-            return layout(["\n"] * begin + list(lines[begin:]), reading, path)
-    return _layout_of_rows(lines, reading, path)
 
 
 def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -378,20 +360,13 @@ def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> Ta
         raise UnreadableRecording(
             "no rigid body has both position and quaternion, in global coordinates: export it with both"
         )
-    time, time_ns = _motive_times(about, cells[head + 1 :])
-    return TableLayout("Motive", separator, head + 1, time, time_ns, named, has_own_unit=True)
-
-
-def _motive_times(about: Mapping[str, str], rows: Sequence[Sequence[str]]) -> tuple[int, float]:
-    """The time column and its unit in nanoseconds: frame numbers where the times are those of the frames
-    rounded to milliseconds, as Motive 2.3 and 3 write them; else seconds."""
-    try:
+    time, time_ns = 1, 1e9
+    with suppress(ValueError):  # times of Motive 2.3 and 3 are those of the frames rounded to milliseconds
         rate = number(about.get("export frame rate", ""))
-        times = [(number(row[0]), number(row[1])) for row in rows if len(row) > 1]
-    except ValueError:
-        return 1, 1e9
-    fits = rate > 0 and all(abs(frame / rate - time) <= _ROUNDED_S for frame, time in times)
-    return (0, 1e9 / rate) if times and fits else (1, 1e9)
+        times = [(number(row[0]), number(row[1])) for row in cells[head + 1 :] if len(row) > 1]
+        if times and rate > 0 and all(abs(frame / rate - time_s) <= _ROUNDED_S for frame, time_s in times):
+            time, time_ns = 0, 1e9 / rate
+    return TableLayout("Motive", separator, head + 1, time, time_ns, named, has_own_unit=True)
 
 
 def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -407,25 +382,24 @@ def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tab
         )
     if len(cells) < 5 or not are_numbers(cells[1][:1]) or not number(cells[1][0]) > 0:
         raise UnreadableRecording(f"its section {section} lacks rate, names, columns or units above its rows")
-    names, axes, units = cells[2], [axis.lower() for axis in cells[3]], cells[4]
+    names, axes, units = cells[2], [axis.lower() for axis in cells[3]], map(str.lower, cells[4])
     found = dict[str, dict[str, int]]()
     for start, end in pairwise([*(i for i, name in enumerate(names) if name), len(axes)]):
         turn = "q" if "rw" in axes[start:end] else "r"
         roles = {f"r{axis}": turn + axis for axis in "xyzw"} | {f"t{axis}": axis for axis in "xyz"}
         places = {roles[axis]: start + i for i, axis in enumerate(axes[start:end]) if axis in roles}
         found.setdefault(_short(names[start]), places)
-    columns = [(axis, units[i].lower() if i < len(units) else "") for i, axis in enumerate(axes)]
+    columns = list(zip(axes, chain(units, repeat("")), strict=False))
     try:
         bodies = bodies_of(found, columns, reading, "mm")
     except OpenReading:
         name = next(filter(None, names))
-        about = _ABOUT.match(name)
-        kind = (about[1] if about is not None else None) or ""
-        order = _ORDER.search(kind)
-        ways = [reading_of(rotation_vector=True) if order is None else reading_of(euler=order[1].upper())]
-        ways += [] if kind else [reading_of(euler="XYZ")]
+        kind = (about[1] if (about := _ABOUT.match(name)) is not None else None) or ""
+        order, ways = _ORDER.search(kind), [reading_of(rotation_vector=True)]
+        ways = [reading_of(euler=order[1].upper())] if order is not None else ways
         unsaid = "three angles or a helical vector, and the file does not say which"
         are = f"rotations of {_short(name)} are {f'of the kind {kind}' if kind else unsaid}"
+        ways += [] if kind else [reading_of(euler="XYZ")]
         commands = " or ".join(reading.with_(way).command(path) for way in ways)
         raise UnreadableRecording(
             f"{are}: export quaternions from Vicon, or read them by {commands}"
@@ -471,13 +445,12 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
     return replace(layout_of_names(list(names), reading, path, "JSON"), names=tuple(names))
 
 
-def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
-    return _layout_of_rows(lines, _MATRICES.with_(reading) if reading.kind is None else reading, path)
-
-
-def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
+def _layout_of_rows(
+    lines: Sequence[str], reading: TableReading, path: str, usual: TableReading | None = None
+) -> TableLayout:
     """The layout by the first line with names of columns of poses, which may be a comment, else by the first
-    row of numbers."""
+    row of numbers; ``usual`` is what the columns are of a format, unless the reading says it."""
+    reading = reading if usual is None or reading.kind is not None else usual.with_(reading)
     first = next((line for line in lines if line.strip()), "")
     stated = _SEPARATOR_LINE.fullmatch(first)
     rows = [i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)]
@@ -537,11 +510,8 @@ def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> T
 
 def _distinct(names: Sequence[str]) -> list[str]:
     """The names, those that are there again with a number, as pandas reads them: ``x``, ``x.1``."""
-    seen, distinct = Counter[str](), list[str]()
-    for name in names:
-        distinct.append(f"{name}.{seen[name]}" if seen[name] else name)
-        seen[name] += 1
-    return distinct
+    times = defaultdict[str, Iterator[int]](count)
+    return [f"{name}.{i}" if (i := next(times[name])) else name for name in names]
 
 
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
@@ -611,6 +581,6 @@ _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
     (lambda first: first.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
     (lambda first: first.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
     (lambda first: first.lstrip().startswith("{") or _has_names(first), _json_layout),
-    (lambda first: first.startswith(_QUALISYS), _qualisys_layout),
+    (lambda first: first.startswith(_QUALISYS), partial(_layout_of_rows, usual=_MATRICES)),
 )
 """Known formats: whether the first line is of one, and its layout; other files have rows, named or not."""

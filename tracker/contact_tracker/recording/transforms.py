@@ -9,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import reduce
 from itertools import compress, takewhile
 from typing import Final, NamedTuple
 
@@ -47,13 +48,16 @@ def is_static(source: PoseSource) -> bool:
 
 
 class TransformTree:
-    """The frames and the transforms between them, of each pair the first."""
+    """The frames and the transforms between them, of each pair the first; ``named`` are further sources by
+    what they are called here."""
 
-    def __init__(self, sources: Iterable[PoseSource]) -> None:
+    def __init__(
+        self, sources: Iterable[PoseSource], named: Mapping[PoseSource, PoseSource] | None = None
+    ) -> None:
         self._steps: dict[str, dict[str, Step]] = {}
-        for source in sorted(sources):
-            if source.child_frame_id:
-                parent, child = frame_name(source.frame_id), frame_name(source.child_frame_id)
+        for called, source in sorted(({one: one for one in sources} | dict(named or {})).items()):
+            if called.child_frame_id:
+                parent, child = frame_name(called.frame_id), frame_name(called.child_frame_id)
                 self._steps.setdefault(parent, {}).setdefault(child, Step(source, False))
                 self._steps.setdefault(child, {}).setdefault(parent, Step(source, True))
 
@@ -64,9 +68,8 @@ class TransformTree:
         """The shortest chain of transforms from one frame to another; None if there is none."""
         start, end = frame_name(start), frame_name(end)
         reached: dict[str, tuple[str, Step] | None] = {start: None}
-        waiting = deque([start])
-        while waiting:
-            frame = waiting.popleft()
+        waiting = [start]
+        for frame in waiting:  # which grows
             for other, step in self._steps.get(frame, {}).items():
                 if other not in reached:
                     reached[other] = frame, step
@@ -75,9 +78,8 @@ class TransformTree:
             return None
         steps, at = list[Step](), reached[end]
         while at is not None:
-            before, step = at
-            steps.append(step)
-            at = reached[before]
+            steps.append(at[1])
+            at = reached[at[0]]
         return tuple(steps[::-1])
 
     def moving_root(self, frame: str) -> str | None:
@@ -97,22 +99,42 @@ ARROW: Final = "->"
 _BODY: Final = "the body "
 REFERENCE: Final = "the reference "
 """Frame names that do not occur in logs."""
-
-
 Chain = tuple[Step, ...]
 """Transforms from a frame to a body."""
 
 
-def last_moving(chain: Chain) -> int:
+def last_moving(chain: Sequence[Step]) -> int:
     """Index of the last moving transform, which gives the stamps; -1 if none moves."""
     return max((i for i, step in enumerate(chain) if not is_static(step.source)), default=-1)
 
 
-def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain | None:
-    """The transforms from parent to child of ``PARENT->CHILD``; None unless one of them moves."""
-    parent, _, child = frame.partition(ARROW)
-    found = TransformTree(filter(is_transform, known)).chain(parent, child)
-    return None if found is None or last_moving(found) < 0 else found
+def find_chain(
+    path: str,
+    known: Iterable[PoseSource],
+    bodies: Sequence[PoseSource],
+    frame: str | None,
+    relative_to: str | None,
+) -> tuple[Chain, PoseSource] | None:
+    """The transforms from parent to child of ``PARENT->CHILD``, or from ``relative_to`` to the one of
+    ``bodies``, and the name of the composed poses; None where none are known yet, or none of them moves."""
+    if relative_to is None:
+        parent, arrow, child = (frame or "").partition(ARROW)
+        steps = TransformTree(filter(is_transform, known)).chain(parent, child) if arrow else None
+        if steps is None or last_moving(steps) < 0:
+            return None
+    else:
+        bodies = [s for s in bodies if s.topic != relative_to or s.is_named(frame or "")]
+        if frame is None:
+            bodies = [s for s in bodies if not is_beside(s, s, relative_to)] or bodies
+        if not bodies:
+            return None
+        body = only_one(path, bodies)
+        parent, child = relative_to, body.child_frame_id
+        if (steps := chain_relative(path, known, body, relative_to)) is None:
+            return None
+    last = steps[last_moving(steps)].source
+    frame_moves = any(step.inverted and not is_static(step.source) for step in steps)
+    return steps, PoseSource(last.topic, last.type, parent, child, read_as=ReadAs(frame_moves))
 
 
 def chain_relative(
@@ -125,18 +147,13 @@ def chain_relative(
     references = references or [s for s in sources if s != source and is_beside(s, source, relative_to)]
     tree = {s for s in sources if is_transform(s) and s != source}
     # Bodies in the same frame are found without a tree; a body has no children.
-    body = replace(source, child_frame_id=_BODY)
-    steps, start = {s: Step(s, False) for s in tree} | {body: Step(source, False)}, relative_to
+    named, start = {replace(source, child_frame_id=_BODY): source}, relative_to
     if references and not any(map(is_transform, references)):
-        reference = only_one(path, references)
-        named = replace(reference, child_frame_id=REFERENCE)
-        steps[named], start = Step(reference, False), REFERENCE
-    elif source.child_frame_id and relative_to in (source.child_frame_id,):
+        reference, start = only_one(path, references), REFERENCE
+        named[replace(reference, child_frame_id=REFERENCE)] = reference
+    elif source.child_frame_id and relative_to == source.child_frame_id:
         raise AmbiguousSource(f"{path}: {relative_to} is the body itself: name another frame")
-    found = TransformTree(steps).chain(start, _BODY)
-    if found is None:
-        return None
-    return tuple(Step(steps[step.source].source, step.inverted) for step in found)
+    return TransformTree(tree, named).chain(start, _BODY)
 
 
 def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
@@ -169,13 +186,6 @@ def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
     return ""
 
 
-def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
-    """The source name of the poses of a chain."""
-    body = chain[last_moving(chain)].source
-    frame_moves = any(step.inverted and not is_static(step.source) for step in chain)
-    return PoseSource(body.topic, body.type, parent, child, read_as=ReadAs(frame_moves))
-
-
 def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:
     """One line if the parent frame of the poses may itself move, else None."""
     tree = TransformTree(s for s in known if s != source)
@@ -201,7 +211,6 @@ _BACK_NS: Final = 10_000_000_000
 _FORWARD_NS: Final = 3_600_000_000_000
 """A transform whose stamps jump by more is restarted."""
 _FARTHEST_NS: Final = 2**61
-_Placed = tuple[NDArray[np.float64], Rotation]
 
 
 class Composer:
@@ -209,11 +218,11 @@ class Composer:
 
     Parameters
     ----------
-    steps : the chain, from the wanted frame to the body.
-    body : index of the step that gives the stamps.
+    steps : the chain, from the wanted frame to the body; the last one that moves gives the stamps.
     source : name of the composed poses.
     assumed : as of ``MessageDecoder``.
     at_once : number of poses composed together; 1 for a live stream.
+    known : poses read ahead, which say how poses are stamped, and static transforms, which they may precede.
 
     Attributes
     ----------
@@ -225,30 +234,25 @@ class Composer:
     def __init__(
         self,
         steps: Sequence[Step],
-        body: int,
         source: PoseSource,
         assumed: Mapping[tuple[str, str], str],
         at_once: int,
+        known: Mapping[PoseSource, list[Logged]],
     ) -> None:
         self.counts: Counter[str] = Counter()
         self.why: str | None = None
-        self._steps, self._body, self._source = steps, body, source
-        self._assumed = assumed
-        self._at_once = at_once
+        self._steps, self._body, self._source = steps, last_moving(steps), source
+        self._assumed, self._at_once = assumed, at_once
         self._tracks = {step.source: _Track(self.counts, is_static(step.source)) for step in steps}
-        self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != body]
+        self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != self._body]
         self._waiting: deque[Logged] = deque()
         self._stampings = dict[PoseSource, Stamping]()
-
-    def learn(self, known: Mapping[PoseSource, list[Logged]]) -> None:
-        """Take from messages read ahead how poses are stamped, and static transforms: poses may precede
-        them."""
-        for source, logged in known.items():
-            if source in self._tracks and is_static(source):
+        for of, logged in known.items():
+            if of in self._tracks and is_static(of):
                 for pose, _ in logged[:1]:
-                    self._tracks[source].add(pose)
-            elif source in self._tracks and len(logged) > 1:
-                self._stampings[source] = Stamping.by(logged)
+                    self._tracks[of].add(pose)
+            elif of in self._tracks and len(logged) > 1:
+                self._stampings[of] = Stamping.by(logged)
 
     def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
         """The composed poses; other poses are dropped, and None is passed on."""
@@ -299,33 +303,29 @@ class Composer:
         norms = np.linalg.norm(poses.quat_xyzw, axis=1)
         usable = np.isfinite(norms) & (norms > 0)
         quats = np.where(usable[:, None], poses.quat_xyzw, [0.0, 0.0, 0.0, 1.0])
-        whole: _Placed | None = None
+        parts = list[tuple[NDArray[np.float64], Rotation]]()
         for i, (source, inverted) in enumerate(self._steps):
-            if i == self._body:
-                part: _Placed = poses.position_m, Rotation.from_quat(quats)
-            else:
-                *part_, known = self._tracks[source].at(poses.stamp_ns)
-                part = part_[0], part_[1]
+            place, turn = poses.position_m, Rotation.from_quat(quats)
+            if i != self._body:
+                place, turn, known = self._tracks[source].at(poses.stamp_ns)
                 good &= known
-            part = _inverse(part) if inverted else part
-            whole = part if whole is None else _product(whole, part)
-        assert whole is not None
+            if inverted:
+                turn = turn.inv()
+                place = -turn.apply(place)
+            parts.append((place, turn))
+        positions, rotations = reduce(lambda a, b: (a[0] + a[1].apply(b[0]), a[1] * b[1]), parts)
         for stamp_ns in poses.stamp_ns[~good].tolist():
             is_gap = all(track.spans(stamp_ns) for track in self._parents)
             self.counts["parent_gap" if is_gap else "no_parent"] += 1
-        self._forget()
-        positions, rotations = whole
+        ends_ns = [track.until_ns for track in self._parents] + [pose.stamp_ns for pose, _ in self._waiting]
+        for track in self._parents:
+            track.forget(min(ends_ns) - _KEPT_NS)
         # A quaternion keeps its norm, so that the pose gate validates it as published.
         quats = rotations.as_quat() * np.where(usable, norms, np.nan)[:, None]
         composed = Poses(poses.stamp_ns, positions, quats)[good]
         times_ns = compress((log_time_ns for _, log_time_ns in logged), good)
         for pose, log_time_ns in zip(composed, times_ns, strict=True):
             yield self._source, pose, log_time_ns
-
-    def _forget(self) -> None:
-        ends_ns = [track.until_ns for track in self._parents] + [pose.stamp_ns for pose, _ in self._waiting]
-        for track in self._parents:
-            track.forget(min(ends_ns) - _KEPT_NS)
 
 
 class _Track:
@@ -394,12 +394,3 @@ class _Track:
         rotation = rotations[begin] * Rotation.from_rotvec(share * turn)
         position = positions[begin] + share * (positions[end] - positions[begin])
         return position, rotation, known | self._static
-
-
-def _product(first: _Placed, second: _Placed) -> _Placed:
-    return first[0] + first[1].apply(second[0]), first[1] * second[1]
-
-
-def _inverse(placed: _Placed) -> _Placed:
-    back = placed[1].inv()
-    return -back.apply(placed[0]), back

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
+from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -36,8 +37,6 @@ from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 _WRENCH: Final = "the wrench "
 """A frame name that does not occur in logs."""
-
-
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
 _MOST: Final = 4_000_000
 """Wrenches that are kept, of about 330 bytes each while they are read; what comes later is counted."""
@@ -103,14 +102,15 @@ def read_wrenches(
         channels[channel.topic] = channel
         return channel.topic == topic and canonical(channel.type) == WRENCH_TYPE and is_readable(channel)
 
-    reading = Reading(path, wanted)
-    rows, dropped = list[tuple[str, int, int, tuple[float, ...]]](), 0
-    for message, row in _decoded(reading):
-        stamp_ns = 0 if row is None else message.log_time_ns if by_log_time else row[1]
-        if row is None or not stamp_ns or len(rows) == _MOST:
-            dropped += 1
-        else:
-            rows.append((row[0], stamp_ns, message.log_time_ns, row[2]))
+    reading, rows, dropped = Reading(path, wanted), list[tuple[str, int, int, tuple[float, ...]]](), 0
+    for message in reading:
+        if isinstance(message, RawMessage):
+            frame, stamp_ns, numbers_of = _decoded(reading, message)
+            stamp_ns = message.log_time_ns if by_log_time and numbers_of else stamp_ns
+            if stamp_ns and len(rows) < _MOST:
+                rows.append((frame, stamp_ns, message.log_time_ns, numbers_of))
+            else:
+                dropped += 1
     if not rows:
         raise _nothing(path, topic, channels)
     frames, stamps, log_times, numbers = zip(*rows, strict=True)
@@ -148,14 +148,20 @@ def _about_body(
     if frame_name(frame_id) == frame_name(parent):
         return about_body(found, poses), f"in the frame {frame_id}, that of the poses", 0
     reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
-    items, known = iter(reading), dict[PoseSource, list[Logged]]()
+    groups, known = reading.decoder.groups(reading), dict[PoseSource, list[Logged]]()
     steps, in_object, is_in_tree = tuple[Step, ...](), False, False
-    while not steps and (more := take_prefix(items)):
-        known = {**poses_by_source(more, reading.decoder), **known}
+    while not steps and (more := take_prefix(groups)):
+        known = {**poses_by_source(chain.from_iterable(more)), **known}
         steps, in_object, is_in_tree = _chain(known, frame_id, source)
     if not steps:
         if body or is_in_tree:
-            raise ChoiceError(_unconnected(path, topic, frame_id, source))
+            ends = [f"the object ({body})"] if body else []
+            ends += [f"its poses ({parent})"] if parent else []
+            raise ChoiceError(
+                f"{path}: {topic} is in the frame {frame_id}, and no transforms (/tf, /tf_static) lead there "
+                f"from the frame of {' or of '.join(ends) or 'the poses, which name none'}: record them too, "
+                "or transform the wrenches first"
+            )
         return found, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
     frame_poses, counts = _frame_poses(path, steps, known, found.stamp_ns, logged_ns)
     start, topics = body if in_object else parent, ", ".join(sorted({step.source.topic for step in steps}))
@@ -174,20 +180,17 @@ def _chain(
 ) -> tuple[Chain, bool, bool]:
     """The transforms that lead to a frame, from what poses are in, or from the object: those of which fewer
     move; empty where there are none. Then which of the two, and whether any transform names the frame."""
-    steps = {of: Step(of, False) for of in known if is_transform(of)}
-    start = source.frame_id
+    named, start = dict[PoseSource, PoseSource](), source.frame_id
     for reference in known:  # poses that are relative to those of another topic, and so in no frame
         if reference.topic == source.frame_id and not is_transform(reference):
-            steps[replace(reference, child_frame_id=REFERENCE)] = Step(reference, False)
-            start = REFERENCE
-    tree = TransformTree(steps)
+            named[replace(reference, child_frame_id=REFERENCE)], start = reference, REFERENCE
+    tree = TransformTree(filter(is_transform, known), named)
     chains = list[tuple[int, bool, Chain]]()
     for begin, in_object in ((start, False), (source.child_frame_id, True)):
-        if begin and (found := tree.chain(begin, frame_id)):
-            along = tuple(Step(steps[step.source].source, step.inverted) for step in found)
+        if begin and (along := tree.chain(begin, frame_id)):
             chains.append((sum(not is_static(step.source) for step in along), in_object, along))
-    _, in_object, along = min(chains, key=lambda one: one[:2], default=(0, False, ()))
-    return along, in_object, frame_id in tree
+    _, in_object, shortest = min(chains, key=lambda one: one[:2], default=(0, False, ()))
+    return shortest, in_object, frame_id in tree
 
 
 def _frame_poses(
@@ -202,8 +205,8 @@ def _frame_poses(
     wrench = PoseSource("", _WRENCH, "", _WRENCH)
     topics = {step.source.topic for step in steps}
     reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
-    composer = Composer((*steps, Step(wrench, False)), len(steps), wrench, reading.decoder.assumed, BATCH)
-    composer.learn(known)
+    all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
+    composer = Composer(all_steps, wrench, assumed, BATCH, known)
     origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     order = logged_ns.argsort(kind="stable")  # stamps may be in another order
     stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
@@ -214,29 +217,16 @@ def _frame_poses(
     return poses[poses.stamp_ns.argsort(kind="stable")], composer.counts
 
 
-def _decoded(reading: Reading) -> Iterator[tuple[RawMessage, tuple[str, int, tuple[float, ...]] | None]]:
-    """Each message with its frame, stamp and numbers; None if it is not what its schema promises."""
-    for item in reading:
-        if not isinstance(item, RawMessage):
-            continue
-        try:
-            decoded = reading.decoder.decode(item)
-            header, force, moment = decoded.header, decoded.wrench.force, decoded.wrench.torque
-            stamp_ns = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
-            numbers = (force.x, force.y, force.z, moment.x, moment.y, moment.z)
-            yield item, (str(header.frame_id), int(stamp_ns), tuple(map(float, numbers)))
-        except (Undecodable, AttributeError, TypeError, ValueError):
-            yield item, None
-
-
-def _unconnected(path: str, topic: str, frame_id: str, source: PoseSource) -> str:
-    ends = [f"the object ({source.child_frame_id})"] if source.child_frame_id else []
-    ends += [f"its poses ({source.frame_id})"] if source.frame_id else []
-    to = " or of ".join(ends) or "the poses, which name none"
-    return (
-        f"{path}: {topic} is in the frame {frame_id}, and no transforms (/tf, /tf_static) lead there from "
-        f"the frame of {to}: record them too, or transform the wrenches first"
-    )
+def _decoded(reading: Reading, message: RawMessage) -> tuple[str, int, tuple[float, ...]]:
+    """Frame, stamp and numbers of a message; nothing if it is not what its schema promises."""
+    try:
+        decoded = reading.decoder.decode(message)
+        header, force, moment = decoded.header, decoded.wrench.force, decoded.wrench.torque
+        stamp_ns = int(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
+        numbers = (force.x, force.y, force.z, moment.x, moment.y, moment.z)
+        return str(header.frame_id), stamp_ns, tuple(map(float, numbers))
+    except (Undecodable, AttributeError, TypeError, ValueError):
+        return "", 0, ()
 
 
 def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError | InputError:

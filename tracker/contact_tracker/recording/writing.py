@@ -77,11 +77,7 @@ def write_recording(
 
 
 def _write(
-    file: IO[bytes],
-    poses: Poses,
-    truth: Truth | None,
-    metadata: Mapping[str, str],
-    wrenches: Wrenches | None,
+    file: IO[bytes], poses: Poses, truth: Truth | None, metadata: Mapping[str, str], wrenches: Wrenches | None
 ) -> None:
     writer = Writer(file, chunk_size=_CHUNK_SIZE)
     writer.start(profile="ros2", library=_LIBRARY)
@@ -101,7 +97,11 @@ def _write(
     if wrenches is not None:
         wrench_schema = writer.register_schema(WRENCH_TYPE, "ros2msg", _schema(WRENCH_TYPE))
         wrench_channel = writer.register_channel(WRENCH_TOPIC, "cdr", wrench_schema)
-        messages += ((stamp, wrench_channel, data) for stamp, data in _wrench_cdrs(wrenches))
+        numbers = np.concatenate([wrenches.force_n, wrenches.moment_nm], axis=1).tolist()
+        messages += (
+            (ns, wrench_channel, _WRENCH_CDR.pack(_CDR_LITTLE_ENDIAN, *divmod(ns, 10**9), 1, b"\0", *row))
+            for ns, row in zip(wrenches.stamp_ns.tolist(), numbers, strict=True)
+        )
     messages.sort(key=lambda message: message[0])
     for stamp_ns, channel, data in messages:
         writer.add_message(channel, stamp_ns, data, stamp_ns)
@@ -125,17 +125,8 @@ def _changes(truth: Truth) -> Iterator[tuple[int, str]]:
 
 
 def _pose_cdr(pose: Pose) -> bytes:
-    sec, nanosec = divmod(pose.stamp_ns, 1_000_000_000)
-    numbers = (*pose.position_m, *pose.quat_xyzw)
-    return _POSE_CDR.pack(_CDR_LITTLE_ENDIAN, sec, nanosec, len(_FRAME), _FRAME, *numbers)
-
-
-def _wrench_cdrs(wrenches: Wrenches) -> Iterator[tuple[int, bytes]]:
-    """Stamps and messages."""
-    numbers = np.concatenate([wrenches.force_n, wrenches.moment_nm], axis=1).tolist()
-    for stamp_ns, row in zip(wrenches.stamp_ns.tolist(), numbers, strict=True):
-        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-        yield stamp_ns, _WRENCH_CDR.pack(_CDR_LITTLE_ENDIAN, sec, nanosec, 1, b"\0", *row)
+    time, numbers = divmod(pose.stamp_ns, 10**9), (*pose.position_m, *pose.quat_xyzw)
+    return _POSE_CDR.pack(_CDR_LITTLE_ENDIAN, *time, len(_FRAME), _FRAME, *numbers)
 
 
 def _string_cdr(text: str) -> bytes:
@@ -162,23 +153,19 @@ def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> No
         The file cannot be written.
     """
     with path.open("wb") as file:
-        _copy(
-            file,
-            () if log is None else Reading(log, lambda channel: channel.topic not in RESULT_TOPICS),
-            added,
-        )
-
-
-def _copy(file: IO[bytes], items: Iterable[Item], added: Iterable[RawMessage]) -> None:
-    writer = Writer(file, chunk_size=_COPY_CHUNK_SIZE)
-    writer.start(profile="", library=_LIBRARY)  # profile ros2 requires CDR
-    numbers: dict[Channel, int] = {}
-    for message in merge(_messages(items, writer), added, key=lambda message: message.log_time_ns):
-        channel = message.channel
-        if channel not in numbers:
-            numbers[channel] = _register(writer, channel)
-        writer.add_message(numbers[channel], message.log_time_ns, message.data, message.log_time_ns)
-    writer.finish()  # type: ignore[no-untyped-call]
+        items = () if log is None else Reading(log, lambda channel: channel.topic not in RESULT_TOPICS)
+        writer = Writer(file, chunk_size=_COPY_CHUNK_SIZE)
+        writer.start(profile="", library=_LIBRARY)  # profile ros2 requires CDR
+        numbers: dict[Channel, int] = {}
+        for message in merge(_messages(items, writer), added, key=lambda message: message.log_time_ns):
+            channel, schema = message.channel, 0
+            if channel not in numbers:
+                if channel.type or channel.schema_encoding:
+                    kind = channel.type, channel.schema_encoding, channel.schema
+                    schema = writer.register_schema(*kind)
+                numbers[channel] = writer.register_channel(channel.topic, channel.encoding, schema)
+            writer.add_message(numbers[channel], message.log_time_ns, message.data, message.log_time_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
@@ -197,11 +184,3 @@ def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
                 writer.add_attachment(0, 0, name, media_type, data)
             case Metadata(name, values):
                 writer.add_metadata(name, dict(values))
-
-
-def _register(writer: Writer, channel: Channel) -> int:
-    has_schema = bool(channel.type or channel.schema_encoding)
-    schema = (
-        writer.register_schema(channel.type, channel.schema_encoding, channel.schema) if has_schema else 0
-    )
-    return writer.register_channel(channel.topic, channel.encoding, schema)

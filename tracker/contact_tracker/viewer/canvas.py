@@ -2,7 +2,7 @@
 and events on the left, plots over time on the right."""
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final, Literal
 from uuid import uuid4
@@ -55,6 +55,7 @@ OPACITY: Final = (1.0, 0.15, 1.0, 0.2)
 SHEET: Final = 0.55
 """Opacity of faces of the surroundings, so that objects below stay visible."""
 _ROWS: Final = 1000
+"""Rows that are sent together: smaller numbers double the file, larger ones are slow to show."""
 Columns = Iterable[rr.ComponentColumn]
 
 _KNOWN: Final = (OBJECT, GREY)
@@ -204,7 +205,7 @@ class Canvas:
             named = [one for one in row if one is not None]
             if named:
                 probability = np.array([one.probability for one in named])
-                texts = [further_caption(one) for one in named]
+                texts = [f"+ {caption(one.contact, one.probability, one.inseparable)}" for one in named]
                 self.fade(stamp_ns[there], [one.contact for one in named], probability, texts, number)
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
@@ -237,7 +238,12 @@ class Canvas:
         for entity, of_entity in zip(entities, zip(*meshes, strict=True), strict=True):
             self._send(entity, stamp_ns, partial(_mesh_columns, of_entity))
         places = [np.zeros((0, 3)) if d is None else d.label_m[None] for d in drawings]
-        self._send(label, stamp_ns, lambda rows: _place_columns(places[rows]))
+
+        def columns(rows: slice) -> Columns:
+            found = rr.Points3D.columns(positions=np.concatenate(places[rows]))
+            return found.partition(list(map(len, places[rows])))
+
+        self._send(label, stamp_ns, columns)
 
     def fade(
         self,
@@ -257,7 +263,8 @@ class Canvas:
             if entity == entities[2]:
                 alpha = alpha * np.where([contact.value.endswith("-f") for contact in contacts], SHEET, 1.0)
             rgba = np.column_stack([shade, np.round(alpha).astype(np.uint8)])
-            self._send(entity, stamp_ns, partial(_shade_columns, rgba))
+            columns = partial(lambda shades, rows: rr.Mesh3D.columns(albedo_factor=shades[rows]), rgba)
+            self._send(entity, stamp_ns, columns)
         self._send(
             label,
             stamp_ns,
@@ -290,7 +297,8 @@ class Canvas:
         self._recording.set_time(STAMP, timestamp=np.datetime64(stamp_ns, "ns"))
 
     def _send(self, entity: str, stamp_ns: Stamps, columns: Callable[[slice], Columns]) -> None:
-        for rows in _chunks(len(stamp_ns)):
+        for first in range(0, len(stamp_ns), _ROWS):
+            rows = slice(first, first + _ROWS)
             since = (stamp_ns[rows] - self._origin_ns).astype("timedelta64[ns]")
             times = [
                 rr.TimeColumn(TIMELINE, duration=since),
@@ -308,15 +316,6 @@ def _arc(turn_rad: Array, radius_m: float) -> Array:
     return np.asarray(np.cos(angle) * first + np.sin(angle) * np.cross(axis, first))
 
 
-def _chunks(count: int) -> Iterator[slice]:
-    """Chunks of a thousand rows: smaller ones double the file, larger ones are slow to show."""
-    return (slice(start, min(start + _ROWS, count)) for start in range(0, count, _ROWS))
-
-
-def _shade_columns(rgba: NDArray[np.uint8], rows: slice) -> Columns:
-    return rr.Mesh3D.columns(albedo_factor=rgba[rows])
-
-
 def _mesh_columns(all_meshes: Sequence[Mesh], rows: slice) -> Columns:
     meshes = all_meshes[rows]
     vertices, triangles, normals = (np.concatenate(part) for part in zip(*meshes, strict=True))
@@ -325,22 +324,12 @@ def _mesh_columns(all_meshes: Sequence[Mesh], rows: slice) -> Columns:
     yield from rr.Mesh3D.columns(triangle_indices=triangles).partition(per_triangle)
 
 
-def _place_columns(places: Sequence[Array]) -> Columns:
-    found = np.concatenate(places)
-    return rr.Points3D.columns(positions=found).partition([len(p) for p in places])
-
-
 def caption(
     contact: Contact, probability: float, others: Sequence[Contact] = (), is_open: bool = False
 ) -> str:
     """``f-f  0.97 or e-f``; ``is_open``: the position of the faces along their normal is unknown."""
     rest = f" or {alternatives(others)}" if others else ""
     return f"{contact.value}  {probability:.2f}{rest}{f', {OPEN_OFFSET}' if is_open else ''}"
-
-
-def further_caption(one: FurtherContact) -> str:
-    """``+ v-f  0.97 or e-f``."""
-    return f"+ {caption(one.contact, one.probability, one.inseparable)}"
 
 
 def event(

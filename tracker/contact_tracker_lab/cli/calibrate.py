@@ -35,25 +35,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_source(parser)
     arguments.add_known(parser)
     arguments.add_output(parser, (".toml",), "write FILE.toml, whole or not at all", required=True)
-    parser.add_argument(
-        "--start",
-        default="default",
-        metavar="NAME|FILE",
-        help=f"start from a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        default=[],
-        metavar="KEY",
-        help="learn only these parameters or tables (default: all but a few; a search takes hours)",
-    )
-    parser.add_argument(
-        "--folds",
-        type=_folds,
-        metavar="N",
-        help=f"hold out each N-th recording in turn, 0 for none (default: {USUAL_FOLDS}, or one for each)",
-    )
+    text = f"start from a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)"
+    parser.add_argument("--start", default="default", metavar="NAME|FILE", help=text)
+    text = "learn only these parameters or tables (default: all but a few; a search takes hours)"
+    parser.add_argument("--only", nargs="+", default=[], metavar="KEY", help=text)
+    text = f"hold out each N-th recording in turn, 0 for none (default: {USUAL_FOLDS}, or one for each)"
+    parser.add_argument("--folds", type=_folds, metavar="N", help=text)
     truth = parser.add_mutually_exclusive_group()
     truth.add_argument("--labelled", action="store_true", help="refuse recordings without truth")
     truth.add_argument("--unlabelled", action="store_true", help="do not learn from truth, only score by it")
