@@ -17,6 +17,7 @@ from contact_tracker.hypotheses.proximity_prior import (
     MOST_BIRTHS,
     proximity_evidence,
     reweight_transitions,
+    share_with_faces,
 )
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP
@@ -184,3 +185,19 @@ def test_all_standard_deviations_that_are_allowed_can_be_compared(sigma_position
         for _, evidence in proximity(tick(ON_EDGE, 0.1), known):
             assert np.isfinite(evidence.log_odds)
             assert np.exp(evidence.log_share).sum() == pytest.approx(1.0)
+
+
+def test_a_new_face_may_lie_in_a_plane_in_which_a_known_edge_lies_unless_faces_cannot_occur():
+    """Coming from that edge, what both constrain is no evidence any more."""
+    gain = np.full((6, 2), 4.0)
+    odds = np.array([0.0, 8.0, 0.0, 3.0, 0.0, 0.0])
+    faces, shown = share_with_faces(odds, gain, 0.5)
+    np.testing.assert_allclose(faces, [8.0 + np.log(0.5), *odds[1:]])
+    change, stay = tick_transitions(MODEL, 1.0)
+    moved, _ = reweight_transitions(change, stay, faces, shown)
+    by_odds, _ = reweight_transitions(change, stay, odds, gain)
+    assert moved[FREE, 0] > by_odds[FREE, 0] + 4.0
+    assert moved[Contact.EF.column, 0] == pytest.approx(change[Contact.EF.column, 0], abs=1.0)
+    nowhere = np.array([-1e3, *odds[1:]])
+    np.testing.assert_array_equal(share_with_faces(nowhere, gain, 0.5)[0], nowhere)
+    np.testing.assert_array_equal(share_with_faces(np.zeros(6), gain, 0.5)[0], np.zeros(6))

@@ -33,6 +33,7 @@ MOST_BIRTHS: Final = 100
 another has some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
 gigabytes."""
 FREE: Final = Contact.FREE.column
+FACES: Final = Contact.FF.column
 
 
 def weigh_births(
@@ -71,6 +72,21 @@ def weigh_births(
         log_odds[column], gain[column] = own.log_odds, own.gain
         weighed.append(own.proposals)
     return tuple(weighed), log_odds, gain
+
+
+def share_with_faces(log_odds: Array, gain: Array, share: float) -> tuple[Array, Array]:
+    """The log odds (6,) and gains (6, 2) of ``weigh_births`` with what those of other contacts say of f-f.
+
+    Where a known edge lies in a known plane, so does a face that holds the edge and is not known yet, with
+    this prior ``share``. Without it, an object that stands on a new face would be one that stands on an edge.
+    """
+    most = FACES + 1 + int(log_odds[FACES + 1 :].argmax())
+    shared = log_odds[most] + np.log(share)
+    if shared <= log_odds[FACES] or log_odds[FACES] <= _IMPOSSIBLE:
+        return log_odds, gain
+    log_odds, gain = log_odds.copy(), gain.copy()
+    log_odds[FACES], gain[FACES] = shared, gain[most]
+    return log_odds, gain
 
 
 class ProximityEvidence(NamedTuple):

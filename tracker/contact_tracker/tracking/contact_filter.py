@@ -20,7 +20,11 @@ from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import TickWeights
 from contact_tracker.hypotheses.births import CachedProposals, TickInput, propose_births
-from contact_tracker.hypotheses.proximity_prior import reweight_transitions, weigh_births
+from contact_tracker.hypotheses.proximity_prior import (
+    reweight_transitions,
+    share_with_faces,
+    weigh_births,
+)
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.free_motion import NO_EXCESS
@@ -62,7 +66,10 @@ def predict_transitions(
     transition, survival = tick_transitions(model, exposure)
     if state.knows_elements:
         beyond = model.noise.extra_contact_variance
-        proposals, log_odds[:-1], gain = weigh_births(proposals, window, beyond, state.scales)
+        proposals, odds, gain = weigh_births(proposals, window, beyond, state.scales)
+        if not state.known_map.lists_elements:
+            odds, gain = share_with_faces(odds, gain, model.geometry.revisit_prior)
+        log_odds[:-1] = odds
         transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
     if rest.completes:
         transition, survival = transition + REST_LOG_LIKELIHOOD[:, None], survival + REST_LOG_LIKELIHOOD
