@@ -4,10 +4,14 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from concurrent import futures
+from concurrent.futures import Future
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -38,10 +42,26 @@ def square(number: int, fatal: tuple[int, ...], once: str) -> int:
 def test_a_job_that_kills_its_own_process_is_given_up_and_no_other_is_lost(tmp_path: Path) -> None:
     fatal, numbers = (3, 17), [100, *range(20)]
     jobs = ((number, fatal, str(tmp_path / "once")) for number in numbers)
-    with local_processes(2, prepare) as call:
+    (tmp_path / "started").mkdir()
+    with local_processes(2, partial(note_start, tmp_path / "started")) as call:
         answers = [(job[0], answer) for job, answer in call(square, jobs)]
     assert len(answers) == len(numbers)
     assert dict(answers) == {number: None if number in fatal else number**2 for number in numbers}
+    assert len(list((tmp_path / "started").iterdir())) <= 2 + (1 + 2) + len(fatal) * (1 + 1 + 2)
+
+
+def note_start(folder: Path) -> None:
+    (folder / str(os.getpid())).touch()
+
+
+def test_no_job_is_lost_where_all_at_work_have_ended_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wait(at_work: Collection[Future[int]], **options: Any) -> Any:
+        time.sleep(0.1)
+        return futures.wait(at_work, **options)
+
+    monkeypatch.setattr(processes, "wait", wait)
+    with local_processes(1, prepare) as call:
+        assert sorted(answer for _, answer in call(abs, ((-n,) for n in range(5)))) == [*range(5)]
 
 
 def slowly(jobs: list[tuple[int, tuple[int, ...], str]]) -> Iterator[tuple[int, tuple[int, ...], str]]:

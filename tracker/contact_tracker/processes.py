@@ -111,11 +111,13 @@ def _answered(
                 at_work[pool.submit(function, *arguments)] = arguments
             except BrokenProcessPool:
                 return [*at_work.values(), arguments]
+        if not at_work:
+            return []
         ended = wait(at_work, return_when=FIRST_COMPLETED).done
         for future in [one for one in ended if not isinstance(one.exception(), BrokenProcessPool)]:
             yield at_work.pop(future), future.result()
             ended.remove(future)
-        if ended or not at_work:
+        if ended:
             return [*at_work.values()]
 
 
