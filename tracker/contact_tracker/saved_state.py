@@ -264,6 +264,7 @@ class _Decoder:
         if not isinstance(tree, list) or depth > DEEPEST:
             raise ValueError("it is no tree, or too deep")
         parts = [self.decode(part, depth + 1) for part in tree[1:]]
+        value: Any
         match tree[0], parts:
             case "tuple", _:
                 return tuple(parts)
