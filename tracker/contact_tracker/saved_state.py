@@ -108,7 +108,7 @@ def load(path: Path, kind: Kind = STREAM) -> Any:
     """
     try:
         tree, arrays = unpacked(read_regular(path, LARGEST_BYTES), kind)
-        return _Decoder(arrays, kind).decode(tree)
+        return _decoded(tree, arrays, kind)
     except StateError as error:
         raise StateError(f"{path}: {error}") from error
     except FileNotFoundError:
@@ -204,78 +204,65 @@ def _field_names(one: type) -> tuple[str, ...]:
 
 
 def _encoded(value: Any, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
-    encoder = _Encoder(kind)
-    return encoder.encode(value), encoder.arrays
+    """The tree of a value, with references by number to the arrays; raises TypeError for an unknown class."""
+    arrays, seen = list[NDArray[Any]](), dict[int, tuple[int, Any]]()  # by id; objects are kept alive
 
-
-class _Encoder:
-    """Encodes values as a tree, with references by number to ``arrays``."""
-
-    def __init__(self, kind: Kind) -> None:
-        self._classes = kind.classes
-        self.arrays: list[NDArray[Any]] = []
-        self._seen: dict[int, tuple[int, Any]] = {}  # by id: the number of an object, which is kept alive
-
-    def encode(self, value: Any) -> Any:
-        """The tree of a value; raises TypeError for an unknown class."""
-        kind = type(value)
-        name = kind.__name__
-        if value is None or kind in (bool, int, float, str):
+    def encode(value: Any) -> Any:
+        of = type(value)
+        name = of.__name__
+        if value is None or of in (bool, int, float, str):
             return value
-        if kind in (tuple, list):
-            return [name, *map(self.encode, value)]
+        if of in (tuple, list):
+            return [name, *map(encode, value)]
         if isinstance(value, np.generic):
-            return ["scalar", self._add(np.asarray(value))]
-        if id(value) in self._seen:
-            return ["same", self._seen[id(value)][0]]
+            return ["scalar", add(np.asarray(value))]
+        if id(value) in seen:
+            return ["same", seen[id(value)][0]]
         if isinstance(value, np.ndarray):
-            tree = ["array", self._add(value)]
-        elif kind is deque:
-            tree = [name, value.maxlen, *map(self.encode, value)]
-        elif kind in (dict, Counter):
-            tree = [name, *map(self.encode, value.items())]
-        elif self._classes.get(name) is kind:
-            tree = ["object", name, *(self.encode(getattr(value, field)) for field in _field_names(kind))]
+            tree = ["array", add(value)]
+        elif of is deque:
+            tree = [name, value.maxlen, *map(encode, value)]
+        elif of in (dict, Counter):
+            tree = [name, *map(encode, value.items())]
+        elif kind.classes.get(name) is of:
+            tree = ["object", name, *(encode(getattr(value, field)) for field in _field_names(of))]
         elif layouts := [key for key, layout in _LAYOUTS.items() if layout is value]:
             tree = ["layout", *layouts]
         else:
             raise TypeError(f"{name} is no part of a state")
-        self._seen[id(value)] = len(self._seen), value
+        seen[id(value)] = len(seen), value
         return tree
 
-    def _add(self, array: NDArray[Any]) -> int:
+    def add(array: NDArray[Any]) -> int:
         _require_numbers(array)
-        self.arrays.append(array)
-        return len(self.arrays) - 1
+        arrays.append(array)
+        return len(arrays) - 1
+
+    return encode(value), arrays
 
 
-class _Decoder:
-    """Decodes a tree to its value; raises any error for a tree that ``_Encoder`` does not write."""
+def _decoded(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind) -> Any:
+    """The value of a tree; raises any error for one that ``_encoded`` does not give."""
+    numbered, objects = dict(enumerate(arrays)), dict[int, Any]()
 
-    def __init__(self, arrays: Sequence[NDArray[Any]], kind: Kind) -> None:
-        self._classes = kind.classes
-        self._arrays = dict(enumerate(arrays))
-        self._objects: dict[int, Any] = {}
-
-    def decode(self, tree: Any, depth: int = 0) -> Any:
-        """The value of a tree."""
+    def decode(tree: Any, depth: int) -> Any:
         if tree is None or isinstance(tree, bool | int | float | str):
             return tree
         if not isinstance(tree, list) or depth > DEEPEST:
             raise ValueError("it is no tree, or too deep")
-        parts = [self.decode(part, depth + 1) for part in tree[1:]]
+        parts = [decode(part, depth + 1) for part in tree[1:]]
         value: Any
         match tree[0], parts:
             case "tuple", _:
                 return tuple(parts)
             case "list", _:
                 return parts
-            case "scalar", [number] if self._arrays[number].ndim == 0:
-                return self._arrays[number][()]
+            case "scalar", [number] if numbered[number].ndim == 0:
+                return numbered[number][()]
             case "same", [number]:
-                return self._objects[number]
+                return objects[number]
             case "array", [number]:
-                value = self._arrays[number]
+                value = numbered[number]
             case "layout", [name]:
                 value = _LAYOUTS[name]
             case "deque", [most, *items]:
@@ -285,11 +272,13 @@ class _Decoder:
             case "Counter", _:
                 value = Counter(dict(parts))
             case "object", [name, *items]:
-                value = _restored(self._classes[name], items)
+                value = _restored(kind.classes[name], items)
             case _:
                 raise ValueError("it is no value of a state")
-        self._objects[len(self._objects)] = value
+        objects[len(objects)] = value
         return value
+
+    return decode(tree, 0)
 
 
 def _restored(kind: type, items: Sequence[Any]) -> Any:
