@@ -4,18 +4,20 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from concurrent import futures
+from concurrent.futures import Future
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from contact_tracker import processes
 from contact_tracker.errors import ContactTrackerError
 from contact_tracker.processes import Workers, local_processes
-from contact_tracker_lab import physics
-from contact_tracker_lab.benchmark.runner import measured
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
 
@@ -40,10 +42,26 @@ def square(number: int, fatal: tuple[int, ...], once: str) -> int:
 def test_a_job_that_kills_its_own_process_is_given_up_and_no_other_is_lost(tmp_path: Path) -> None:
     fatal, numbers = (3, 17), [100, *range(20)]
     jobs = ((number, fatal, str(tmp_path / "once")) for number in numbers)
-    with local_processes(2, prepare) as call:
+    (tmp_path / "started").mkdir()
+    with local_processes(2, partial(note_start, tmp_path / "started")) as call:
         answers = [(job[0], answer) for job, answer in call(square, jobs)]
     assert len(answers) == len(numbers)
     assert dict(answers) == {number: None if number in fatal else number**2 for number in numbers}
+    assert len(list((tmp_path / "started").iterdir())) <= 2 + (1 + 2) + len(fatal) * (1 + 1 + 2)
+
+
+def note_start(folder: Path) -> None:
+    (folder / str(os.getpid())).touch()
+
+
+def test_no_job_is_lost_where_all_at_work_have_ended_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wait(at_work: Collection[Future[int]], **options: Any) -> Any:
+        time.sleep(0.1)
+        return futures.wait(at_work, **options)
+
+    monkeypatch.setattr(processes, "wait", wait)
+    with local_processes(1, prepare) as call:
+        assert sorted(answer for _, answer in call(abs, ((-n,) for n in range(5)))) == [*range(5)]
 
 
 def slowly(jobs: list[tuple[int, tuple[int, ...], str]]) -> Iterator[tuple[int, tuple[int, ...], str]]:
@@ -77,7 +95,7 @@ def die() -> None:
 
 def test_processes_that_cannot_start_are_reported() -> None:
     with (
-        pytest.raises(ContactTrackerError, match="as soon as it was started"),
+        pytest.raises(ContactTrackerError, match="a process has ended"),
         local_processes(2, die) as call,
     ):
         list(call(square, [(1, (), "")]))
@@ -173,6 +191,9 @@ class Killing:
 def test_commands_of_the_lab_say_in_one_line_that_a_process_was_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    from contact_tracker_lab import physics  # not in the processes of other tests: it takes time to load
+    from contact_tracker_lab.benchmark.runner import measured
+
     monkeypatch.setattr(physics, "_engine", prepare)
     monkeypatch.setattr(physics, "make", print)
     monkeypatch.setattr(physics, "SETS", {"set": (Killing(),)})

@@ -27,7 +27,7 @@ from contact_tracker.geometry.elements import (
 from contact_tracker.joints.evidence import Joint
 from contact_tracker.joints.models import JointKind
 from contact_tracker.outputs.adaptation import noise_text
-from contact_tracker.outputs.text import change_line, describe, status_text, table
+from contact_tracker.outputs.text import change_lines, describe, status_text, table
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
@@ -132,7 +132,8 @@ def test_offsets_that_are_known_otherwise_are_said() -> None:
 
 
 def test_text_lines_count_time_from_the_first_pose() -> None:
-    assert change_line(belief(Contact.FREE, None), ORIGIN_NS).split() == ["2.50", "free", "0.94", "1.00"]
+    (line,) = change_lines(belief(Contact.FREE, None), True, (), (), ORIGIN_NS)
+    assert line.split() == ["2.50", "free", "0.94", "1.00"]
     assert status_text(belief(Contact.EF, ON_FACE), ORIGIN_NS).strip().startswith("2.50 s  e-f for 1.5 s ")
     header, line = table([Segment(ORIGIN_NS, ORIGIN_NS + 10**9, Contact.EF, 0.5, ON_FACE)], ORIGIN_NS)
     assert line.split()[:4] == ["0.00", "1.00", "e-f", "0.50"]

@@ -145,8 +145,9 @@ def rewritten(path: Path, target: Path, tree: Any) -> Path:
         ["object", "Popen", "true"],
         ["object", "PoseGate"],
         ["object", "Tracker", None],
-        ["member", "Contact", "XX"],
-        ["member", "PoseGate", "x"],
+        ["object", "Contact", "XX"],
+        ["object", "PoseGate", "x"],
+        ["scalar", 0],
         ["array", 10**6],
         ["array", -1],
         ["same", 0],
@@ -214,7 +215,7 @@ def test_a_state_of_another_version_is_named(
 
 
 def test_other_classes_are_not_saved(tmp_path: Path) -> None:
-    for value in (object(), {"a": Path()}, np.array(["text"]), lambda: None):
+    for value in (object(), {"a": Path()}, np.array(["text"]), lambda: None, [np.dtype("f8")]):
         with pytest.raises(TypeError, match="no part of a state"):
             save(tmp_path / "x", value)
     assert list(tmp_path.iterdir()) == []

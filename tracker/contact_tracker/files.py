@@ -37,11 +37,14 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     OSError
         It cannot be read, is not a regular file, or has more than ``most_bytes``.
     """
-    _check(os.stat(path), most_bytes)
-    with open(path, "rb", opener=_open_at_once) as file:
-        _check(os.fstat(file.fileno()), most_bytes)  # it may have been replaced
-        content = file.read(most_bytes + 1)
-    _check_size(len(content), most_bytes)  # some files have content but size 0
+    status, content = os.stat(path), b""
+    if (reason := why_not_regular(status.st_mode)) is not None:
+        raise OSError(errno.EINVAL, reason)
+    if status.st_size <= most_bytes:
+        with open(path, "rb", opener=_open_at_once) as file:  # in case that it has been replaced
+            content = file.read(most_bytes + 1) or b""
+    if max(status.st_size, len(content)) > most_bytes:  # some files have content but size 0
+        raise OSError(errno.EFBIG, f"it is larger than {most_bytes / 1e6:g} MB")
     return content
 
 
@@ -149,18 +152,6 @@ def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -
     if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group gets no more rights than others
         mode &= ~0o070 | mode << 3
     os.fchmod(descriptor, mode)
-
-
-def _check(status: os.stat_result, most_bytes: int) -> None:
-    reason = why_not_regular(status.st_mode)
-    if reason is not None:
-        raise OSError(errno.EINVAL, reason)
-    _check_size(status.st_size, most_bytes)
-
-
-def _check_size(size: int, most_bytes: int) -> None:
-    if size > most_bytes:
-        raise OSError(errno.EFBIG, f"it is larger than {most_bytes / 1e6:g} MB")
 
 
 def _open_at_once(path: str, flags: int) -> int:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
@@ -19,6 +19,8 @@ _SIGNALLED: Final = 128
 """Added to the number of a signal, it is the exit code of a process that is ended by it."""
 _AGAIN_S: Final = 0.02
 _IMPORTS: Final = "<frozen importlib."
+_raised = 0
+"""The signal by which an exception was raised last."""
 _is_due = False
 
 
@@ -31,8 +33,9 @@ def end_in_order(*names: str) -> None:
     for number in _numbers(names):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in background jobs, and by nohup
             signal.signal(number, _end)
+    global _raised
     if sys.unraisablehook is sys.__unraisablehook__:
-        sys.unraisablehook = _repeat_or_report
+        sys.unraisablehook, _raised = _repeat_or_report, 0
 
 
 def exit_code_of(name: str) -> int | None:
@@ -85,17 +88,14 @@ def _numbers(names: tuple[str, ...]) -> list[int]:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    global _is_due
-    if number != signal.SIGINT:
-        sys.exit(_SIGNALLED + number)
-    while frame is not None:
+    global _is_due, _raised
+    while frame is not None and number == signal.SIGINT:
         if frame.f_code.co_filename.startswith(_IMPORTS):
             _repeat(number)
             return
         frame = frame.f_back
-    _is_due = False
-    sys.unraisablehook = _repeat_if_signalled  # objects that the interrupt left incomplete end silently
-    raise KeyboardInterrupt
+    _is_due, _raised = False, number
+    raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(_SIGNALLED + number)
 
 
 def _repeat(number: int) -> None:
@@ -104,18 +104,10 @@ def _repeat(number: int) -> None:
     repeat_unless(number, lambda: False, _AGAIN_S)
 
 
-def _repeat_or_report(raised: "UnraisableHookArgs", /) -> Any:
-    if not _repeat_if_signalled(raised):
+def _repeat_or_report(raised: "UnraisableHookArgs", /) -> None:
+    """Repeat the signal by which an exception was raised, if it was by one; report others, but not those of
+    objects that an interrupt left incomplete."""
+    if _raised and issubclass(raised.exc_type, KeyboardInterrupt | SystemExit):
+        _repeat(_raised)
+    elif _raised != signal.SIGINT:
         sys.__unraisablehook__(raised)
-
-
-def _repeat_if_signalled(raised: "UnraisableHookArgs", /) -> bool:
-    """Repeat the signal by which an exception was raised, if it was by one."""
-    code = raised.exc_value.code if isinstance(raised.exc_value, SystemExit) else None
-    number = code - _SIGNALLED if isinstance(code, int) else 0
-    if issubclass(raised.exc_type, KeyboardInterrupt):
-        number = signal.SIGINT
-    is_ours = number > 0 and signal.getsignal(number) is _end
-    if is_ours:
-        _repeat(number)
-    return is_ours

@@ -3,11 +3,11 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager, suppress
-from itertools import islice
+from contextlib import ExitStack, contextmanager, nullcontext
+from itertools import islice, starmap
 from multiprocessing import get_context, parent_process, resource_tracker
 from typing import Any, Final, TypeVar
 
@@ -18,8 +18,7 @@ T = TypeVar("T")
 _THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 MOST_WORKERS: Final = 61 if os.name == "nt" else 1024
 """More processes than this are not started: on Windows the library refuses them."""
-_ENDED: Final = "a process has ended before its work was done"
-
+_ENDED: Final = "a process has ended before its work was done; it may have taken too much memory: try fewer"
 
 Jobs = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], Iterator[tuple[tuple[Any, ...], Any]]]
 """Calls a function with the arguments of each job; yields the arguments with the answer, in any order. The
@@ -63,15 +62,15 @@ class Workers(ProcessPoolExecutor):
                 process.terminate()
             self.shutdown(cancel_futures=error[0] is not None)
         if isinstance(error[1], BrokenProcessPool):
-            raise ContactTrackerError(f"{_ENDED}; it may have taken too much memory: try fewer --processes")
+            raise ContactTrackerError(f"{_ENDED} --processes")
 
 
 @contextmanager
 def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Jobs]:
     """Local processes, each of which first calls ``prepare``; they end with this context.
 
-    Where one is killed, what was given to all of them is done again, each job by a process of its own. If
-    that is killed as well, the job has no answer.
+    Where one is killed, what was given to all of them is done again, one job at a time in a process of its
+    own. A job during which that is killed as well has no answer.
 
     Raises
     ------
@@ -83,57 +82,43 @@ def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Job
         function: Callable[..., T], jobs: Iterable[tuple[Any, ...]]
     ) -> Iterator[tuple[tuple[Any, ...], T | None]]:
         waiting = iter(jobs)
-        while True:
-            lost = list[tuple[Any, ...]]()
-            pool = stack.enter_context(Workers(processes, prepare))
-            yield from _answered(pool, function, waiting, 2 * processes, lost)
-            if not lost:
-                return
-            for arguments in lost:
-                own = stack.enter_context(Workers(1, prepare))
-                yield arguments, _answer_alone(own, function, arguments)
-                own.shutdown()
+        while lost := (yield from _answered(start(processes), function, waiting, 2 * processes)):
+            while lost:
+                alone = start(1)
+                alone.submit(os.getpid).result()  # else it would seem to end by the job
+                again = iter(lost)
+                for killing in (yield from _answered(alone, function, again, 1)):
+                    yield killing, None
+                alone.shutdown()
+                lost = [*again]
+
+    def start(count: int) -> Workers:
+        return stack.enter_context(Workers(count, prepare))
 
     with ExitStack() as stack:
         yield answers
 
 
 def _answered(
-    pool: Workers,
-    function: Callable[..., T],
-    waiting: Iterator[tuple[Any, ...]],
-    most: int,
-    lost: list[tuple[Any, ...]],
-) -> Iterator[tuple[tuple[Any, ...], T | None]]:
-    """Answers until none is ``waiting`` or a process is killed; ``lost`` are then those without an answer."""
+    pool: Workers, function: Callable[..., T], waiting: Iterator[tuple[Any, ...]], most: int
+) -> Generator[tuple[tuple[Any, ...], T | None], None, list[tuple[Any, ...]]]:
+    """Answers until no job is ``waiting`` or a process is killed; returns the jobs that are then at work,
+    ``most`` at a time."""
     at_work = dict[Future[T], tuple[Any, ...]]()
-    while not lost:
+    while True:
         for arguments in islice(waiting, most - len(at_work)):
             try:
                 at_work[pool.submit(function, *arguments)] = arguments
             except BrokenProcessPool:
-                lost.append(arguments)
-                break
+                return [*at_work.values(), arguments]
         if not at_work:
-            return
-        for future in wait(at_work, return_when=FIRST_COMPLETED).done:
-            if not isinstance(future.exception(), BrokenProcessPool):
-                yield at_work.pop(future), future.result()
-            else:
-                lost.append(at_work.pop(future))
-    lost += at_work.values()
-
-
-def _answer_alone(own: Workers, function: Callable[..., T], arguments: tuple[Any, ...]) -> T | None:
-    """The answer by a process for this job alone; None if it is killed."""
-    try:
-        own.submit(os.getpid).result()
-    except BrokenProcessPool:
-        reason = "as soon as it was started; there may be too little memory: try fewer --processes"
-        raise ContactTrackerError(f"{_ENDED}, {reason}") from None
-    with suppress(BrokenProcessPool):
-        return own.submit(function, *arguments).result()
-    return None
+            return []
+        ended = wait(at_work, return_when=FIRST_COMPLETED).done
+        for future in [one for one in ended if not isinstance(one.exception(), BrokenProcessPool)]:
+            yield at_work.pop(future), future.result()
+            ended.remove(future)
+        if ended:
+            return [*at_work.values()]
 
 
 def run_all(
@@ -154,12 +139,9 @@ def run_all(
         A process was killed, for example because it took too much memory.
     """
     processes, results = min(processes, len(jobs)), list[T]()
-    with ExitStack() as stack:
-        found: Iterable[T] = (function(*job) for job in jobs)
-        if processes > 1:
-            workers = stack.enter_context(Workers(processes, prepare))
-            found = workers.map(function, *zip(*jobs, strict=True))
-        for result in found:
+    with Workers(processes, prepare) if processes > 1 else nullcontext() as pool:
+        answers = starmap(function, jobs) if pool is None else pool.map(function, *zip(*jobs, strict=True))
+        for result in answers:
             results.append(result)
             done()
     return results

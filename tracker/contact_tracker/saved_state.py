@@ -7,9 +7,8 @@ code is run. Shared objects stay shared, as some are compared by identity.
 import enum
 import hashlib
 import json
-import struct
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from io import BytesIO
@@ -31,31 +30,21 @@ from contact_tracker.motion.stamp_order import Ordered, StampOrder
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.segmentation import BELIEF
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 LARGEST_BYTES: Final = 512 * 2**20
 DEEPEST: Final = 60
 _ARRAYS: Final = "biuf"
 """Kinds of arrays: flags and numbers."""
-_PARSE_ERRORS: Final = (
-    *(ValueError, LookupError, TypeError, AttributeError, RuntimeError, EOFError, MemoryError, OverflowError),
-    *(struct.error, SyntaxError),
-)
-"""Errors of JSON, of numpy and of constructors for what is no saved state."""
 _LAYOUTS: Final = {
     f"{table.__name__} {model.contact.value}": layout(table, model)
     for table in (Bank, Onsets)
     for model in CONTACT_MODELS
 }
-_EMPTY: Final[Mapping[str, Callable[[], Any]]] = {
-    "PoseGate": PoseGate,
-    "StampOrder": lambda: StampOrder(Counter()),
-    "DefaultPoseFilter": lambda: DefaultPoseFilter(Counter()),
-    "ExcursionFilter": lambda: ExcursionFilter(Counter()),
-}
-"""Functions that make empty mutable objects, whose fields are then restored."""
+_GATES: Final = (PoseGate, StampOrder, DefaultPoseFilter, ExcursionFilter)
+"""Mutable classes, of which an empty one is made and its fields are then restored."""
 
 
-def _classes_in(*roots: type) -> dict[str, type]:
+def classes_in(*roots: type) -> dict[str, type]:
     """The classes of this package in the fields of the given ones, and in theirs, by name."""
     found, waiting = dict[str, type](), list[Any](roots)
     while waiting:
@@ -76,11 +65,6 @@ class Kind(NamedTuple):
     classes: Mapping[str, type[Any]]
     outlives_version: bool = False
 
-    @classmethod
-    def of(cls, name: str, *roots: type, outlives_version: bool = False) -> "Kind":
-        """A kind with the classes of ``roots`` and of their fields."""
-        return cls(name, _classes_in(*roots), outlives_version)
-
     @property
     def schema(self) -> dict[str, list[str]]:
         """The field names of all classes and tables, which identify the version of a file."""
@@ -89,9 +73,7 @@ class Kind(NamedTuple):
         return classes | {key: list(one.names or ()) for key, one in layouts.items()}
 
 
-STREAM: Final = Kind.of(
-    "contact-tracker state", Tracker, Ordered, Step, *(type(empty()) for empty in _EMPTY.values())
-)
+STREAM: Final = Kind("contact-tracker state", classes_in(Tracker, Ordered, Step, *_GATES))
 
 
 def save(path: Path, value: Any, kind: Kind = STREAM) -> None:
@@ -126,14 +108,14 @@ def load(path: Path, kind: Kind = STREAM) -> Any:
     """
     try:
         tree, arrays = unpacked(read_regular(path, LARGEST_BYTES), kind)
-        return _Decoder(arrays, kind).decode(tree)
+        return _decoded(tree, arrays, kind)
     except StateError as error:
         raise StateError(f"{path}: {error}") from error
     except FileNotFoundError:
         raise
     except OSError as error:
         raise StateError(f"{path}: {error.strerror or error}") from error
-    except _PARSE_ERRORS as error:
+    except Exception as error:  # the file may hold anything
         raise StateError(f"{path}: it is no saved {kind.name.split()[-1]}: name another file") from error
 
 
@@ -172,7 +154,7 @@ def packed(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind = STREAM) -> by
 
 
 def unpacked(content: bytes, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
-    """Tree and arrays; raises StateError, or one of ``_PARSE_ERRORS`` for what is of no such kind."""
+    """Tree and arrays; raises StateError, or any error for what is of no such kind."""
     line, _, body = content.partition(b"\n")
     head, expected = json.loads(line), _head(body, kind)
     if head["kind"] != kind.name:
@@ -191,15 +173,9 @@ def unpacked(content: bytes, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any
 
 
 def _head(body: bytes, kind: Kind) -> dict[str, Any]:
-    fields_hash = hashlib.sha256(json.dumps(kind.schema).encode()).hexdigest()
-    checksum = hashlib.sha256(body).hexdigest()
-    return {
-        "kind": kind.name,
-        "format": FORMAT,
-        "version": __version__,
-        "schema": fields_hash,
-        "sha256": checksum,
-    }
+    schema = hashlib.sha256(json.dumps(kind.schema).encode()).hexdigest()
+    head = {"kind": kind.name, "format": FORMAT, "version": __version__, "schema": schema}
+    return head | {"sha256": hashlib.sha256(body).hexdigest()}
 
 
 def _body(tree: Any, arrays: Sequence[NDArray[Any]]) -> bytes:
@@ -218,118 +194,98 @@ def _require_numbers(array: NDArray[Any]) -> None:
 def _field_names(one: type) -> tuple[str, ...]:
     """Field names of a value in the order of its constructor, of another object in the order of
     assignment."""
-    if one.__name__ in _EMPTY:
-        return tuple(vars(_EMPTY[one.__name__]()))
+    if one in _GATES:
+        return tuple(vars(one(Counter())))
+    if issubclass(one, enum.Enum):
+        return ("value",)
     if is_dataclass(one):
         return tuple(field.name for field in fields(one) if field.init)
     return tuple(getattr(one, "_fields", ()))
 
 
 def _encoded(value: Any, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
-    encoder = _Encoder(kind)
-    return encoder.encode(value), encoder.arrays
+    """The tree of a value, with references by number to the arrays; raises TypeError for an unknown class."""
+    arrays, seen = list[NDArray[Any]](), dict[int, tuple[int, Any]]()  # by id; objects are kept alive
 
-
-class _Encoder:
-    """Encodes values as a tree, with references by number to ``arrays``."""
-
-    def __init__(self, kind: Kind) -> None:
-        self._classes = kind.classes
-        self.arrays: list[NDArray[Any]] = []
-        self._seen: dict[int, tuple[int, Any]] = {}  # by id: the number of an object, which is kept alive
-
-    def encode(self, value: Any) -> Any:
-        """The tree of a value; raises TypeError for an unknown class."""
-        if value is None or type(value) in (bool, int, float, str):
+    def encode(value: Any) -> Any:
+        of = type(value)
+        name = of.__name__
+        if value is None or of in (bool, int, float, str):
             return value
-        if type(value) in (tuple, list):
-            return [type(value).__name__, *map(self.encode, value)]
+        if of in (tuple, list):
+            return [name, *map(encode, value)]
         if isinstance(value, np.generic):
-            return ["scalar", self._add(np.asarray(value))]
-        if isinstance(value, enum.Enum):
-            return ["member", type(value).__name__, value.name]
-        if id(value) in self._seen:
-            return ["same", self._seen[id(value)][0]]
-        tree = self._encode_object(value)
-        self._seen[id(value)] = len(self._seen), value
+            return ["scalar", add(np.asarray(value))]
+        if id(value) in seen:
+            return ["same", seen[id(value)][0]]
+        if isinstance(value, np.ndarray):
+            tree = ["array", add(value)]
+        elif of is deque:
+            tree = [name, value.maxlen, *map(encode, value)]
+        elif of in (dict, Counter):
+            tree = [name, *map(encode, value.items())]
+        elif kind.classes.get(name) is of:
+            tree = ["object", name, *(encode(getattr(value, field)) for field in _field_names(of))]
+        elif layouts := [key for key, layout in _LAYOUTS.items() if layout is value]:
+            tree = ["layout", *layouts]
+        else:
+            raise TypeError(f"{name} is no part of a state")
+        seen[id(value)] = len(seen), value
         return tree
 
-    def _encode_object(self, value: Any) -> list[Any]:
-        name = type(value).__name__
-        if isinstance(value, np.ndarray):
-            return ["array", self._add(value)]
-        if isinstance(value, np.dtype):
-            return ["layout", next(key for key, one in _LAYOUTS.items() if one is value)]
-        if isinstance(value, deque):
-            return ["deque", value.maxlen, *map(self.encode, value)]
-        if type(value) in (dict, Counter):
-            return [name, *map(self.encode, value.items())]
-        if self._classes.get(name) is not type(value):
-            raise TypeError(f"{name} is no part of a state")
-        return ["object", name, *(self.encode(getattr(value, field)) for field in _field_names(type(value)))]
-
-    def _add(self, array: NDArray[Any]) -> int:
+    def add(array: NDArray[Any]) -> int:
         _require_numbers(array)
-        self.arrays.append(array)
-        return len(self.arrays) - 1
+        arrays.append(array)
+        return len(arrays) - 1
+
+    return encode(value), arrays
 
 
-class _Decoder:
-    """Decodes a tree to its value; raises one of ``_PARSE_ERRORS`` for a tree that ``_Encoder`` does not
-    write."""
+def _decoded(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind) -> Any:
+    """The value of a tree; raises any error for one that ``_encoded`` does not give."""
+    numbered, objects = dict(enumerate(arrays)), dict[int, Any]()
 
-    def __init__(self, arrays: Sequence[NDArray[Any]], kind: Kind) -> None:
-        self._classes = kind.classes
-        self._arrays = dict(enumerate(arrays))
-        self._objects: dict[int, Any] = {}
-
-    def decode(self, tree: Any, depth: int = 0) -> Any:
-        """The value of a tree."""
+    def decode(tree: Any, depth: int) -> Any:
         if tree is None or isinstance(tree, bool | int | float | str):
             return tree
         if not isinstance(tree, list) or depth > DEEPEST:
             raise ValueError("it is no tree, or too deep")
-        match tree:
-            case ["tuple", *items]:
-                return tuple(self.decode(one, depth + 1) for one in items)
-            case ["list", *items]:
-                return [self.decode(one, depth + 1) for one in items]
-            case ["scalar", number] if self._arrays[number].ndim == 0:
-                return self._arrays[number][()]
-            case ["member", name, member]:
-                return _member(self._classes[name], member)
-            case ["same", number]:
-                return self._objects[number]
-        value = self._decode_object(tree, depth)
-        self._objects[len(self._objects)] = value
+        parts = [decode(part, depth + 1) for part in tree[1:]]
+        value: Any
+        match tree[0], parts:
+            case "tuple", _:
+                return tuple(parts)
+            case "list", _:
+                return parts
+            case "scalar", [number] if numbered[number].ndim == 0:
+                return numbered[number][()]
+            case "same", [number]:
+                return objects[number]
+            case "array", [number]:
+                value = numbered[number]
+            case "layout", [name]:
+                value = _LAYOUTS[name]
+            case "deque", [most, *items]:
+                value = deque(items, most)
+            case "dict", _:
+                value = dict(parts)
+            case "Counter", _:
+                value = Counter(dict(parts))
+            case "object", [name, *items]:
+                value = _restored(kind.classes[name], items)
+            case _:
+                raise ValueError("it is no value of a state")
+        objects[len(objects)] = value
         return value
 
-    def _decode_object(self, tree: list[Any], depth: int) -> Any:
-        match tree:
-            case ["array", number]:
-                return self._arrays[number]
-            case ["layout", name]:
-                return _LAYOUTS[name]
-            case ["deque", most, *items]:
-                return deque((self.decode(one, depth + 1) for one in items), most)
-            case ["dict", *pairs]:
-                return dict(self.decode(pair, depth + 1) for pair in pairs)
-            case ["Counter", *pairs]:
-                return Counter(dict(self.decode(pair, depth + 1) for pair in pairs))
-            case ["object", name, *items]:
-                one = self._classes[name]
-                own = dict(
-                    zip(_field_names(one), (self.decode(item, depth + 1) for item in items), strict=True)
-                )
-                if name not in _EMPTY:
-                    return one(**own)
-                value = _EMPTY[name]()
-                vars(value).update(own)
-                return value
-        raise ValueError("it is no value of a state")
+    return decode(tree, 0)
 
 
-def _member(kind: type, name: str) -> Any:
-    if not issubclass(kind, enum.Enum):
-        raise TypeError(f"{kind.__name__} has no members")
-    return kind[name]
+def _restored(kind: type, items: Sequence[Any]) -> Any:
+    """An object of a class with these fields."""
+    own = dict(zip(_field_names(kind), items, strict=True))
+    if kind not in _GATES:
+        return kind(**own)
+    value = kind(Counter())
+    vars(value).update(own)
+    return value

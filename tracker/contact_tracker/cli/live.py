@@ -236,16 +236,10 @@ class _Printer:
 
     def show(self, belief: "Belief", found: "tuple[InformativeMotion, ...]") -> None:
         from contact_tracker.exports.formats import json_line
-        from contact_tracker.outputs.text import (
-            CHANGES_HEADER,
-            change_line,
-            join_line,
-            leave_line,
-            status_text,
-        )
+        from contact_tracker.outputs.text import CHANGES_HEADER, change_lines, status_text
 
-        is_first = self.changes.label is None
-        is_news, joins, leaves = self.changes.update(belief)
+        is_first, origin_ns = self.changes.label is None, self._source.origin_ns
+        changes = self.changes.update(belief)
         progress = None if self._follower is None else self._follower.update(belief)
         if self._as_json:
             more: dict[str, object] = {}
@@ -254,19 +248,15 @@ class _Printer:
             if progress is not None:
                 more["plan"] = progress.to_json()
             self._status.print(json_line(belief, more))
-        elif is_news:
-            if is_first:
-                self._status.print(CHANGES_HEADER)
-            self._status.print(change_line(belief, self._source.origin_ns))
-        if not self._as_json:
-            for one in leaves:
-                self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))
-            for one in joins:
-                self._status.print(join_line(one, belief.stamp_ns, self._source.origin_ns))
-            if self._follower is not None and progress is not None and (text := self._follower.news):
-                self._status.print(f"{(belief.stamp_ns - self._source.origin_ns) * 1e-9:8.2f}  plan: {text}")
+        else:
+            lines = [CHANGES_HEADER] if is_first and changes[0] else []
+            lines += change_lines(belief, *changes, origin_ns)
+            at = f"{(belief.stamp_ns - origin_ns) * 1e-9:8.2f}  "
+            if self._follower is not None and (text := self._follower.news):
+                lines.append(f"{at}plan: {text}")
             if found and (self._suggested_ns is None or belief.stamp_ns >= self._suggested_ns + 10**9):
                 self._suggested_ns = belief.stamp_ns
-                time_s = (belief.stamp_ns - self._source.origin_ns) * 1e-9
-                self._status.print(f"{time_s:8.2f}  to decide, {found[0]}")
-        self._status.show(lambda: status_text(belief, self._source.origin_ns))
+                lines.append(f"{at}to decide, {found[0]}")
+            for line in lines:
+                self._status.print(line)
+        self._status.show(lambda: status_text(belief, origin_ns))

@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from importlib import import_module
 from itertools import count
 from pathlib import Path
@@ -276,30 +275,22 @@ def check_output(
         **dict.fromkeys(read, "the input"),
     }
     before = {name: _status(name) for name in names}
-    check = partial(_check, path, overwrite, how, names, before)
+
+    def check() -> None:
+        if path is None:
+            return
+        there, real = _status(str(path)), os.path.realpath(path)
+        for name, what in names.items():
+            states = before[name], _status(name)
+            is_same = name != "-" and os.path.realpath(name) == real  # which need not exist yet
+            if is_same or any(there and one and os.path.samestat(there, one) for one in states):
+                shown = "standard input" if name == "-" else name
+                raise UsageError(f"cannot write {path}: it is {what} {shown}; name another file")
+        if there and not overwrite and (reason := _why_kept(path)):
+            raise UsageError(f"cannot write {path}: {reason}; {how} replaces it")
+
     check()
     return check
-
-
-def _check(
-    path: Path | None,
-    overwrite: bool,
-    how: str,
-    names: Mapping[str, str],
-    before: Mapping[str, os.stat_result | None],
-) -> None:
-    """Check again; ``names`` say what each file is, and ``before`` are these files at the first check."""
-    if path is None:
-        return
-    there, real = _status(str(path)), os.path.realpath(path)
-    for name, what in names.items():
-        states = before[name], _status(name)
-        is_same = name != "-" and os.path.realpath(name) == real  # which need not exist yet
-        if is_same or any(there and one and os.path.samestat(there, one) for one in states):
-            shown = "standard input" if name == "-" else name
-            raise UsageError(f"cannot write {path}: it is {what} {shown}; name another file")
-    if there and not overwrite and (reason := _why_kept(path)):
-        raise UsageError(f"cannot write {path}: {reason}; {how} replaces it")
 
 
 def _status(name: str) -> os.stat_result | None:

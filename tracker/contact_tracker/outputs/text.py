@@ -60,30 +60,28 @@ def is_settled(belief: Belief) -> bool:
     return bool(belief.probability[belief.contact.column] >= SURE_PROBABILITY) and not belief.inseparable
 
 
-def change_line(belief: Belief, origin_ns: int) -> str:
-    """A line on a new or settled contact; times in seconds after ``origin_ns``."""
-    probability = belief.probability[belief.contact.column]
-    return _line(belief.contact.value, probability, belief.stamp_ns, belief.onset_ns, origin_ns, belief)
+def change_lines(
+    belief: Belief,
+    is_news: bool,
+    joins: Iterable[FurtherContact],
+    leaves: Iterable[FurtherContact],
+    origin_ns: int,
+) -> Iterator[str]:
+    """Lines on what ``Changes`` finds in a belief: a new or settled contact, and further ones that end and
+    begin; times in seconds after ``origin_ns``."""
 
+    def line(kind: str, p: str, since_ns: int, where: str = "") -> str:
+        at_s, since_s = _seconds(belief.stamp_ns, origin_ns), _seconds(since_ns, origin_ns)
+        return f"{at_s:8.2f}  {kind:<7} {p:5}  {since_s:8.2f}  {where}".rstrip()
 
-def join_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
-    """A line on a further contact that begins, like ``change_line``."""
-    kind = JOINS + further.contact.value
-    return _line(kind, further.probability, stamp_ns, further.start_ns, origin_ns, further)
-
-
-def _line(
-    kind: str, p: float, stamp_ns: int, since_ns: int, origin_ns: int, one: Belief | FurtherContact
-) -> str:
-    at_s, since_s = _seconds(stamp_ns, origin_ns), _seconds(since_ns, origin_ns)
-    where = describe(one.geometry, one.inseparable)
-    return f"{at_s:8.2f}  {kind:<7} {p:5.2f}  {since_s:8.2f}  {where}".rstrip()
-
-
-def leave_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
-    """A line on a further contact that ends."""
-    since_s = _seconds(further.start_ns, origin_ns)
-    return f"{_seconds(stamp_ns, origin_ns):8.2f}  {LEAVES + further.contact.value:<7}        {since_s:8.2f}"
+    if is_news:
+        p, where = belief.probability[belief.contact.column], describe(belief.geometry, belief.inseparable)
+        yield line(belief.contact.value, f"{p:5.2f}", belief.onset_ns, where)
+    for one in leaves:
+        yield line(LEAVES + one.contact.value, "", one.start_ns)
+    for one in joins:
+        where = describe(one.geometry, one.inseparable)
+        yield line(JOINS + one.contact.value, f"{one.probability:5.2f}", one.start_ns, where)
 
 
 def status_text(belief: Belief, origin_ns: int) -> str:
