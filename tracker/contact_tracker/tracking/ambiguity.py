@@ -327,9 +327,8 @@ def may_be_flush(
 
 def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
     """The largest share, at most 1, of the ``change`` (7,) with which no state passes the state ``ahead``."""
-    lead, loss = probability[ahead] - probability, change - change[ahead]
-    behind = (loss > 0.0) & (lead >= 0.0)
-    return float(np.min(lead / np.where(behind, loss, np.inf), where=behind, initial=1.0))
+    lead, loss = (probability[ahead] - probability).tolist(), (change - change[ahead]).tolist()
+    return min([1.0, *(a / b for a, b in zip(lead, loss, strict=True) if b > 0.0 and a >= 0.0)])
 
 
 def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> CompetingEvidence:
