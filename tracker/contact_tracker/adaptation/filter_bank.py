@@ -126,8 +126,8 @@ def mixture(
 
     Onset, elements and alternatives are those of the most probable tracker with this label. Without one,
     onset and elements are unknown, and the label is indistinguishable from all states that the trackers
-    report. ``known_map`` has the contacts that can occur; ``located`` returns the belief of a tracker with its
-    elements, where beliefs come without.
+    report. ``known_map`` has the contacts that can occur; ``located`` returns the belief of a tracker with
+    its elements, where beliefs come without.
     """
     if len(beliefs) == 1:
         return beliefs[0] if located is None else located(0)
