@@ -194,6 +194,17 @@ def test_no_tick_is_answered_twice_where_the_other_filters_begin(lag_s: float) -
         assert stamps_ns[-1] == poses.stamp_ns[count - 1]
 
 
+def test_of_filters_side_by_side_the_reported_belief_has_its_elements() -> None:
+    gate, state, reported = PoseGate(), Tracker.start(MODEL), 0
+    for pose in recorded(FACE_TO_EDGE).poses[:450]:
+        for belief in state.update(gate.arrive(pose)):
+            own = [one.state.belief for one in state.filters.filters]
+            alike = [one.geometry for one in own if one.contact is belief.contact is not Contact.FREE]
+            assert any(belief.geometry is one is not None for one in alike) == bool(alike)
+            reported += len(own) > 1 and bool(alike)
+    assert reported > 10
+
+
 def test_evidence_is_that_of_all_paths() -> None:
     """As by smoothing over all hypotheses, except for those that were pruned."""
     whole = RecordedPass.over(forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL))

@@ -5,7 +5,7 @@ position and orientation is estimated. After some seconds of motion those far be
 but the best (``comparison``).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple, Self
@@ -116,22 +116,32 @@ DOUBT: Final = 0.5
 """Weight of the uniform distribution while the stream is in doubt."""
 
 
-def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY_MAP) -> Belief:
+def mixture(
+    beliefs: Sequence[Belief],
+    log_weight: Array,
+    known_map: Map = EMPTY_MAP,
+    located: Callable[[int], Belief] | None = None,
+) -> Belief:
     """The belief of K trackers by their ``log_weight`` (K,): the mean posterior and its most probable state.
 
     Onset, elements and alternatives are those of the most probable tracker with this label. Without one,
     onset and elements are unknown, and the label is indistinguishable from all states that the trackers
-    report. ``known_map`` has the contacts that can occur.
+    report. ``known_map`` has the contacts that can occur; ``located`` returns the belief of a tracker with
+    its elements, where beliefs come without.
     """
     if len(beliefs) == 1:
-        return beliefs[0]
+        return beliefs[0] if located is None else located(0)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     probability = weight @ np.array([belief.probability for belief in beliefs])
     label = STATES[int(probability.argmax())]
-    share = [w * b.probability[label.column] for w, b in zip(weight, beliefs, strict=True)]
-    ranked = sorted(zip(beliefs, share, strict=True), key=lambda one: (one[0].contact is label, one[1]))
-    source, _ = ranked[-1]
+    share = [
+        (b.contact is label, w * b.probability[label.column]) for w, b in zip(weight, beliefs, strict=True)
+    ]
+    number = max(range(len(beliefs)), key=lambda i: (share[i], i))
+    source = beliefs[number]
+    if located is not None and source.contact is label:
+        source = located(number)
     if source.contact is not label:
         others = {one for belief in beliefs for one in (belief.contact, *belief.inseparable)} - {label}
         source = replace(
@@ -432,8 +442,10 @@ class FilterBank:
         """Update all filters by a tick."""
         self.motion = self.motion.then(tick)
         best, evidence = int(self.log_weight.argmax()), list[TickEvidence]()
-        for number, one in enumerate(self.filters):  # only the best looks for further contacts and curvature
-            own = detail if number == best else min(detail, Detail.GEOMETRY)
+        # only the best looks for further contacts and curvature, and only what is reported has elements
+        least = Detail.GEOMETRY if self.lag_s else Detail.SHARED
+        for number, one in enumerate(self.filters):
+            own = detail if number == best else min(detail, least)
             seen = one.as_seen(tick) if number else tick
             before = one.state
             one.update(seen, own, number == best)
@@ -448,7 +460,10 @@ class FilterBank:
             return []
         activity = np.array([one.activity for one in evidence])
         held_for_motion = 0.0 if self.motion.moves else REST_NATS * activity
-        return [self._mixture(beliefs, self.log_weight - held_for_motion)]
+        log_weight = self.log_weight - held_for_motion
+        if self.lag_s or detail < Detail.GEOMETRY:
+            return [self._mixture(beliefs, log_weight)]
+        return [mixture(beliefs, log_weight, self.known_map, lambda i: self.filters[i].located())]
 
     def _mixture(self, beliefs: Sequence[Belief], log_weight: Array) -> Belief:
         return mixture(beliefs, log_weight, self.known_map)

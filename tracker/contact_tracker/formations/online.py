@@ -98,13 +98,12 @@ EMPTY_FORMATION: Final = FormationState()
 def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
     """The state after the newest of ``ticks``, in all of which the ``first`` contact holds."""
     window = ticks.window
-    motion = ConditionalMotion.of(window, ticks.scales)
-    state = _with_first(state, first, motion)
+    state = _with_first(state, first, ConditionalMotion.of(window.cut(-1), ticks.scales))
     state = state._replace(ticks_since_search=state.ticks_since_search + float(window.motion_ratio[-1]))
     searches = bool(state.queue) or state.ticks_since_search >= state.search_interval
     if not state.tracked and not searches:
         return state
-    motion = motion.keeping(first.c)
+    motion = ConditionalMotion.of(window, ticks.scales).keeping(first.c)
     before, tracked = state.tracked, []
     for one in before:
         now, runs = _evaluated(one, ticks, motion)
@@ -144,18 +143,18 @@ def suspend(state: FormationState) -> FormationState:
     return state._replace(tracked=tracked, queue=(), proposals=(), is_open=False, reclassified=-1)
 
 
-def _with_first(state: FormationState, first: KnownContact, motion: ConditionalMotion) -> FormationState:
-    """The state for this first contact; if it has changed, known contacts become remembered elements."""
+def _with_first(state: FormationState, first: KnownContact, newest: ConditionalMotion) -> FormationState:
+    """The state for this first contact; if it has changed in the ``newest`` tick, known contacts become
+    remembered elements."""
     before = state.first
-    if before is None or (before.contact is first.contact and _is_same(motion, before, first)):
+    if before is None or (before.contact is first.contact and _is_same(newest, before, first)):
         return state._replace(first=first)
     known = [before, *(one.elements for one in state.tracked), *state.remembered]
     return FormationState(first, remembered=tuple(known[:MAX_REMEMBERED]), search_interval=0.0)
 
 
-def _is_same(motion: ConditionalMotion, one: KnownContact, other: KnownContact) -> bool:
+def _is_same(newest: ConditionalMotion, one: KnownContact, other: KnownContact) -> bool:
     """Whether two contacts of one kind constrain the newest tick alike."""
-    newest = motion.cut(len(motion) - 1, len(motion))
     return count_constraints(newest, [one.c, other.c]) == one.model.contact.codimension
 
 

@@ -125,7 +125,8 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
     family = model.family
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
     prior = weak_prior(family, anchors, reach_m)
-    problem = _Problem(model, moments(model, motion), prior, anchors)
+    of = moments(model, motion)
+    problem = _Problem(model, of, np.array(of[:3])[:, None], prior, anchors)
     turn = window.zeta[-1, R].reshape(3, 3)
     x = model.turned(directions(model, DRAWS), turn)
     x = problem.complete(np.concatenate([x, relaxed_starts(model, problem.of, x)]))
@@ -141,20 +142,21 @@ class _Problem(NamedTuple):
 
     model: ContactModel
     of: Moments
+    matrices: Array
+    """(3, 1, C, C) those of the moments."""
     prior: Prior
+    """Of one hypothesis: the same for all."""
     anchors: Array
 
     def cost(self, x: Array) -> Array:
         """(B,) nats at x (B, S)."""
-        c = self.model.family.rows(x)
-        square, free, noise = (self._form(c, matrix) for matrix in self.of[:3])
+        square, free, noise = self._forms(self.model.family.rows(x))
         terms = square / noise - np.log1p(free / noise)
-        return np.asarray(0.5 * self.of.ticks * terms.sum(axis=1) + self._prior(x).cost(x))
+        return np.asarray(0.5 * self.of.ticks * terms.sum(axis=1) + self.prior.cost(x))
 
     def ratio(self, x: Array) -> Array:
         """(B,) squared residual over that of free motion; large for constraints that are implied."""
-        c = self.model.family.rows(x)
-        square, free, noise = (self._form(c, matrix) for matrix in self.of[:3])
+        square, free, noise = self._forms(self.model.family.rows(x))
         return np.asarray((square / noise).sum(axis=1) / (free / noise).sum(axis=1))
 
     def complete(self, x: Array) -> Array:
@@ -164,7 +166,7 @@ class _Problem(NamedTuple):
             self.model.family,
             np.broadcast_to(self.of.square, (count, *self.of.square.shape)) * self.of.ticks,
             np.ones((count, self.model.family.ROWS)),
-            self._prior(x),
+            self.prior.pick(np.zeros(count, np.int64)),
             self.anchors.repeat(count, axis=0),
             x,
         )[0]
@@ -188,13 +190,13 @@ class _Problem(NamedTuple):
         return x
 
     def _normal(self, x: Array, anchors: Array) -> tuple[Array, Array, Array]:
-        family, prior = self.model.family, self._prior(x)
+        family, prior = self.model.family, self.prior
         tangent, c = family.tangent(x, anchors), family.rows(x)
         along = np.swapaxes(tangent, -1, -2)
         slopes = along[:, None] @ family.rows_derivative(x)  # (B, K, P, C)
-        square, free, noise = (self._form(c, matrix) for matrix in self.of[:3])
+        square, free, noise = self._forms(c)
         # half the derivative of each form
-        d_square, d_free, d_noise = ((slopes @ matrix @ c[..., None])[..., 0] for matrix in self.of[:3])
+        d_square, d_free, d_noise = (slopes @ self.matrices[:, None] @ c[..., None])[..., 0]
         pull = (
             d_square / noise[..., None]
             - (square / noise**2)[..., None] * d_noise
@@ -207,9 +209,6 @@ class _Problem(NamedTuple):
         hessian = ticks * curvature.sum(axis=1) + along @ prior.precision @ tangent
         return tangent, gradient, hessian
 
-    def _form(self, c: Array, matrix: Array) -> Array:
-        """(B, K)"""
-        return np.asarray(np.maximum(((c @ matrix) * c).sum(axis=-1), TINY))
-
-    def _prior(self, x: Array) -> Prior:
-        return self.prior.pick(np.zeros(len(x), np.int64))
+    def _forms(self, c: Array) -> Array:
+        """(3, B, K) the quadratic forms of c (B, K, C): squared residual, free motion and noise."""
+        return np.asarray(np.maximum(((c @ self.matrices) * c).sum(axis=-1), TINY))

@@ -9,6 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry import linalg
+
 Array = NDArray[np.float64]
 
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
@@ -73,8 +75,7 @@ def nearest(matrix: Array) -> Array:
     Of all rotations it has the largest trace with ``matrix``, which is a quadratic form of the quaternion
     (Davenport's q-method).
     """
-    _, vectors = np.linalg.eigh((_QUADRATIC @ matrix.ravel()).reshape(4, 4))
-    return np.asarray(vectors[:, 3])
+    return linalg.eigenvectors((_QUADRATIC @ matrix.ravel()).reshape(4, 4))[1][:, 3]
 
 
 def _pairs(first: Array, second: Array) -> Array:

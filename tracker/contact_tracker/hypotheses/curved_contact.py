@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.linalg import adapted
+from contact_tracker.geometry.vectors import dot
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window
@@ -70,7 +71,7 @@ def point_at_line(x: Array, rotation: Array, position: Array) -> Touch:
     q, c, r = x[:, None, :3], x[:, None, 3:6], x[:, 9:]
     d, scale = _unit(x[:, None, 6:9])
     offset = _in_frame_2(rotation, q) + position - c
-    along = (offset * d).sum(axis=-1, keepdims=True)
+    along = dot(offset, d)[..., None]
     across = offset - along * d
     distance = _length(across)
     normal = across / distance
@@ -93,7 +94,7 @@ def line_at_line(x: Array, rotation: Array, position: Array) -> Touch:
     normal = np.cross(e, d)
     sine = np.maximum(_length(normal), PARALLEL)
     normal = normal / sine
-    cosine, by_e, by_d = ((a * b).sum(axis=-1, keepdims=True) for a, b in ((e, d), (e, offset), (d, offset)))
+    cosine, by_e, by_d = (dot(a, b)[..., None] for a, b in ((e, d), (e, offset), (d, offset)))
     on_1 = (cosine * by_d - by_e) / sine**2  # positions of the nearest points along the lines
     on_2 = by_d + cosine * on_1
     in_1 = _in_frame_1(rotation, normal)
@@ -101,7 +102,7 @@ def line_at_line(x: Array, rotation: Array, position: Array) -> Touch:
         *(in_1, -normal, -on_2 / scale_d * normal),
         *(on_1 / scale_e * in_1, -np.ones_like(sine)),
     )
-    residual = (normal * offset).sum(axis=-1) - r
+    residual = dot(normal, offset) - r
     return Touch(residual, normal, q + on_1 * e_1, np.concatenate(columns, axis=-1))
 
 
@@ -111,12 +112,12 @@ def rim_on_plane(x: Array, rotation: Array, position: Array) -> Touch:
     q, c, r = x[:, None, :3], x[:, None, 3:6], x[:, 12:, None]
     (n, scale_n), (a, scale_a) = _unit(x[:, None, 6:9]), _unit(x[:, None, 9:12])
     normal_1 = np.einsum("nij,smi->snj", rotation, n)
-    cosine = (normal_1 * a).sum(axis=-1, keepdims=True)
+    cosine = dot(normal_1, a)[..., None]
     down = cosine * a - normal_1
     sine = np.maximum(_length(down), PARALLEL)
     point = q + r * down / sine
     offset = _in_frame_2(rotation, point) + position - c
-    residual = (n * offset).sum(axis=-1, keepdims=True)
+    residual = dot(n, offset)[..., None]
     columns = (
         *(normal_1, -np.broadcast_to(n, offset.shape), (offset - residual * n) / scale_n),
         *(r * cosine / sine * (normal_1 - cosine * a) / scale_a, -sine),
@@ -147,7 +148,7 @@ def _in_frame_1(rotation: Array, vectors: Array) -> Array:
 
 def _length(vectors: Array) -> Array:
     """Lengths (..., 1)."""
-    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)) + TINY)
+    return np.asarray(np.sqrt(dot(vectors, vectors))[..., None] + TINY)
 
 
 def _unit(vectors: Array) -> tuple[Array, Array]:
@@ -288,7 +289,7 @@ class _Fit(NamedTuple):
         arm = (self.rotation @ touch.point[..., None])[..., 0]  # from the origin about which the body turns
         if self.contact.of_inverse:
             arm = arm + self.position
-        lever_sq = (arm * arm).sum(axis=-1) - (arm * touch.normal).sum(axis=-1) ** 2
+        lever_sq = dot(arm, arm) - dot(arm, touch.normal) ** 2
         return np.asarray(of_pose[:, 0] + of_pose[:, 1] * lever_sq)
 
     def best_fit(self, excess: Array, origin_m: Array) -> CurvedFit:

@@ -6,9 +6,10 @@ jerk whose strength follows the innovations. The variance of the innovations bey
 tick.
 """
 
-from functools import lru_cache
+from copy import copy
+from functools import cache, lru_cache
 from math import exp
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from contact_tracker.geometry.rotation import (
     product,
     rotation_vectors,
 )
+
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
 
 Array = NDArray[np.float64]
 
@@ -297,13 +301,20 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
     return _Prediction(x.reshape(2, 3, 3), covariance, per_tick, of_time / of_tick)
 
 
-def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
-    """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3)."""
+@cache
+def _kalman_filter() -> "KalmanFilter":
     # not its function `update`, which takes any exception, an interrupt too, for a value without axes
     from filterpy.kalman import KalmanFilter
 
     step = KalmanFilter(dim_x=6, dim_z=2)
-    step.P, step.H, step.R = prediction.covariance, _VALUE, variance * np.eye(2)
+    step.H = _VALUE
+    return step
+
+
+def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
+    """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3)."""
+    step = copy(_kalman_filter())  # making one takes as long as its update
+    step.P, step.R = prediction.covariance, np.diag(variance)
     step.update(_UNIT)
     gain, covariance = step.K @ _UNIT, step.P
     return prediction.x + gain.reshape(2, 3, 1) * innovation[:, None], covariance

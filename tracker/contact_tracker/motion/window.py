@@ -242,10 +242,11 @@ def newest_rest(window: Window, tick_s: float) -> NewestRest:
     if window.frames is None or not window.frames[-1]:
         return NO_REST
     count = rest_ticks(tick_s)
-    still = _still(window, np.flatnonzero(window.frames)[-2 * count :], count)
-    is_in_rest = bool(still[-1:].any())
-    rested = bool(still[-2:-1].any())
-    return NewestRest(is_in_rest, is_in_rest and not still[:-1].any(), rested and not is_in_rest)
+    filled = np.flatnonzero(window.frames)[-2 * count :]
+    newest = _still(window, filled[-1 - count :], count)
+    is_in_rest, rested = bool(newest[-1:].any()), bool(newest[-2:-1].any())
+    completes = is_in_rest and not rested and not _still(window, filled[:-1], count).any()
+    return NewestRest(is_in_rest, completes, rested and not is_in_rest)
 
 
 def at_rest(window: Window, tick_s: float) -> Bools:

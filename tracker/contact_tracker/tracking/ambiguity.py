@@ -197,7 +197,8 @@ def redistribute(
     share[alike] = 1.0
     share[giver] = FIRST_CHOICE
     share /= share.sum()
-    change = probability[giver] * (share - (np.arange(len(STATES)) == giver))
+    share[giver] -= 1.0
+    change = probability[giver] * share
     # as far as the giver, and the most probable state, stay ahead of those that are behind them
     most = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
     return np.asarray(probability + min(p_restricted, SHORT_OF_TIE * most) * change)
@@ -213,21 +214,20 @@ def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...])
     """
     if not others:
         return probability
-    share = np.zeros(len(STATES))
-    share[[other.column for other in others]] = NOT_EXCLUDED
-    share[label.column] = 1.0
-    alike = share > 0.0
-    least = share / share.sum() * probability[alike].sum()
-    own = float(probability[label.column])
+    before, alike = probability.tolist(), sorted(state.column for state in (label, *others))
+    own, total = before[label.column], sum(before[column] for column in alike)
+    least = total / (1.0 + NOT_EXCLUDED * len(others))
     # it stays ahead of the states that are behind it
-    behind = np.max(probability, where=~alike & (probability <= own), initial=0.0)
-    beyond = SHORT_OF_TIE * (own - max(float(least[label.column]), float(behind)))
-    missing = np.where(alike, np.maximum(least - probability, 0.0), 0.0)
-    if beyond <= 0.0 or not missing.any():
+    behind = max((p for column, p in enumerate(before) if column not in alike and p <= own), default=0.0)
+    beyond = SHORT_OF_TIE * (own - max(least, behind))
+    missing = [max(NOT_EXCLUDED * least - before[other.column], 0.0) for other in others]
+    if beyond <= 0.0 or not any(missing):
         return probability
-    given = probability + beyond * missing / missing.sum()
+    given = probability.copy()
+    for other, one in zip(others, missing, strict=True):
+        given[other.column] += beyond * one / sum(missing)
     given[label.column] = own - beyond
-    return np.asarray(given)
+    return given
 
 
 def decide_by_wrenches(
@@ -327,9 +327,9 @@ def may_be_flush(
 
 def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
     """The largest share, at most 1, of the ``change`` (7,) with which no state passes the state ``ahead``."""
-    lead, loss = probability[ahead] - probability, change - change[ahead]
-    behind = (loss > 0.0) & (lead >= 0.0)
-    return float(np.min(lead / np.where(behind, loss, np.inf), where=behind, initial=1.0))
+    lead, loss = (probability[ahead] - probability).tolist(), (change - change[ahead]).tolist()
+    shares = [a / b for a, b in zip(lead, loss, strict=True) if b > 0.0 and a >= 0.0]
+    return float(min([1.0, *shares]))
 
 
 def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> CompetingEvidence:

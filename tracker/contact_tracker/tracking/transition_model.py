@@ -87,11 +87,11 @@ class TickTransitions(NamedTuple):
 def tick_transitions(model: Model, exposure: float | Array) -> TickTransitions:
     """The log probabilities of a tick with this ``exposure`` (ticks of motion), of each state (7,) or of all.
 
-    A state changes at most once, unless the exposure is that of many ticks.
+    A state changes at most once, unless the exposure of all is that of many ticks.
     """
     rate, log_split = _rates(model.transitions)
     stay = -rate * (model.tick_s * exposure)
-    if np.max(exposure) > 1.0:
+    if np.min(exposure) > 1.0:
         return TickTransitions(_often(model, exposure, np.exp(stay)), stay)
     # without any exposure nothing changes
     change = (

@@ -91,7 +91,7 @@ def models(reach_m: float) -> list[kernels.Model]:
     return [model_of(model, reach_m) for model in CONTACT_MODELS]
 
 
-@lru_cache(maxsize=4)  # of a tick and of the one before; filters may differ in their windows
+@lru_cache(maxsize=32)  # of a tick and of the one before, for each of the filters side by side
 def ticks_of(window: Window) -> kernels.Ticks:
     """The kernels' form of a window."""
     return kernels.Ticks(
