@@ -198,6 +198,8 @@ def test_a_new_face_may_lie_in_a_plane_in_which_a_known_edge_lies_unless_faces_c
     by_odds, _ = reweight_transitions(change, stay, odds, gain)
     assert moved[FREE, 0] > by_odds[FREE, 0] + 4.0
     assert moved[Contact.EF.column, 0] == pytest.approx(change[Contact.EF.column, 0], abs=1.0)
+    crossing = np.array([0.0] * 5 + [8.0])  # known edges that cross lie in no common plane
+    np.testing.assert_array_equal(share_with_faces(crossing, gain, 0.5)[0], crossing)
     nowhere = np.array([-1e3, *odds[1:]])
     np.testing.assert_array_equal(share_with_faces(nowhere, gain, 0.5)[0], nowhere)
     np.testing.assert_array_equal(share_with_faces(np.zeros(6), gain, 0.5)[0], np.zeros(6))

@@ -18,7 +18,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.offline_smoother import end_at_rest, segment
-from contact_tracker.tracking.transition_model import REST_END_S, REST_EXPOSURE
+from contact_tracker.tracking.transition_model import REST_EXPOSURE, rest_end_exposure
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from pose_filter import after as after_tick
 from pose_filter import forward
@@ -84,7 +84,7 @@ def test_time_at_rest_counts_once_the_object_moves_on():
     activity = [float(one.state.window.motion_ratio[-1]) for one in ticks]
     exposed = RecordedPass.over(ticks).exposure
     waited = still(ticks)
-    moved = exposed - np.isin(np.arange(len(ticks)), waited[-1] + 1)[:, None] * REST_END_S / MODEL.tick_s
+    moved = exposed - np.isin(np.arange(len(ticks)), waited[-1] + 1)[:, None] * rest_end_exposure(MODEL)
     assert moved[waited[-1] + 1].min() > len(waited) * REST_EXPOSURE
     np.testing.assert_allclose(moved.sum(axis=0), np.maximum(activity, REST_EXPOSURE).sum())
     assert ticks[-1].state.deferred_exposure == 0.0
@@ -148,9 +148,27 @@ def test_a_drone_takes_off_where_its_rest_ends(seed: int, vibration_m: float) ->
 def test_a_segment_ends_with_the_rest_that_it_is_in_or_just_beside() -> None:
     resting = np.repeat([False, True, False], [20, 30, 20])
     expected = dict(zip([8, 17, 21, 33, 37, 50, 53, 54], [8, 20, 20, 20, 50, 50, 50, 54], strict=True))
-    assert {end: end_at_rest(resting, end) for end in expected} == expected
-    assert [end_at_rest(~resting, end) for end in (0, 70)] == [0, 70]  # nothing is known beyond
-    assert end_at_rest(np.zeros(9, bool), 4) == 4
+    assert {end: end_at_rest(resting, end, 20) for end in expected} == expected
+    assert [end_at_rest(~resting, end, 20) for end in (0, 70)] == [0, 70]  # nothing is known beyond
+    assert end_at_rest(np.zeros(9, bool), 4, 20) == 4
+    assert end_at_rest(resting, 35, 10) == 35  # as if its ends had not been seen
+
+
+@pytest.mark.parametrize("tip_s", [0.15, 0.25])
+def test_a_quick_change_between_two_rests_is_where_it_is(tip_s: float) -> None:
+    """A box slides on a face, stands, is tipped onto an edge, stands on that, and rocks about it."""
+    rng, time_s = np.random.default_rng(0), np.arange(1800) / 100.0
+    slid_s, rocked_s = np.minimum(time_s, 6.0), np.clip(time_s - 12.5, 0.0, None)
+    tilt = 0.4 * np.clip((time_s - 9.0) / tip_s, 0.0, 1.0) + 0.2 * np.sin(2.0 * rocked_s)
+    yaw = 0.6 * np.sin(1.1 * slid_s) + 0.3 * np.sin(0.9 * rocked_s)
+    turn = Rotation.from_euler("ZY", np.column_stack([yaw, tilt]))
+    edge_m = np.column_stack([0.2 * np.sin(0.8 * slid_s), 0.15 * np.sin(1.3 * slid_s), 0.0 * time_s])
+    edge_m[:, :2] += 0.05 * np.column_stack([np.sin(1.2 * rocked_s), np.sin(0.7 * rocked_s)])
+    position_m = edge_m - turn.apply([0.1, 0.0, -0.05]) + 1e-4 * rng.normal(size=edge_m.shape)
+    quat_xyzw = (turn * Rotation.from_rotvec(1e-3 * rng.normal(size=edge_m.shape))).as_quat()
+    segments = segment(Poses(np.round(time_s * 1e9).astype(np.int64), position_m, quat_xyzw), MODEL).segments
+    on_edge = next(one for one in segments if one.contact is Contact.EF)
+    assert on_edge.start_ns * 1e-9 == pytest.approx(9.1, abs=0.4), segments
 
 
 def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():

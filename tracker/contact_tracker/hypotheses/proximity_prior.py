@@ -34,6 +34,7 @@ another has some 70 at most; without a limit hundreds of known edges, any two of
 gigabytes."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
+ON_A_PLANE: Final = tuple(Contact(name).column for name in ("e-f", "f-e", "v-f", "f-v"))
 
 
 def weigh_births(
@@ -77,10 +78,10 @@ def weigh_births(
 def share_with_faces(log_odds: Array, gain: Array, share: float) -> tuple[Array, Array]:
     """The log odds (6,) and gains (6, 2) of ``weigh_births`` with what those of other contacts say of f-f.
 
-    Where a known edge lies in a known plane, so does a face that holds the edge and is not known yet, with
-    this prior ``share``. Without it, an object that stands on a new face would be one that stands on an edge.
+    Where a known edge or vertex touches a known plane, so does a face that holds it and is not known yet,
+    with this prior ``share``. Without it, an object that stands on a new face would be one that stands on an edge.
     """
-    most = FACES + 1 + int(log_odds[FACES + 1 :].argmax())
+    most = max(ON_A_PLANE, key=log_odds.__getitem__)
     shared = log_odds[most] + np.log(share)
     if shared <= log_odds[FACES] or log_odds[FACES] <= _IMPOSSIBLE:
         return log_odds, gain

@@ -39,9 +39,9 @@ from contact_tracker.tracking.state import FilterState, start
 from contact_tracker.tracking.transition_model import (
     FREE,
     NO_EXPOSURE,
-    REST_END_S,
     REST_EXPOSURE,
     REST_LOG_LIKELIHOOD,
+    rest_end_exposure,
     tick_transitions,
 )
 
@@ -62,7 +62,7 @@ def predict_transitions(
     exposed = max(window.latest_motion_ratio, REST_EXPOSURE) + state.deferred_exposure
     if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
         exposed = max(exposed, window.displacement_ratio)
-    exposure = exposed + (REST_END_S / model.tick_s if rest.ends else NO_EXPOSURE)
+    exposure = exposed + (rest_end_exposure(model) if rest.ends else NO_EXPOSURE)
     transition, survival = tick_transitions(model, exposure)
     if state.knows_elements:
         beyond = model.noise.extra_contact_variance

@@ -361,7 +361,7 @@ class Segmenter:
             after = self._ticks.rows(0, min(end + beside, len(self._ticks)))
             around = np.concatenate([self._before, after])
             resting = self._rests(self._first - first, around)
-            count = end_at_rest(resting, first + end) - first
+            count = end_at_rest(resting, first + end, beside) - first
             if count <= 0:  # the rest beside it is that of another segment
                 continue
             rows = _continued(self._ticks.take(count))
@@ -369,7 +369,7 @@ class Segmenter:
             end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
             posterior = self._posterior.take(count)["probability"]
             ticks = self._segment_ticks(state, rows)
-            rests = resting[first : first + count]
+            rests = without_short_gaps(resting[first : first + count])
             self._finished.append(FinishedSegment(state, rows, end_ns, posterior, ticks, rests))
             if self._executor is not None:
                 self._fits.append(self._executor.submit(fit_segments, [ticks]))
@@ -377,11 +377,10 @@ class Segmenter:
             decided -= count
 
     def _rests(self, first: int, rows: NDArray[np.void]) -> NDArray[np.bool_]:
-        """Which ticks, from number ``first`` on, belong to a rest that shows no contact, with motion between
-        two rests that is too short to be told from their noise."""
+        """Which ticks, from number ``first`` on, belong to a rest that shows no contact."""
         if not ambiguity.others_at_rest(Contact.FREE, self._state.known_map):
             return np.zeros(len(rows), bool)
-        return without_short_gaps(at_rest(self._window(first, rows), self._state.model.tick_s))
+        return at_rest(self._window(first, rows), self._state.model.tick_s)
 
     def _window(self, first: int, rows: NDArray[np.void]) -> Window:
         """The ticks from number ``first`` on, with the present noise estimate."""
@@ -424,17 +423,18 @@ class Segmenter:
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
 
 
-def end_at_rest(resting: NDArray[np.bool_], end: int) -> int:
-    """The ``end`` of a segment, or the end of a rest (n,) within which it is, or ``NOW_TICKS`` beside.
+def end_at_rest(resting: NDArray[np.bool_], end: int, most: int) -> int:
+    """The ``end`` of a segment, or the nearest end of a rest (n,) in which it is, or ``NOW_TICKS`` beside.
 
-    Motion shows no change of contact within a rest, and too little of it no change just beside one.
+    Motion shows no change of contact within a rest, and too little of it no change just beside one. An end
+    that is more than ``most`` ticks from those of its rest stays.
     """
     edges = np.flatnonzero(np.diff(resting)) + 1
     if not edges.size or not 0 < end < len(resting):
         return end
     nearest = int(edges[np.abs(edges - end).argmin()])
-    within = resting[end - 1 : end + 1].all()
-    return nearest if within or abs(nearest - end) <= NOW_TICKS else end
+    is_within = resting[end - 1 : end + 1].all()
+    return nearest if abs(nearest - end) <= (most if is_within else NOW_TICKS) else end
 
 
 def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:

@@ -20,11 +20,12 @@ REST_EXPOSURE: Final = 0.02
 """Exposure to change of a tick without visible motion, in ticks of motion: contacts change by moving."""
 NO_EXPOSURE: Final = np.zeros(len(STATES))
 NO_EXPOSURE.setflags(write=False)
-REST_END_S: Final = np.array([4.0, *[0.0] * 6])
-"""Exposure to change (7,) at the end of a rest, in seconds of motion: an object that stands is mostly moved
-to be lifted. Of 26 such rests in f-f 17 ended in another state, of 13 others, which were held, none: with the
-hazard of the default model 0.6 and 0. On 15 recordings of everyday handling 0, 4 and 7 s give 0.864, 0.868
-and 0.864 offline, 0.710, 0.716 and 0.718 online."""
+LEFT_AFTER_REST: Final = np.array([0.65, *[0.0] * 6])
+"""Probability (7,) that a state is left at the end of a rest: an object that stands is mostly moved to be
+lifted. Of 26 such rests in f-f 17 ended in another state, of 13 others, which were held, none. On 15
+recordings of everyday handling 0, 0.64 and 0.83 for f-f give 0.864, 0.868 and 0.864 offline, 0.710, 0.716 and
+0.718 online; on 20 simulated ones, which nothing was chosen on, 0 and 0.65 give 0.917 and 0.921, 0.823 and
+0.829."""
 FREE: Final = Contact.FREE.column
 REST_LOG_LIKELIHOOD: Final = np.array([0.0, *[-6.0] * 5, -12.0])
 """Log likelihood (7,) of the first ``REST_S`` of a rest in each state, relative to that of f-f, once a rest:
@@ -99,6 +100,11 @@ def tick_transitions(model: Model, exposure: float | Array) -> TickTransitions:
     )
     change[FREE, FREE] = stay[FREE]
     return TickTransitions(change, stay)
+
+
+def rest_end_exposure(model: Model) -> Array:
+    """Exposure (7,) to change at the end of a rest, in ticks of motion."""
+    return np.asarray(-np.log1p(-LEFT_AFTER_REST) / (_rates(model.transitions)[0] * model.tick_s))
 
 
 def _often(model: Model, exposure: float | Array, stay: Array) -> Array:

@@ -57,7 +57,7 @@ class Expected(NamedTuple):
 class KnownStates:
     """``label`` (T,) column of the true state of each tick, or ``UNKNOWN``; ``exposure`` (T,) to change at
     the boundary before each tick, in ticks of motion, or (T, 7) of each state. A change at the end of a rest
-    counts as one by motion (``transition_model.REST_END_S``)."""
+    counts as one by motion (``transition_model.LEFT_AFTER_REST``)."""
 
     label: Ints
     exposure: Array
