@@ -79,7 +79,7 @@ def share_with_faces(log_odds: Array, gain: Array, share: float) -> tuple[Array,
     """The log odds (6,) and gains (6, 2) of ``weigh_births`` with what those of other contacts say of f-f.
 
     Where a known edge or vertex touches a known plane, so does a face that holds it and is not known yet,
-    with this prior ``share``. Without it, an object that stands on a new face would be one that stands on an edge.
+    with this prior ``share``. Without it, what stands on a new face would be what stands on an edge.
     """
     most = max(ON_A_PLANE, key=log_odds.__getitem__)
     shared = log_odds[most] + np.log(share)

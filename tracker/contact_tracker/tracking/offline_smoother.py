@@ -232,9 +232,8 @@ class Segmenter:
         if self._forward is None:
             self._forward = hmm.ForwardFilter(state.log_birth_weight)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, state.residual)
-        is_skipped = (
-            not state.hazard_exposure.any()
-        )  # nothing could change in it, so that nothing was weighed
+        # nothing could change in it, so that nothing was weighed
+        is_skipped = not state.hazard_exposure.any()
         self._count_resumed(state, tick, is_skipped)
         evidence = None if is_skipped else (state.live_hypotheses, state.log_transition)
         self._pending.append((evidence, row))
