@@ -107,11 +107,12 @@ MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
     ),
 }
 WITHOUT_REMEDY: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
-    "axes and angles": ("paper_experiment", lambda poses: taken_for_fixed_axes("ZYX")(turned_axes(poses))),
+    "axes and angles": ("paper_experiment", lambda poses: taken_for_fixed_axes("XYZ")(turned_axes(poses))),
     "axes and inverted": (
         "paper_experiment",
         lambda poses: with_quaternions(turned_axes(poses), [0, 1, 2, 3], -1.0),
     ),
+    "proper Euler angles": ("mug_first_take", taken_for_fixed_axes("ZXZ")),
     "late by 150 ms": ("all_states", lambda poses: late(poses, 150.0)),
 }
 HARMLESS: dict[str, Callable[[Poses], Poses]] = {
