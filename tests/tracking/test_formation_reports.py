@@ -135,7 +135,7 @@ def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
 
 
 def test_further_contacts_that_begin_at_about_the_same_time_are_reported_as_often_as_they_end() -> None:
-    """And not again if they are missing for less than a second, also under another label; none outlasts the contact."""
+    """And not again if they are missing for less than a second, under any label but free motion."""
     changes, both = Changes(), (further(4), further(5))
     late = replace(both[0], start_ns=3 * SAME_NS)
     given = [both[:1], both, both, both[1:], (late, both[1]), both[1:], both[1:], (), ()]
