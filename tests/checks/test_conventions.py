@@ -215,6 +215,11 @@ def test_other_frames_for_both_are_no_mistake(change: str) -> None:
     assert mistake_in(HARMLESS[change](recorded())) == ""
 
 
+def test_a_mistake_is_found_where_noise_hides_most_of_it() -> None:
+    poses = taken_for_fixed_axes("ZXZ")(recorded("vision_30hz"))
+    assert mistake_in(poses, estimate_noise(poses)) != ""
+
+
 def test_free_motion_is_no_mistake() -> None:
     assert mistake_in(moving(np.random.default_rng(0), 60.0, 100.0, *SIGMA)) == ""
 
