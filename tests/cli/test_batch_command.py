@@ -1,6 +1,7 @@
 """``contact-tracker batch``: killed, interrupted, on a cluster, over the network."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from pyarrow import parquet
 from batches import BROKEN, contents, run, write_broken, write_recordings
 from command_line import ENVIRONMENT, PIPE, Done, started
 from command_line import run as command
+from contact_tracker.batch.finding import matching
 
 PROC = Path("/proc")
 
@@ -291,3 +293,15 @@ def test_recordings_are_read_from_a_store_with_versions(tmp_path: Path) -> None:
         assert run(["memory://bucket/logs"], tmp_path / "dataset").done == 1
     finally:
         store.rm("/bucket", recursive=True)
+
+
+@pytest.mark.parametrize("beside", ["a.mcap", "a.txt"])
+def test_the_pattern_that_is_proposed_matches_the_tables(tmp_path: Path, beside: str) -> None:
+    table = tmp_path / "my logs" / "take [1]" / "x.TUM"
+    table.parent.mkdir(parents=True)
+    table.write_text("0 1 2 3 0 0 0 1\n0.1 1 2 3 0 0 0 1\n")
+    (tmp_path / "my logs" / beside).touch()
+    done = command("batch", "my logs", "-o", "out", "--processes", 1, cwd=tmp_path)
+    (told,) = (line for line in done.stderr.splitlines() if ", as " in line)
+    (pattern,) = shlex.split(told.rpartition(", as ")[2])
+    assert matching(str(tmp_path / pattern)) == ([str(table)], [])

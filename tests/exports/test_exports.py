@@ -467,7 +467,8 @@ def test_no_face_or_edge_is_seen_from_its_side() -> None:
         axes = turn.as_matrix()
         face = Part(0, "face", EMPTY, (ring @ axes.T + 5.0,), np.zeros(3))
         edge = face._replace(outline=(np.outer([-1.0, 1.0], axes[:, 0]),))
-        level, up = np.deg2rad(_view_of([face, edge]))[::-1]
+        unknown = [face._replace(outline=(outline,)) for outline in (np.full((8, 3), np.nan), ring[:0])]
+        level, up = np.deg2rad(_view_of([*unknown, face, edge]))[::-1]
         towards = np.array([np.cos(up) * np.cos(level), np.cos(up) * np.sin(level), np.sin(up)])
         assert abs(towards @ axes[:, 2]) > 0.7
         assert np.linalg.norm(np.cross(towards, axes[:, 0])) > 0.7

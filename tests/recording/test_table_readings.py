@@ -369,6 +369,7 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
     [
         ("# residual positions: mm", NAMES.replace("x,y,z,", "x [m],y [m],z [m],")),
         ("# mean error 0.3 mm", NAMES),
+        *((above, NAMES) for above in ("# accuracy = 1 mm", "# sigma=1mm", "cutoff=1 cm")),
         ("# by me", f"{NAMES},gap [mm]"),
     ],
 )

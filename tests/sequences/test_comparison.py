@@ -142,6 +142,12 @@ def test_open_segments_are_no_difference(first) -> None:
     name = "a$_{b$c.mcap"
     found = compare_outcomes(first, replace(second, trajectory=replace(first.trajectory, name=name)))
     assert verdicts(found) == ["same", "open", "same", "same"]
+    for steps, told in (
+        (found.steps, "3 same, 1 open: no step is known to differ"),
+        (found.steps[1:2], "1 open: whether steps differ is not known"),
+        ((), "neither take has a step"),
+    ):
+        assert [*replace(found, steps=steps).lines()][-1] == told
     figure = draw_comparison(found)
     figure.draw_without_rendering()
     (axes,) = figure.axes

@@ -135,17 +135,22 @@ def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
 
 
 def test_further_contacts_that_begin_at_about_the_same_time_are_reported_as_often_as_they_end() -> None:
-    """And not again if they are missing for less than a second; none outlasts the label."""
+    """And not again if they are missing for less than a second, under any label but free motion."""
     changes, both = Changes(), (further(4), further(5))
     late = replace(both[0], start_ns=3 * SAME_NS)
     given = [both[:1], both, both, both[1:], (late, both[1]), both[1:], both[1:], (), ()]
-    given = [*((Contact.VF, one) for one in given), (Contact.VF, both[:1]), (Contact.FREE, ())]
+    given = [
+        *((Contact.VF, one) for one in given),
+        (Contact.VF, both[:1]),
+        (Contact.EF, ()),
+        (Contact.FREE, ()),
+    ]
     reported = [
         changes.update(belief_at(6 + i * SAME_NS // 2, label, further=those))
         for i, (label, those) in enumerate(given)
     ]
     events = [(i, len(begin), len(end)) for i, (_, begin, end) in enumerate(reported) if begin or end]
-    assert events == [(0, 1, 0), (1, 1, 0), (7, 0, 1), (10, 0, 1)]
+    assert events == [(0, 1, 0), (1, 1, 0), (7, 0, 1), (11, 0, 1)]
 
 
 def probabilities(found: list[tuple[FinishedSegment, SegmentFit]]) -> NDArray[np.float64]:

@@ -2,8 +2,9 @@
 
 import hashlib
 import os
+import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from glob import glob
+from glob import escape, glob
 from typing import Final, NamedTuple
 
 from contact_tracker.batch import remote
@@ -37,10 +38,10 @@ def missing_among(names: Iterable[str]) -> list[str]:
     return [name for name in names if not remote.is_remote(name) and not os.path.exists(name)]
 
 
-def matching(name: str) -> tuple[list[str], int]:
+def matching(name: str) -> tuple[list[str], list[str]]:
     """The local recordings and folders of recordings that match a pattern (``*``, ``?``, ``[...]``, ``**``),
-    by name, and the number of other files; ``name`` itself if it is none, or no file matches, with the
-    number of tables beside the recordings in a folder.
+    by name, and the other files; ``name`` itself if it is none, or no file matches, with the tables beside
+    the recordings in a folder.
 
     A folder with a ``metadata.yaml`` that matches stands for the files in it.
 
@@ -50,12 +51,12 @@ def matching(name: str) -> tuple[list[str], int]:
         None of what matches may be a recording.
     """
     if remote.is_remote(name):
-        return [name], 0
+        return [name], []
     if os.path.lexists(name):
         inside = _files_in(name)  # none if it is no folder
-        tables = [one for one in inside if one.lower().endswith(_OF_TABLES)]
+        tables = _tables_among(inside)
         is_whole = os.path.exists(os.path.join(name, _METADATA))
-        return [name], 0 if is_whole or not recordings_among(inside) else len(tables)
+        return [name], [] if is_whole or not recordings_among(inside) else tables
     found = sorted(glob(name, recursive=True))
     whole = {one.rstrip(os.sep) for one in found if os.path.exists(os.path.join(one, _METADATA))}
     single = [one for one in found if os.path.dirname(one) not in whole]
@@ -67,7 +68,7 @@ def matching(name: str) -> tuple[list[str], int]:
         raise UnreadableRecording(
             f"{name}: none of the {len(found)} files and folders that match holds poses"
         )
-    return sorted(chosen) or [name], len(files) - sum(not os.path.isdir(one) for one in chosen)
+    return sorted(chosen) or [name], sorted({*files}.difference(chosen))
 
 
 def _may_be_recording(path: str) -> bool:
@@ -113,7 +114,7 @@ def _found(name: str) -> Iterator[Found]:
         if files is None:
             yield Found(name, "")
             return
-        inside = _require_recordings(name, recordings_among(files))
+        inside = _require_recordings(name, files)
         for one, parts in inside.items():
             yield Found(one, remote.joined(files[part] for part in parts), name)
     else:
@@ -130,17 +131,30 @@ def recordings_in(name: str) -> list[str]:
     """
     if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
         return [name]
-    return list(_require_recordings(name, recordings_among(_files_in(name))))
+    return list(_require_recordings(name, _files_in(name)))
 
 
-def _require_recordings(folder: str, inside: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
+def _require_recordings(folder: str, files: Mapping[str, str]) -> dict[str, Sequence[str]]:
+    inside, tables = recordings_among(files), _tables_among(files)
     if not inside:
-        folder = remote.shown(folder)
+        remedy = f"; name its tables, as {pattern_beside(tables[0])}" if tables else ""
         raise UnreadableRecording(
-            f"{folder}: this folder holds no recording ({', '.join(SUFFIXES)}); name others, "
-            f"as '{folder}/*.csv'"
+            f"{remote.shown(folder)}: this folder holds no recording ({', '.join(SUFFIXES)}){remedy}"
         )
     return inside
+
+
+def _tables_among(files: Iterable[str]) -> list[str]:
+    return sorted(one for one in files if one.lower().endswith(_OF_TABLES))
+
+
+def pattern_beside(table: str) -> str:
+    """The files of the same suffix in the folder of a table, for a shell; of URLs, which are no patterns, the
+    table itself."""
+    if remote.is_remote(table):
+        return shlex.quote(remote.shown(table))
+    folder, name = os.path.split(table)
+    return shlex.quote(os.path.join(escape(folder), f"*{os.path.splitext(name)[1]}"))
 
 
 def _files_in(folder: str) -> Mapping[str, str]:

@@ -145,18 +145,17 @@ def _names(logs: list[str]) -> list[str]:
     UsageError
         There are no names on standard input.
     """
-    from contact_tracker.batch.finding import matching, missing_among
+    from contact_tracker.batch.finding import matching, missing_among, pattern_beside
 
     matches = [(log, matching(log)) for log in logs]
     for log, (_, left_out) in matches:
+        count = len(left_out)
         if left_out and os.path.isdir(log):
-            are = "table is" if left_out == 1 else "tables are"
-            say(f"{log}: {left_out} {are} left out: name them, as '{os.path.join(log, '*.csv')}'")
+            are = "table is" if count == 1 else "tables are"
+            say(f"{log}: {count} {are} left out: name them, as {pattern_beside(left_out[0])}")
         elif left_out:
-            are = (
-                "file that matches is no recording" if left_out == 1 else "files that match are no recordings"
-            )
-            say(f"{log}: {left_out} {are}: left out")
+            are = "file that matches is no recording" if count == 1 else "files that match are no recordings"
+            say(f"{log}: {count} {are}: left out")
     logs = [name for _, (names, _) in matches for name in names]
     missing = missing_among(log for log in logs if log != "-")
     if missing:

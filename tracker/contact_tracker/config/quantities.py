@@ -22,7 +22,8 @@ NAMED_NS: Final[Mapping[str, int]] = {
 """Units in names of columns, in nanoseconds."""
 _METRES: Final = {"": 1.0, "centi": 1e-2, "milli": 1e-3, "micro": 1e-6}
 LENGTHS_M: Final[Mapping[str, float]] = {
-    **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6},
+    **LENGTHS,
+    **dict.fromkeys(("\u00b5m", "\u03bcm"), LENGTHS["um"]),
     **dict.fromkeys(("in", "inch", "inches"), 0.0254),
     **{f"{part}met{end}": m for part, m in _METRES.items() for end in ("er", "re", "ers", "res")},
 }

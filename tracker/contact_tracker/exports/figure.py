@@ -245,8 +245,8 @@ def _view_of(parts: Sequence[Part]) -> tuple[int, int]:
     )
     shares = np.ones(len(_VIEWS))
     for part in parts:
-        if len(part.outline) == 1:  # neither a body nor a vertex
-            (strip,) = part.outline
+        strip = part.outline[0] if len(part.outline) == 1 else np.zeros((0, 3))  # of a face or an edge
+        if len(strip) > 1 and np.isfinite(strip).all():
             axes = np.linalg.svd(strip - strip.mean(axis=0))[2]
             if len(strip) == 2:
                 share = np.linalg.norm(np.cross(towards, axes[0]), axis=1)

@@ -263,7 +263,7 @@ class Changes:
 
         A new label is reported, one that settles, and free motion that is open among all states, as at rest.
         While all states are open, any label is as good as the last. A further contact ends when none of its
-        kind has come again for ``SAME_NS``, or with the label.
+        kind has come again for ``SAME_NS``, or with free motion.
         """
         opened, settles = is_open(belief), is_settled(belief)
         changed = belief.contact is not self.label and not (self.open and opened)

@@ -51,7 +51,7 @@ _EMPTY: Final = f",;{BLANKS}"
 _COMMENT: Final = re.compile(r"#|%|//|;(?!(?:[^;]*;){2})")
 """How comments begin; rows of which the first cell is empty have more semicolons than one."""
 _LENGTH: Final = re.compile(
-    r"(?:=\s{0,4}1\s?|(?<![^\W_])(?<!\d[\s-]))((?:nano|micro|milli|centi|deci|kilo)met(?:er|re)s?|inch(?:es)?|feet"
+    r"(?:\bunits?\s{0,4}=\s{0,4}1\s?|(?<![^\W_])(?<!\d[\s-]))((?:nano|micro|milli|centi|deci|kilo)met(?:er|re)s?|inch(?:es)?|feet"
     r"|[\u00b5\u03bcumcd]m)(?![^\W_])",
     re.IGNORECASE,
 )

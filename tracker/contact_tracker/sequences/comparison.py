@@ -131,8 +131,14 @@ class Comparison:
             sides = "  ".join(f"{_span(steps):>15} {_label(steps):<5}" for steps in (one.first, one.second))
             yield f"{sides}  {one.verdict:<9} {one.probability:4.2f}  {_by(one)}".rstrip()
         count = {kind: sum(one.verdict is kind for one in self.steps) for kind in Verdict}
-        none = "" if self.differences else ": no step is known to differ"
-        yield ", ".join(f"{number} {kind}" for kind, number in count.items() if number) + none
+        counts = ", ".join(f"{number} {kind}" for kind, number in count.items() if number)
+        if not self.steps:
+            counts = "neither take has a step"
+        elif count[Verdict.OPEN] == len(self.steps):
+            counts += ": whether steps differ is not known"
+        elif not self.differences:
+            counts += ": no step is known to differ"
+        yield counts
 
 
 def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERANCE) -> Comparison:
