@@ -244,14 +244,16 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
         gravity, inertial = _forces(ticks, weight_n, mass, centre, rows)
         design = _force_design(ticks, rows)
+        down = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
+        # the mass is that of the weight: apart, each round would add the error of the last
+        design[..., :3] += inertial[..., None] * down / max(GRAVITY * mass, 1e-9)
         given = prior_force.copy()
         pull = np.zeros(6)
         if mass_kg is not None:  # its length is known, not its direction
-            along = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
             sd = MASS_SHARE * GRAVITY * mass_kg
-            given[:3, :3] += np.outer(along, along) / sd**2
-            pull[:3] = along * GRAVITY * mass_kg / sd**2
-        target = ticks.force_n[rows] - inertial
+            given[:3, :3] += np.outer(down, down) / sd**2
+            pull[:3] = down * GRAVITY * mass_kg / sd**2
+        target = ticks.force_n[rows]
         found, by_force = _solve(design, target, weight / force_noise, given, pull)
         weight_n, bias = found[:3], found[3:]
         off_force = target - np.einsum("tij,j->ti", design, found)
@@ -267,7 +269,7 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         usual = max(_weighted_median(squares, weight), 6.0)
         weight = _redescending(squares / usual)
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
-    expected = target - off_force - bias + inertial
+    expected = target - off_force - bias
     squares = (off_force**2).sum(axis=1)
     usual_n = max(float(np.median(np.linalg.norm(ticks.force_n[rows], axis=1))), NEAR_N)
     return Load(
