@@ -57,7 +57,7 @@ TURNED_RAD: Final = 0.1
 is at most 0.03 where they are right."""
 APART_M: Final = 0.03
 """Distance that the centres of mass by forces and by moments may have. There it is at most 0.026 where they
-are right, and beyond it, in 280 simulated recordings of shaking, at most 2.2 standard deviations."""
+are right, and beyond it, in 280 simulated recordings, at most 2.2 standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
