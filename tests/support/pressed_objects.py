@@ -64,7 +64,30 @@ def pressed(
     where = np.concatenate([first[1], position])
     touching = np.concatenate([np.zeros_like(force), force])
     at = np.concatenate([np.zeros_like(point), point])
-    stamps = 10**9 + np.round(np.arange(2 * len(t)) / RATE_HZ * 1e9).astype(np.int64)
+    stamps, wrenches = _of_hand(rng, rotation, where, touching, at, noise, bias)
+    poses = Poses(stamps, where, rotation.as_quat())
+    return Pressed(poses, wrenches, int(stamps[len(t)]), *elements)
+
+
+def carried(turn_rad: float, most_hz: float, seed: int = 0) -> Pressed:
+    """Free for 10 s, with noise of poses and wrenches: turns by ``turn_rad``, moves by 0.1 m."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(10.0 * RATE_HZ)) / RATE_HZ
+    start = Rotation.from_rotvec(rng.normal(0, 0.6, 3))
+    rotation = start * Rotation.from_rotvec(_waves(rng, t, 3, turn_rad, most_hz))
+    where = _waves(rng, t, 3, 0.1, most_hz)
+    none = np.zeros_like(where)
+    stamps, wrenches = _of_hand(rng, rotation, where, none, none, noise=True, bias=False)
+    rotation = rotation * Rotation.from_rotvec(rng.normal(0, 0.0025, where.shape))
+    poses = Poses(stamps, where + rng.normal(0, 0.0003, where.shape), rotation.as_quat())
+    return Pressed(poses, wrenches, int(stamps[-1]) + 1)
+
+
+def _of_hand(
+    rng: Any, rotation: Rotation, where: Any, touching: Any, at: Any, noise: bool, bias: bool
+) -> tuple[Any, Wrenches]:
+    """Stamps, and the wrenches of the hand, for a motion in two halves and a force of the surroundings."""
+    stamps = 10**9 + np.round(np.arange(len(where)) / RATE_HZ * 1e9).astype(np.int64)
     hand, moment = -touching, -np.cross(at - where, touching)
     for offset in 0.06 * np.concatenate([np.eye(3), -np.eye(3)]):  # Newton, for each of six masses
         mass = where + rotation.apply(CENTRE_M + offset)
@@ -74,8 +97,7 @@ def pressed(
     values = np.concatenate([rotation.inv().apply(hand), rotation.inv().apply(moment)], axis=1)
     size = np.array([0.1] * 3 + [0.01] * 3)
     values += noise * size * rng.normal(size=values.shape) + bias * 10.0 * size * rng.normal(size=6)
-    poses = Poses(stamps, where, rotation.as_quat())
-    return Pressed(poses, Wrenches(stamps, values[:, :3], values[:, 3:]), int(stamps[len(t)]), *elements)
+    return stamps, Wrenches(stamps, values[:, :3], values[:, 3:])
 
 
 def _touching(contact: Contact, rng: Any, t: Any, start: Rotation) -> Any:
@@ -114,9 +136,9 @@ def _touching(contact: Contact, rng: Any, t: Any, start: Rotation) -> Any:
     return still, position, push, anchor + u * first, (to_body(along), first)
 
 
-def _waves(rng: Any, t: Any, count: int, size: float) -> Any:
+def _waves(rng: Any, t: Any, count: int, size: float, most_hz: float = 0.6) -> Any:
     """Smooth wandering (N, count) with standard deviation about ``size``."""
-    frequency, phase = rng.uniform(0.15, 0.6, (3, count)), rng.uniform(0, 2 * np.pi, (3, count))
+    frequency, phase = rng.uniform(0.25 * most_hz, most_hz, (3, count)), rng.uniform(0, 2 * np.pi, (3, count))
     return size * np.sqrt(2.0 / 3.0) * np.sin(2 * np.pi * frequency * t[:, None, None] + phase).sum(axis=1)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.pressed_objects import CENTRE_M, MASS_KG, WEIGHT_N, Pressed, pressed
+from support.pressed_objects import CENTRE_M, MASS_KG, WEIGHT_N, Pressed, carried, pressed
 
 from contact_tracker.states import Contact
 from contact_tracker.with_wrenches import NoLoad, mass_doubt, require_load
@@ -94,7 +94,7 @@ def in_axes_of_world(made: Pressed) -> Wrenches:
         (lambda made: about_parent(made.wrenches, made.poses), "They fit in the frame of the poses"),
         (in_axes_of_world, "They fit in the axes of the poses' frame, about the object's origin"),
         (lambda made: turned(made, 1.0, -1.5, 0.5), "Check their sign, their frame"),
-        (lambda made: turned(made, 0.2, 0.1, 0.15), "axes were turned by 1[45] deg"),
+        (lambda made: turned(made, 0.2, 0.1, 0.15), "axes were turned by 1[456] deg"),
         (
             lambda made: replace(made.wrenches, force_n=-made.wrenches.force_n),
             "opposite sign of the forces only",
@@ -129,6 +129,15 @@ def used(seed: int) -> Pressed:
     made = pressed(Contact.VF, seed, noise=True, bias=True)
     require_load(made.poses, made.wrenches, made.tick_ns, made.is_free, made.is_free.astype(float))
     return made
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("turn_rad", "most_hz"), [(0.0, 0.5), (0.02, 1.8), (0.05, 1.8)])
+def test_right_wrenches_are_used_where_the_object_hardly_turns_or_is_shaken(
+    turn_rad: float, most_hz: float, seed: int
+) -> None:
+    made = carried(turn_rad, most_hz, seed)
+    require_load(made.poses, made.wrenches, made.tick_ns, made.is_free, made.is_free.astype(float))
 
 
 @pytest.mark.parametrize("noise_rad", [0.005, 0.05])
