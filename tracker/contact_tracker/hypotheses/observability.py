@@ -322,11 +322,12 @@ def _inverse(symmetric: Array) -> Array:
 def representatives(window: Window) -> tuple[Window, Array]:
     """All ticks of a window, or if it is long some of them, more of those in motion; and how many ticks (N,)
     each stands for."""
-    if len(window) <= MOST_TICKS:
-        return window, np.ones(len(window))
+    length = len(window)
+    if length <= MOST_TICKS:
+        return window, np.ones(length)
     passed = np.cumsum(window.motion_ratio + SHARE_OF_REST)
     cuts = np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], MOST_TICKS + 1)[1:-1]))
-    first, end = np.append(0, cuts), np.append(cuts, len(window))
+    first, end = np.append(0, cuts), np.append(cuts, length)
     some = end > first
     first, end = first[some], end[some]
     return window.pick((first + end) // 2, window.before), (end - first).astype(float)

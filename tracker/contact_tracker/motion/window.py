@@ -321,7 +321,7 @@ def twist_power(window: Window) -> TwistPower:
     """
     pose = window.zeta[:, : T[-1] + 1].T.copy()  # R comes before T; numbers of all ticks side by side
     rotation, place = pose[: T[0]].reshape(3, 3, -1), pose[T[0] :]
-    centre = place.sum(axis=1, keepdims=True) / len(window)
+    centre = place.mean(axis=1, keepdims=True)
     place -= centre
     before, after = place[:, :-STRIDE_TICKS], place[:, STRIDE_TICKS:]
     step = (rotation[:, None, :, STRIDE_TICKS:] * rotation[:, :, :-STRIDE_TICKS]).sum(axis=2).reshape(9, -1)

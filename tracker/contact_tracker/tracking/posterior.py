@@ -215,10 +215,10 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
         return state._replace(formation=online.suspend(state.formation)), belief
     bank, row = state.banks[label.column], int(state.best_rows[label.column])
     onset, window = int(bank.rows["onset"][row]), state.window
-    first_row = int(window.index.searchsorted(onset))
-    if len(window) - first_row < ESTABLISHED_TICKS:
+    first_row, length = int(window.index.searchsorted(onset)), len(window)
+    if length - first_row < ESTABLISHED_TICKS:
         return state._replace(formation=online.suspend(state.formation)), belief
-    some = window.cut(max(first_row, len(window) - online.WINDOW_TICKS), None)
+    some = window.cut(max(first_row, length - online.WINDOW_TICKS), None)
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
     leave_per_s, origins = state.model.transitions.leave_per_s, state.origins
     ticks = FormationTicks(some, state.scales, leave_per_s, origins, state.known_map, state.model.systematic)
