@@ -685,3 +685,16 @@ def test_columns_without_names_beside_named_ones_have_numbers(tmp_path: Path) ->
     with pytest.raises(UnreadableRecording, match="z, rotation, c5, c6, c7: missing are qx"):
         open_log(str(path))
     assert_read(path, "--columns", "qx=rotation,qy=c5,qz=c6,qw=c7")
+
+
+@pytest.mark.parametrize(
+    ("given", "name"), [({"unit": "cm"}, "x .mm."), ({"euler": "xyz:rad"}, "roll .deg.")]
+)
+def test_a_unit_against_that_in_the_names_is_refused(
+    tmp_path: Path, given: dict[str, str], name: str
+) -> None:
+    head = "t [s],x [mm],y [mm],z [mm],roll [deg],pitch [deg],yaw [deg]"
+    log = write(tmp_path / "a.csv", [head], rows(T, 1e3 * P, TURN.as_euler("xyz", degrees=True)))
+    with pytest.raises(UnreadableRecording, match=f"column '{name}' states the unit"):
+        read(log, **{"euler": "xyz", **given})
+    assert len(read(log, unit="mm", euler="xyz:deg")) == len(T)

@@ -216,7 +216,9 @@ def bodies_of(
         roles, _ = ROTATIONS[kind]
         named = [columns[places[role]] for role in POSITION]
         position = [(label, (reading.unit or own or unit).lower()) for label, own in named]
-        for label, of_label in position:
+        for (label, of_label), (_, own) in zip(position, named, strict=True):
+            if LENGTHS_M.get(own.lower()) not in (None, LENGTHS_M.get(of_label)):
+                raise UnreadableRecording(_contradicted(label, own, of_label))
             if of_label and of_label not in LENGTHS_M:
                 raise UnreadableRecording(_unknown_unit(of_label, label, "m, cm, mm, um"))
         metres, *others = {LENGTHS_M.get(of_label, 1.0) for _, of_label in position}
@@ -238,10 +240,19 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     if reading.euler is None:
         return "deg" if units == {"deg"} else "rad"
     if ":" in reading.euler:
+        stated = reading.euler.partition(":")[2]
+        for name, unit in columns:
+            if ANGLE_UNITS.get(unit, stated) != stated:
+                raise UnreadableRecording(_contradicted(name, unit, stated))
         return reading.euler
     if len(units) > 1 or "" in units:
         raise OpenReading(", ".join(name for name, _ in columns[:3]))
     return f"{reading.euler}:{units.pop()}"
+
+
+def _contradicted(name: str, own: str, stated: str) -> str:
+    where = f"column '{name.strip()}' states the unit {own}, not {stated}"
+    return f"{where}: leave out the unit that you give, or correct the name of the column"
 
 
 def _unknown_unit(unit: str, name: str, known: str) -> str:
