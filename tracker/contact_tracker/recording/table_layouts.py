@@ -240,10 +240,9 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     if reading.euler is None:
         return "deg" if units == {"deg"} else "rad"
     if ":" in reading.euler:
-        stated = reading.euler.partition(":")[2]
         for name, unit in columns:
-            if ANGLE_UNITS.get(unit, stated) != stated:
-                raise UnreadableRecording(_contradicted(name, unit, stated))
+            if not reading.euler.endswith(ANGLE_UNITS.get(unit, "")):
+                raise UnreadableRecording(_contradicted(name, unit, reading.euler.partition(":")[2]))
         return reading.euler
     if len(units) > 1 or "" in units:
         raise OpenReading(", ".join(name for name, _ in columns[:3]))
@@ -251,8 +250,7 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
 
 
 def _contradicted(name: str, own: str, stated: str) -> str:
-    where = f"column '{name.strip()}' states the unit {own}, not {stated}"
-    return f"{where}: leave out the unit that you give, or correct the name of the column"
+    return f"column '{name.strip()}' states the unit {own}, not {stated}: give none, or correct its name"
 
 
 def _unknown_unit(unit: str, name: str, known: str) -> str:
