@@ -34,7 +34,7 @@ another has some 70 at most; without a limit hundreds of known edges, any two of
 gigabytes."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
-ON_A_PLANE: Final = tuple(Contact(name).column for name in ("e-f", "f-e", "v-f", "f-v"))
+ON_A_PLANE: Final = tuple(one.column for one in (Contact.EF, Contact.FE, Contact.VF, Contact.FV))
 
 
 def weigh_births(

@@ -55,7 +55,7 @@ accelerated, a negative moment of inertia, axes that are turned."""
 TURNED_RAD: Final = 0.1
 """Angle by which the axes of the forces may be turned against the body's. On the shared physics recordings it
 is at most 0.03 where they are right."""
-APART_M: Final = 0.03
+CENTRES_APART_M: Final = 0.03
 """Distance that the centres of mass by forces and by moments may have. There it is at most 0.026 where they
 are right, and beyond it, in 280 simulated recordings, at most 2.2 standard deviations."""
 
@@ -126,7 +126,7 @@ class Load:
             turn = f"{np.degrees(angle):.0f} deg against the object's"
             return f"in free motion the forces are as if their axes were turned by {turn}"
         distance, sd = self.apart_m
-        if distance > max(DOUBTED_DEVIATIONS * sd, APART_M):
+        if distance > max(DOUBTED_DEVIATIONS * sd, CENTRES_APART_M):
             return "in free motion the moments are not about the object's origin"
         off, misfit = self.unexplained
         if self.ticks < FEWEST_TICKS or (off > UNEXPLAINED and misfit > MISFIT):
