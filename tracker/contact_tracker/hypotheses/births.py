@@ -227,7 +227,7 @@ class TickInput(NamedTuple):
     """The latest ticks, this one included."""
     before: Window
     """The window before this tick."""
-    hazard_exposure: Array
+    hazard_exposure: float
     """(7,) exposure of each state to a change, in ticks of motion."""
     log_transition: Array
     """(7, 7) log probabilities of a change before the tick, from row to column."""

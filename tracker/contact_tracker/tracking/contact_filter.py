@@ -38,10 +38,9 @@ from contact_tracker.tracking.posterior import label_geometry, lagged_belief, re
 from contact_tracker.tracking.state import FilterState, start
 from contact_tracker.tracking.transition_model import (
     FREE,
-    NO_EXPOSURE,
     REST_EXPOSURE,
     REST_LOG_LIKELIHOOD,
-    rest_end_exposure,
+    lifted,
     tick_transitions,
 )
 
@@ -59,11 +58,11 @@ def predict_transitions(
     model = state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
     proposals, log_odds = cached.proposals, np.zeros(len(STATES))
-    exposed = max(window.latest_motion_ratio, REST_EXPOSURE) + state.deferred_exposure
+    exposure = max(window.latest_motion_ratio, REST_EXPOSURE) + state.deferred_exposure
     if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
-        exposed = max(exposed, window.displacement_ratio)
-    exposure = exposed + (rest_end_exposure(model) if rest.ends else NO_EXPOSURE)
-    transition, survival = tick_transitions(model, exposure)
+        exposure = max(exposure, window.displacement_ratio)
+    ordinary = tick_transitions(model, exposure)
+    transition, survival = lifted(ordinary) if rest.ends else ordinary
     if state.knows_elements:
         beyond = model.noise.extra_contact_variance
         proposals, odds, gain = weigh_births(proposals, window, beyond, state.scales)
@@ -213,7 +212,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
             for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
         )
     change, birth_weight = state.log_transition, state.log_birth_weight
-    if state.hazard_exposure.any():  # the tick before was informative
+    if state.hazard_exposure:  # the tick before was informative
         change = tick_transitions(state.model, 0.0).log_transition
         birth_weight = hmm.birth_log_weights(state.log_state_weight, change)
     histories = state.lag_history
@@ -227,7 +226,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
         ticks=state.ticks + 1,
         next_hypothesis_id=state.next_hypothesis_id + 1,
         outliers=state.outliers + tick.outliers,
-        hazard_exposure=NO_EXPOSURE,
+        hazard_exposure=0.0,
         log_transition=change,
         log_birth_weight=birth_weight,
         deferred_exposure=state.deferred_exposure + REST_EXPOSURE,

@@ -233,7 +233,7 @@ class Segmenter:
             self._forward = hmm.ForwardFilter(state.log_birth_weight)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, state.residual)
         # nothing could change in it, so that nothing was weighed
-        is_skipped = not state.hazard_exposure.any()
+        is_skipped = not state.hazard_exposure
         self._count_resumed(state, tick, is_skipped)
         evidence = None if is_skipped else (state.live_hypotheses, state.log_transition)
         self._pending.append((evidence, row))

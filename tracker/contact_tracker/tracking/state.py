@@ -22,7 +22,7 @@ from contact_tracker.motion.window import EMPTY_WINDOW, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, CurvedMotion
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.transition_model import NO_EXPOSURE, log_initial
+from contact_tracker.tracking.transition_model import log_initial
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ class FilterState(NamedTuple):
     free_since_ns: int = 0
     curved: CurvedMotion = NO_CURVED_MOTION
     """The last test of free motion for a curved surface."""
-    hazard_exposure: Array = NO_EXPOSURE
+    hazard_exposure: float = 0.0
     """Exposure (7,) of each state to change at the last boundary, in ticks of motion."""
     log_transition: Array = _constant(np.zeros((len(STATES), len(STATES))))
     """(7, 7) log probabilities of change at that boundary, from row to column."""

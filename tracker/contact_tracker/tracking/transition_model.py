@@ -18,15 +18,10 @@ Array = NDArray[np.float64]
 
 REST_EXPOSURE: Final = 0.02
 """Exposure to change of a tick without visible motion, in ticks of motion: contacts change by moving."""
-NO_EXPOSURE: Final = np.zeros(len(STATES))
-NO_EXPOSURE.setflags(write=False)
-LEFT_AFTER_REST: Final = np.array([0.65, *[0.0] * 6])
-"""Probability (7,) that a state is left at the end of a rest: an object that stands is mostly moved to be
-lifted. Of 26 such rests in f-f 17 ended in another state, of 13 others, which were held, none. On 15
-recordings of everyday handling 0, 0.64 and 0.83 for f-f give 0.864, 0.868 and 0.864 offline, 0.710, 0.716 and
-0.718 online; on 20 simulated ones, which nothing was chosen on, 0 and 0.65 give 0.917 and 0.921, 0.823 and
-0.829."""
+LIFTED_AFTER_REST: Final = 0.65
+"""Probability that an object which stands is lifted at the end of its rest."""
 FREE: Final = Contact.FREE.column
+FACES: Final = Contact.FF.column
 REST_LOG_LIKELIHOOD: Final = np.array([0.0, *[-6.0] * 5, -12.0])
 """Log likelihood (7,) of the first ``REST_S`` of a rest in each state, relative to that of f-f, once a rest:
 an object that stands by itself does so on a face, and no hand holds one still in the air. Of 72 rests in 35
@@ -85,29 +80,33 @@ class TickTransitions(NamedTuple):
     """(7,) of staying through it."""
 
 
-def tick_transitions(model: Model, exposure: float | Array) -> TickTransitions:
-    """The log probabilities of a tick with this ``exposure`` (ticks of motion), of each state (7,) or of all.
+def tick_transitions(model: Model, exposure: float) -> TickTransitions:
+    """The log probabilities of a tick with this ``exposure`` (ticks of motion).
 
-    A state changes at most once, unless the exposure of all is that of many ticks.
+    A state changes at most once, unless the exposure is that of many ticks.
     """
     rate, log_split = _rates(model.transitions)
     stay = -rate * (model.tick_s * exposure)
-    if np.min(exposure) > 1.0:
+    if exposure > 1.0:
         return TickTransitions(_often(model, exposure, np.exp(stay)), stay)
     # without any exposure nothing changes
     change = (
-        np.log(-np.expm1(stay))[:, None] + log_split if np.any(exposure) else np.full_like(log_split, -np.inf)
+        np.log(-np.expm1(stay))[:, None] + log_split if exposure else np.full_like(log_split, -np.inf)
     )
     change[FREE, FREE] = stay[FREE]
     return TickTransitions(change, stay)
 
 
-def rest_end_exposure(model: Model) -> Array:
-    """Exposure (7,) to change at the end of a rest, in ticks of motion."""
-    return np.asarray(-np.log1p(-LEFT_AFTER_REST) / (_rates(model.transitions)[0] * model.tick_s))
+def lifted(tick: TickTransitions) -> TickTransitions:
+    """The log probabilities of a tick at the end of a rest: what stands on a face is mostly lifted."""
+    change, stay = tick.log_transition.copy(), tick.log_survival.copy()
+    change[FACES] += np.log1p(-LIFTED_AFTER_REST)
+    stay[FACES] += np.log1p(-LIFTED_AFTER_REST)
+    change[FACES, FREE] = np.logaddexp(change[FACES, FREE], np.log(LIFTED_AFTER_REST))
+    return TickTransitions(change, stay)
 
 
-def _often(model: Model, exposure: float | Array, stay: Array) -> Array:
+def _often(model: Model, exposure: float, stay: Array) -> Array:
     """Log probabilities (7, 7) of the state after any number of changes."""
     rate, log_split = _rates(model.transitions)
     generator = (rate * exposure * model.tick_s)[:, None] * (np.exp(log_split) - np.eye(len(STATES)))
