@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -158,6 +158,14 @@ class Window:
         """The ticks in rows ``first`` to ``end``."""
         first, end, _ = slice(first, end).indices(self.index.size)
         return self.pick(slice(first, end), self.zeta[first - 1] if first else self.before)
+
+    def since(self, onset: int) -> "Window":
+        """The ticks since number ``onset``; as the same object for those asked for last."""
+        first = int(self.index.searchsorted(onset))
+        latest: tuple[int, Window] | None = vars(self).get("_since")
+        if latest is None or latest[0] != first:
+            vars(self)["_since"] = latest = first, self.pick(slice(first, None))
+        return latest[1]
 
     def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
         """A window of some ticks, with ``before`` as the tick before the first."""
@@ -337,6 +345,7 @@ def twist_power(window: Window) -> TwistPower:
     return TwistPower((twist * weight) @ twist.T / weight.sum(), centre[:, 0], sigma)
 
 
+@lru_cache(maxsize=1)
 def used_directions(window: Window) -> int:
     """Number of directions in which the object moves beyond the noise: the rank of its twists (T24).
 

@@ -204,6 +204,17 @@ def redistribute(
     return np.asarray(probability + min(p_restricted, SHORT_OF_TIE * most) * change)
 
 
+def shared_with(probability: Array, label: Contact, others: Sequence[Contact]) -> Array:
+    """Posterior (7,) in which the label divides its probability and that of the ``others`` among them, itself
+    with ``FIRST_CHOICE``."""
+    if not others:
+        return probability
+    shared, alike = probability.copy(), [state.column for state in (label, *others)]
+    shared[alike] = probability[alike].sum() / (FIRST_CHOICE + len(others))
+    shared[label.column] *= FIRST_CHOICE
+    return shared
+
+
 def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...]) -> Array:
     """Posterior (7,) in which the label is not certain beside the indistinguishable ``others``: it has at
     most what is left of their probability if each has ``NOT_EXCLUDED`` times that of the label.

@@ -264,7 +264,6 @@ def weighed(
         best_rows=weights.best_rows,
         live_hypotheses=weights.live_hypotheses,
         outliers=state.outliers + tick.outliers,
-        label=STATES[int(np.argmax(weights.log_state_weight))],
         free_since=state.free_since if was_free else state.ticks,
         free_since_ns=state.free_since_ns if was_free else tick.start_ns,
         hazard_exposure=change.hazard_exposure,

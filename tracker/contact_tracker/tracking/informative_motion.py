@@ -172,7 +172,7 @@ def _unused(
     state: FilterState, fits: dict[Contact, _Fit], onset: int, label: Contact
 ) -> Iterator[InformativeMotion]:
     """The motion in the direction that the label leaves free and that was used least since its onset."""
-    window = state.window.pick(slice(state.window.index.searchsorted(onset), None))
+    window = state.window.since(onset)
     fit = fits.get(label)
     if fit is None or len(window) <= STRIDE_TICKS:
         return

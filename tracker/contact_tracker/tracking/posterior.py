@@ -16,7 +16,7 @@ from contact_tracker.hypotheses.observability import contact_geometry, element_e
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
@@ -41,6 +41,7 @@ def read_posterior(
     Of filters side by side, one ``tests_curvature``: whether free motion is on a curved surface.
     """
     belief = state_posterior(state, tick.stamp_ns)
+    state = state._replace(label=belief.contact)
     shared, learns = belief, _should_update_map(state, belief)
     if learns or detail >= Detail.SHARED:  # sharing never raises the label's probability
         if belief.contact is not Contact.FREE:
@@ -107,10 +108,31 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
     )
 
 
-def tempered_weights(state: FilterState) -> Array:
-    """The posterior (7,) by the weights of the states alone."""
+def label_posterior(state: FilterState) -> Array:
+    """The posterior (7,) by the weights of the states, the most probable of which is the label: one that may
+    agree with the motion by chance shares its probability with the first that does not."""
     weight = np.exp(state.log_state_weight - state.log_state_weight.max())
-    return ambiguity.tempered(weight, state.model.certainty.posterior_power)
+    probability = ambiguity.tempered(weight, state.model.certainty.posterior_power)
+    by_chance = list[Contact]()
+    for column in np.argsort(-probability):
+        label = STATES[int(column)]
+        if not may_agree_by_chance(state, label):
+            return ambiguity.shared_with(probability, label, by_chance)
+        by_chance.append(label)
+    return probability
+
+
+def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
+    """Whether ``label`` is a contact of one constraint, between elements of which nothing else is known, in
+    which the motion has not used the five directions that it leaves: those of a new vertex and a new plane
+    can be chosen so that they agree with any smooth motion in few directions (T24)."""
+    if label.codimension != 1:
+        return False
+    bank, row = state.banks[label.column], int(state.best_rows[label.column])
+    if bank.rows["prior_index"][row]:
+        return False
+    since = state.window.since(int(bank.rows["onset"][row]))
+    return used_directions(since) < DIRECTIONS - label.codimension
 
 
 def state_posterior(state: FilterState, stamp_ns: int) -> Belief:
@@ -118,7 +140,7 @@ def state_posterior(state: FilterState, stamp_ns: int) -> Belief:
 
     ``label_geometry`` adds the geometry, ``share_among_indistinguishable`` the ambiguity.
     """
-    probability = tempered_weights(state)
+    probability = label_posterior(state)
     label = STATES[int(np.argmax(probability))]
     onset_ns = state.free_since_ns
     if label is not Contact.FREE:
@@ -163,7 +185,7 @@ def _compared_since_onset(
     there were others."""
     onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
-    since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
+    since = state.window.since(onset)
     return rivals, since, onset < state.window.index[0]
 
 
@@ -175,9 +197,7 @@ def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[Fil
         belief = replace(belief, inseparable=others, p_restricted=ambiguity.CHANGED_AT_REST)
     if belief.inseparable or belief.is_open:
         how = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
-        belief = replace(
-            belief, probability=ambiguity.reported(tempered_weights(state), belief.contact, *how)
-        )
+        belief = replace(belief, probability=ambiguity.reported(label_posterior(state), belief.contact, *how))
     length = state.lag_history.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
     return state._replace(recent=recent, belief=belief), belief
@@ -199,9 +219,8 @@ def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sightin
     """What the best hypothesis of ``label``, a contact, says about its elements."""
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     one = bank.single(int(state.best_rows[label.column]))
-    first, window = int(one.onset[0]), state.window
-    since = window.pick(slice(window.index.searchsorted(first), None))
-    since = since.with_error(state.model.noise.extra_contact_variance[label.column])
+    first = int(one.onset[0])
+    since = state.window.since(first).with_error(state.model.noise.extra_contact_variance[label.column])
     estimate = element_estimate(one, contact, state.scales, since)
     return Sighting(first, state.ticks, estimate, int(one.onsets.onset_ns[0]), stamp_ns)
 

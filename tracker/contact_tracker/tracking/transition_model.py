@@ -90,9 +90,7 @@ def tick_transitions(model: Model, exposure: float) -> TickTransitions:
     if exposure > 1.0:
         return TickTransitions(_often(model, exposure, np.exp(stay)), stay)
     # without any exposure nothing changes
-    change = (
-        np.log(-np.expm1(stay))[:, None] + log_split if exposure else np.full_like(log_split, -np.inf)
-    )
+    change = np.log(-np.expm1(stay))[:, None] + log_split if exposure else np.full_like(log_split, -np.inf)
     change[FREE, FREE] = stay[FREE]
     return TickTransitions(change, stay)
 
