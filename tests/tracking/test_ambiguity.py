@@ -22,11 +22,13 @@ from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.observability import contact_geometry
 from contact_tracker.motion import lifted_pose
+from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window, used_directions
 from contact_tracker.outputs.text import describe, table
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.contact_filter import ContactFilter, forward, ticks_of
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.simulate import Scenario, simulate
@@ -343,3 +345,21 @@ def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digit
     true = exact_inverse(dual.T @ np.diag(exact(eigenvalues - 1.0)) @ dual + exact(prior)).astype(float)
     sd = np.sqrt(true.diagonal())
     np.testing.assert_allclose(found / np.outer(sd, sd), true / np.outer(sd, sd), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [6, 7])
+def test_a_smooth_carry_is_no_contact_with_something_new(seed):
+    """A new vertex and a new plane can be chosen so that they agree with it: that is not their evidence."""
+    rng, count, still = np.random.default_rng(seed), 150, 150
+    s = np.linspace(0.0, 1.0, count)
+    s = np.concatenate([np.zeros(still), 10 * s**3 - 15 * s**4 + 6 * s**5])[:, None]
+    end_m, axis = np.array([*rng.normal(scale=0.3, size=2), 0.0]), rng.normal(size=3)
+    position_m = s * end_m + 0.6 * s * (1.0 - s) * [0.0, 0.0, 1.0]
+    position_m[still:] += np.cumsum(rng.normal(scale=1e-4, size=(count, 3)), axis=0)
+    turn = Rotation.from_rotvec(s * axis * 0.8 / np.linalg.norm(axis))
+    noise = Rotation.from_rotvec(rng.normal(scale=1.5e-3, size=(len(s), 3)))
+    position_m += rng.normal(scale=2e-4, size=position_m.shape)
+    poses = Poses(np.arange(len(s)) * 10_000_000, position_m, (noise * turn).as_quat())
+    labels = [one.belief.contact for one in forward(ticks_of([poses], MODEL), ContactFilter.start(MODEL))]
+    assert Contact.FREE in labels
+    assert not {one for one in labels if one.codimension == 1}

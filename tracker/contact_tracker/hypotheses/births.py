@@ -228,7 +228,7 @@ class TickInput(NamedTuple):
     before: Window
     """The window before this tick."""
     hazard_exposure: float
-    """(7,) exposure of each state to a change, in ticks of motion."""
+    """Exposure to change, in ticks of motion."""
     log_transition: Array
     """(7, 7) log probabilities of a change before the tick, from row to column."""
     log_survival: Array

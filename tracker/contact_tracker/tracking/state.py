@@ -82,7 +82,7 @@ class FilterState(NamedTuple):
     curved: CurvedMotion = NO_CURVED_MOTION
     """The last test of free motion for a curved surface."""
     hazard_exposure: float = 0.0
-    """Exposure (7,) of each state to change at the last boundary, in ticks of motion."""
+    """Exposure to change at the last boundary, in ticks of motion."""
     log_transition: Array = _constant(np.zeros((len(STATES), len(STATES))))
     """(7, 7) log probabilities of change at that boundary, from row to column."""
     log_normaliser: float = 0.0

@@ -28,7 +28,7 @@ class RecordedPass:
     start_ns: list[int] = field(default_factory=list)
     newest: list[Window] = field(default_factory=list)
     frames: list[int] = field(default_factory=list)
-    exposures: list[Array] = field(default_factory=list)
+    exposures: list[float] = field(default_factory=list)
     change: list[Array] = field(default_factory=list)
     entry: list[Array] = field(default_factory=list)
     alive: list[LiveHypotheses] = field(default_factory=list)
@@ -58,7 +58,7 @@ class RecordedPass:
 
     @property
     def exposure(self) -> Array:
-        """Exposure to change of each state at the boundary before each tick (T, 7), in ticks of motion.
+        """Exposure to change at the boundary before each tick (T,), in ticks of motion.
 
         Exposure that is deferred at the end of the recording is missing. It has no effect, since no data
         follow.

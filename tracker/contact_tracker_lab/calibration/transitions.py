@@ -56,8 +56,8 @@ class Expected(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class KnownStates:
     """``label`` (T,) column of the true state of each tick, or ``UNKNOWN``; ``exposure`` (T,) to change at
-    the boundary before each tick, in ticks of motion, or (T, 7) of each state. A change at the end of a rest
-    counts as one by motion (``transition_model.LEFT_AFTER_REST``)."""
+    the boundary before each tick, in ticks of motion. A change at the end of a rest counts as one by motion
+    (``transition_model.LIFTED_AFTER_REST``)."""
 
     label: Ints
     exposure: Array
@@ -206,7 +206,7 @@ def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -
     changes = np.zeros((len(STATES), len(STATES)))
     for chain, e in zip(chains, expected, strict=True):
         # without any exposure nothing has changed
-        h = np.maximum(model.tick_s * np.broadcast_to(chain.exposure.T, e.stays.T.shape).T, LEAST_EXPOSURE_S)
+        h = np.maximum(model.tick_s * chain.exposure, LEAST_EXPOSURE_S)[:, None]
         begins += e.begins
         changes += e.changes.sum(axis=0)
         left_after = 1.0 / rate - h / np.expm1(rate * h)
