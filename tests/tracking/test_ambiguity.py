@@ -347,7 +347,7 @@ def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digit
     np.testing.assert_allclose(found / np.outer(sd, sd), true / np.outer(sd, sd), atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", [6, 7])
+@pytest.mark.parametrize("seed", [10, 11])
 def test_a_smooth_carry_is_no_contact_with_something_new(seed):
     """A new vertex and a new plane can be chosen so that they agree with it: that is not their evidence."""
     rng, count, still = np.random.default_rng(seed), 150, 150
