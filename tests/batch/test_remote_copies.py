@@ -163,7 +163,6 @@ def address() -> Iterator[str]:
 @pytest.mark.parametrize("folder", ["logs", "logs/"])
 def test_nothing_outside_of_a_folder_on_the_web_is_read(address: str, folder: str) -> None:
     files = remote.files_in(f"{address}/{folder}")
-    assert files is not None
     assert {name.removeprefix(address) for name in files} == {f"/logs/{name}.mcap" for name in "ade"}
     for name in ("a", "e"):
         with remote.local_copy(f"{address}/logs/{name}.mcap", f"{address}/{folder}") as copy:

@@ -415,7 +415,6 @@ def test_subtitles_follow_each_other_as_segments_do(folder: Path, result: contac
         index, times, text, *_ = block.split("\n")
         assert int(index) == number
         found = re.fullmatch(r"(\d\d):(\d\d):(\d\d),(\d{3}) --> (\d\d):(\d\d):(\d\d),(\d{3})", times)
-        assert found is not None
         h, m, s, ms, h2, m2, s2, ms2 = map(int, found.groups())
         assert h * 3600_000 + m * 60_000 + s * 1000 + ms == (segment.start_ns - origin_ns) // 10**6
         assert h2 * 3600_000 + m2 * 60_000 + s2 * 1000 + ms2 == (segment.end_ns - origin_ns) // 10**6

@@ -73,13 +73,10 @@ def test_elements_are_in_the_users_body_frame(expected: ct.Result, away_m: float
     same = found.beliefs.rows["contact"] == expected.beliefs.rows["contact"]
     assert same.mean() > 0.99
     faces = found.segments[0].geometry
-    assert faces is not None
     assert faces.has_open_offset == (True, True)
     height_m = poses.position_m[100:500] @ faces.environment.normal - faces.environment.offset_m
     assert np.abs(height_m).max() < 0.02 * max(away_m, 0.3)  # the face is as if through the body's origin
     before, after = (one.segments[-1].geometry for one in (expected, found))
-    assert before is not None
-    assert after is not None
     edge, again = shifted(before.object, -aside), after.object
     assert isinstance(edge, Line)
     assert isinstance(again, Line)
@@ -92,7 +89,6 @@ def test_online_it_is_found_within_the_first_poses() -> None:
     """Also where elements of the object are given, which are in the user's body frame."""
     aside = np.array([0.5, -0.4, 0.3])
     truth = recorded(FACE_TO_EDGE).truth.intervals[-1].geometry
-    assert truth is not None
     assert isinstance(truth.object, Line)
     labels = list[list[str]]()
     for away_m in (np.zeros(3), aside):
@@ -105,6 +101,5 @@ def test_online_it_is_found_within_the_first_poses() -> None:
         labels.append([one.contact.value for one in known_ticks])
         assert all(a.stamp_ns < b.stamp_ns for a, b in pairwise(known_ticks))
         last = known_ticks[-1]
-        assert last.geometry is not None
         assert last.geometry.object.name == "line 1"
     assert np.mean([a == b for a, b in zip(*labels, strict=True)]) > 0.95

@@ -295,6 +295,5 @@ def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) ->
     log = open_log(str(tmp_path / "a.mcap"))
     assert len(Poses.collect(log)) == (len(POSES) + 1) // 2
     assert log.counts == {"undecodable": len(POSES) // 2}
-    assert log.damage is not None
     assert "messages that take longer to decode" in log.damage
     assert "write it without compression" in log.damage

@@ -51,7 +51,6 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
 def test_the_command_of_a_system_reads_its_export(tmp_path: Path, system: str) -> None:
     row = next(line for line in PAGE.read_text().splitlines() if line.startswith(f"| {system} |"))
     found = re.search(r"`contact-tracker (segment [^`]+)`", row)
-    assert found is not None
     _, name, *options = shlex.split(found[1])
     SYSTEMS[system](tmp_path / name)
     assert_read(tmp_path / name, *(option.replace("30Hz", "200Hz") for option in options))

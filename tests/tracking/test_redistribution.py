@@ -104,12 +104,10 @@ def test_only_states_left_open_by_motion_are_decided_among() -> None:
     assert decide_by_wrenches(Contact.FF, (), evidence(VF=1e3)) == (Contact.FF, (), None)
     label, others, share = decide_by_wrenches(Contact.FF, (Contact.EF, Contact.VF), evidence(VF=9.0, EF=7.0))
     assert (label, others) == (Contact.VF, (Contact.EF,))
-    assert share is not None
     assert share.sum() == pytest.approx(1.0)
     assert share[Contact.EF.column] == pytest.approx(share[Contact.VF.column] * np.exp(-2.0))
     label, _, share = decide_by_wrenches(Contact.FF, (Contact.EF,), evidence(EE=1e4))  # excluded by motion
     assert label is Contact.FF
-    assert share is not None
     assert share[Contact.EE.column] == 0.0
     assert share[Contact.FF.column] == pytest.approx(
         2.0 / 3.0
