@@ -78,8 +78,6 @@ def test_elements_are_in_the_users_body_frame(expected: ct.Result, away_m: float
     assert np.abs(height_m).max() < 0.02 * max(away_m, 0.3)  # the face is as if through the body's origin
     before, after = (one.segments[-1].geometry for one in (expected, found))
     edge, again = shifted(before.object, -aside), after.object
-    assert isinstance(edge, Line)
-    assert isinstance(again, Line)
     off = again.point_m - edge.point_m
     assert np.linalg.norm(off - edge.direction * (edge.direction @ off)) < 0.004
     assert abs(before.environment.normal @ after.environment.normal) > np.cos(np.radians(1.0))
@@ -89,11 +87,9 @@ def test_online_it_is_found_within_the_first_poses() -> None:
     """Also where elements of the object are given, which are in the user's body frame."""
     aside = np.array([0.5, -0.4, 0.3])
     truth = recorded(FACE_TO_EDGE).truth.intervals[-1].geometry
-    assert isinstance(truth.object, Line)
     labels = list[list[str]]()
     for away_m in (np.zeros(3), aside):
         edge = shifted(truth.object, -away_m)
-        assert isinstance(edge, Line)
         line = {"point_m": edge.point_m.tolist(), "direction": edge.direction.tolist()}
         tracker = ct.Tracker(known={"object": {"line": [line]}})
         beliefs = [tracker.update(*pose) for pose in recorded(FACE_TO_EDGE).poses.of_point(away_m)]
