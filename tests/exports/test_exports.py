@@ -30,7 +30,7 @@ from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, dec
 from contact_tracker.exports.figure import _draw_parts, _view_of, draw_on, write_name
 from contact_tracker.exports.formats import ROWS, _tex, rows_of, write_outcome
 from contact_tracker.exports.saved_result import RESULT
-from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.paper import window_curves
@@ -223,7 +223,6 @@ def test_both_forms_of_elements_are_equivalent() -> None:
     assert (line["type"], point["type"], flat(None)["type"]) == ("edge", "vertex", "none")
     assert point["point_sd_m"] == [None] * 3
     assert [values.keys(), line.keys(), point.keys()] == [flat(None).keys()] * 3
-    assert set(TYPES) == {"none", "face", "edge", "vertex"}
 
 
 def test_mcap_has_the_recording_and_what_foxglove_draws(

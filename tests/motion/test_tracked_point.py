@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import contact_tracker as ct
 from contact_tracker.adaptation.filter_bank import RATIO_POSES
-from contact_tracker.geometry.elements import Line, shifted
+from contact_tracker.geometry.elements import shifted
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
 from short_recordings import FACE_TO_EDGE, recorded
