@@ -355,27 +355,6 @@ def test_a_pipe_gives_poses_while_it_is_being_filled(tmp_path: Path) -> None:
     assert log.damage is None
 
 
-def test_a_growing_file_is_followed_to_its_end(tmp_path: Path) -> None:
-    poses = smooth_poses(600)
-    data = write_log(tmp_path / "a.mcap", [poses_topic(poses)], use_chunking=False).read_bytes()
-    growing = tmp_path / "growing.mcap"
-    growing.touch()
-
-    def grow() -> None:
-        with growing.open("ab", buffering=0) as file:
-            for block in np.array_split(np.frombuffer(data, np.uint8), 40):
-                file.write(block.tobytes())
-                time.sleep(0.005)
-
-    thread = threading.Thread(target=grow)
-    thread.start()
-    log = open_log(str(growing), follow=Follow(poll_s=0.002))
-    found = Poses.collect(log)
-    thread.join()
-    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
-    assert log.damage is None
-
-
 def test_following_stops_when_the_caller_says_so(tmp_path: Path) -> None:
     poses = smooth_poses(600)
     path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], use_chunking=False)
