@@ -58,7 +58,6 @@ def paper() -> Poses:
 
 def accuracies(poses: Poses, found) -> tuple[float, float]:
     truth = read_truth(str(SHIPPED / "paper_experiment.mcap"))
-    assert truth is not None
     scores = evaluate(poses, truth, found)
     return scores.offline.accuracy(), scores.online.accuracy()
 

@@ -49,7 +49,6 @@ def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong() -> None:
     assert texts[0].startswith("--up does not fit the motion")
     assert "\n" not in texts[0]
     truth = read_truth(str(SHIPPED / f"{name}.mcap"))
-    assert truth is not None
     scores = evaluate(poses, truth, found)
     assert scores.offline.sure_wrong == 0.0
     assert scores.online.sure_wrong < 0.01, "before it is reported"

@@ -293,7 +293,6 @@ def test_covariances_include_systematic_errors(kind: JointKind) -> None:
         place = window.zeta[:, T].mean(axis=0)
         for i, known in enumerate((model.systematic, errors)):
             found = find_joint(window, scales, [], 1, known)
-            assert found is not None
             joint = joint_of(found, 1.0, place, Origins.zero())
             true = (
                 Point(frames.world_point_m)

@@ -140,7 +140,6 @@ def test_free_motion_at_the_start_is_known_by_its_missing_force(contact: Contact
     phases = tuple(Phase(one, 4.5) for one in (contact, Contact.VF, Contact.FREE, Contact.EF))
     scenario = Scenario(phases, rate_hz=100.0, has_wrench=True, object="box", surroundings="block")
     made, model = simulate(scenario, 1), load_model()
-    assert made.wrenches is not None
     evidence, _ = wrench_evidence(made.poses, made.wrenches, model)
     assert evidence.shows_contact_at_start() is not is_free
     found = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))

@@ -23,7 +23,6 @@ MOST_M = 0.03
 def evidence_of(made: Pressed) -> WrenchEvidence:
     ticks = average(made.poses, made.wrenches.valid, made.tick_ns)
     load = estimate_load(ticks, made.is_free, made.is_free.astype(float))
-    assert load is not None
     return WrenchEvidence(contact_wrenches(ticks, load))
 
 
@@ -72,7 +71,6 @@ def test_forces_act_through_the_elements_that_touch(contact: Contact, disturbed:
     for seed in range(5):
         made, found = seen(contact, seed, disturbed)
         for element, true in zip(found.elements[contact], (made.object, made.surroundings), strict=True):
-            assert element is not None
             off, sd = deviation(element, true)
             assert off < 3.0 * sd
             assert sd < (MOST_M if isinstance(element, Point) else MOST_RAD)
