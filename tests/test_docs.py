@@ -120,7 +120,6 @@ def counted_kinds() -> set[str]:
         "motion/pose_validation.py",
         "motion/stamp_order.py",
         "motion/excursions.py",
-        "motion/excursions.py",
         "recording/log.py",
         "recording/transforms.py",
     ):
