@@ -43,7 +43,7 @@ def tracked(poses: Poses, known_map: Map) -> tuple[list[str], Segmentation]:
 @needs_kernels
 def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong() -> None:
     name = "robot_1khz"
-    poses = poses_of(name)[:6000]
+    poses = poses_of(name)
     texts, found = tracked(poses, up([1.0, 0.0, 0.0]))
     assert len(texts) == 1
     assert texts[0].startswith("--up does not fit the motion")
