@@ -8,6 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import nbclient
+import nbformat
 import pytest
 
 import document
@@ -100,8 +102,6 @@ def test_the_page_on_batches_names_every_column() -> None:
 @pytest.mark.long
 def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """In a separate kernel, in its folder; it shows a table and a figure."""
-    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
-    pytest.importorskip("ipykernel")
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tracker"))
     notebook = nbformat.read(EXAMPLES / "first_steps.ipynb", as_version=4)
     resources = {"metadata": {"path": str(EXAMPLES)}}
@@ -119,7 +119,6 @@ def counted_kinds() -> set[str]:
     for name in (
         "motion/pose_validation.py",
         "motion/stamp_order.py",
-        "motion/excursions.py",
         "motion/excursions.py",
         "recording/log.py",
         "recording/transforms.py",

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth, write_recording
@@ -81,7 +82,7 @@ def write_samples(name: str, folder: Path) -> None:
         write_recording(str(folder / "LOG"), recorded(3.0), None, {})
         (toml, *_) = re.findall(r"^```toml\n(.*?)^```$", page(name), re.MULTILINE | re.DOTALL)
         (folder / "bench.toml").write_text(toml, encoding="utf-8")
-        pytest.importorskip("trimesh").creation.box((100.0, 100.0, 100.0)).export(folder / "part.stl")
+        trimesh.creation.box((100.0, 100.0, 100.0)).export(folder / "part.stl")
 
 
 def write_beginnings(folder: Path, *names: str) -> None:
@@ -104,7 +105,6 @@ def test_the_page_on_the_paper_is_the_output_of_its_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Except for numbers, which differ with fewer and shorter recordings."""
-    pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(DOCS / "examples"))
     import paper
     import paper_replication
@@ -131,7 +131,6 @@ def test_the_gallery_says_what_was_not_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Of nothing that is found, and of a file with another content, beside the page as it is."""
-    pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(DOCS / "examples"))
     import gallery
 
@@ -158,7 +157,6 @@ def test_the_gallery_says_what_was_not_run(
 
 @pytest.mark.long
 def test_the_pictures_of_the_contacts_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(DOCS / "examples"))
     import contact_pictures
 
@@ -176,8 +174,6 @@ def test_every_page_is_in_the_navigation() -> None:
 
 
 def test_formulas_become_mathml(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("mkdocs")
-    pytest.importorskip("latex2mathml")
     monkeypatch.syspath_prepend(str(DOCS))
     import mkdocs_hooks
 
@@ -191,7 +187,6 @@ def test_formulas_become_mathml(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_descriptions_of_parameters_are_no_types(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("griffe")
     monkeypatch.syspath_prepend(str(DOCS))
     import docstring_descriptions
 

@@ -58,7 +58,6 @@ def paper() -> Poses:
 
 def accuracies(poses: Poses, found) -> tuple[float, float]:
     truth = read_truth(str(SHIPPED / "paper_experiment.mcap"))
-    assert truth is not None
     scores = evaluate(poses, truth, found)
     return scores.offline.accuracy(), scores.online.accuracy()
 
@@ -85,8 +84,6 @@ def test_a_contact_that_changes_in_a_long_gap_does_so_in_its_middle() -> None:
     found = segmenting.segment(poses[(time_s < gap_s[0]) | (time_s > gap_s[1])], MODEL)
     assert [one.contact for one in found.segments] == [one.contact for one in whole.segments]
     for one, other in zip(found.segments[1:3], whole.segments[1:3], strict=True):
-        assert one.geometry is not None
-        assert other.geometry is not None
         assert np.linalg.norm(one.geometry.object.point_m - other.geometry.object.point_m) < 0.004
     change_s = (found.segments[2].start_ns - poses.stamp_ns[0]) / 1e9
     assert gap_s[0] - 0.5 < change_s < gap_s[1]  # the ticks before it fit both
@@ -270,7 +267,6 @@ def test_correlated_errors_are_found_by_the_evidence() -> None:
     moved = replace(poses, position_m=position, quat_xyzw=turned(poses, turn))
     tracked = OfflineTracker(MODEL)
     found = Segmentation.join(list(tracked.pieces(moved)))
-    assert tracked.report is not None
     assert tracked.report.lasting[0] == pytest.approx(lasting_m, rel=0.6)
     offline, _ = accuracies(poses, found)
     assert offline > 0.9
@@ -284,7 +280,6 @@ def test_contacts_are_found_in_few_poses() -> None:
     tracked = OfflineTracker(MODEL)
     found = Segmentation.join(list(tracked.pieces(poses)))
     assert accuracies(poses, found)[0] > 0.9
-    assert tracked.report is not None
     assert tracked.report.chosen.noise.estimate_share < 1.0
 
 
@@ -311,7 +306,6 @@ def test_a_tick_has_more_than_one_pose(rate_hz: float, tick_s: float) -> None:
     assert with_ticks_for(MODEL, 1.0 / rate_hz).tick_s == pytest.approx(tick_s)
     poses = moving(np.random.default_rng(1), 30.0 / rate_hz, rate_hz, 3e-4, 3e-3)
     state, _ = as_values.finish(as_values.advance(as_values.start(MODEL), poses)[0])
-    assert state.best is not None
     assert state.best.model.tick_s == pytest.approx(tick_s)
 
 
@@ -376,13 +370,10 @@ def test_the_tracker_with_the_best_evidence_remains() -> None:
             white = [one.state.model for one in before.filters.filters if not one.state.model.correlation]
             floors = [model.noise.floor_position_m for model in white]
             assert floors == sorted(floors)
-    assert state.best is not None
     assert state.best.model.noise.floor_position_m > MODEL.noise.floor_position_m
     given = replace(MODEL.with_noise(3e-4, 2.6e-3), name="given")
     known, _ = as_values.advance(as_values.start(given), recorded(FACE_TO_EDGE).poses)
     assert known.is_decided
-    assert known.best is not None
-    assert known.filters.grid is not None
     assert known.filters.grid.last.noise.sigma_position_m == pytest.approx(3e-4)
     assert given == known.best.model
 
@@ -445,7 +436,6 @@ def test_ticks_follow_a_lasting_change_of_the_rate() -> None:
     assert period_for_all_s(slow_start.stamp_ns, MODEL) == pytest.approx(0.005)
     later_ns = poses.stamp_ns[-1] + 500_000_000 * np.arange(1, 15)
     state, _ = as_values.advance(state, replace(poses[:14], stamp_ns=later_ns), Detail.WEIGHTS)
-    assert state.best is not None
     assert state.best.model.tick_s == pytest.approx(0.5 * MODEL.poses_per_tick)
 
 

@@ -163,7 +163,6 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
         np.testing.assert_allclose(first.beliefs.probability, other.beliefs.probability, atol=1e-9)
     with pytest.raises(UsageError, match="known is a file, a table of its keys or a Map, not 3"):
         contact_tracker.segment(short, known=3)
-    assert first.report is not None
     assert first.report.noise == pytest.approx((3e-4, np.radians(0.15)))
 
 

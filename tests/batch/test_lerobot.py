@@ -5,6 +5,7 @@ import json
 from unittest.mock import patch
 
 import numpy as np
+import pandas
 import pyarrow
 import pytest
 from pyarrow.parquet import read_table, write_table
@@ -68,7 +69,6 @@ def test_poses_of_an_episode(simulated, tmp_path, version, names, euler, reading
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
 def test_a_copy_has_the_contacts_of_its_frames(simulated, outcome, tmp_path, version) -> None:
     """The source is as before, and what else there is copied."""
-    pandas = pytest.importorskip("pandas")
     source = write_data_set(tmp_path / "data", [simulated], version)
     before = content(source)
     copy = tmp_path / "copy"

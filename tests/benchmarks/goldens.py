@@ -11,7 +11,6 @@ outputs and times of the other build are kept in its folder, ``answers``.
 """
 
 import argparse
-import csv
 import json
 import os
 import subprocess
@@ -24,7 +23,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 RUNS: Final = {
-    "segments": ("segment", "-o", "{out}.csv"),
+    "segments": ("segment", "--rows", "segments", "-o", "{out}.jsonl"),
     "smoothed": ("segment", "-o", "{out}.jsonl"),
     "filtered": ("live", "--json"),
     "lagged": ("live", "--json", "--lag", "0.5"),
@@ -71,9 +70,10 @@ def kept(folder: Path, name: str, log: Path) -> tuple[str, float]:
     return text, cpu_s
 
 
-def difference(name: str, one: str, other: str) -> Difference:
-    """The difference of two outputs of one run."""
-    pairs = list(zip_longest(rows_of(name, one), rows_of(name, other), fillvalue=dict[str, Any]()))
+def difference(one: str, other: str) -> Difference:
+    """The difference of two outputs of one run: lines of JSON, of ticks or segments."""
+    rows = ([dict(_flat("", json.loads(line))) for line in text.splitlines()] for text in (one, other))
+    pairs = list(zip_longest(*rows, fillvalue=dict[str, Any]()))
     labels, probability, numbers = 0, 0.0, 0.0
     for left, right in pairs:
         same = all(left.get(key) == right.get(key) for key in ("contact", "stamp_ns", "start_ns", "end_ns"))
@@ -89,27 +89,13 @@ def difference(name: str, one: str, other: str) -> Difference:
     return Difference(len(pairs), labels, probability, numbers)
 
 
-def rows_of(name: str, text: str) -> Iterator[dict[str, Any]]:
-    """Ticks or segments; nested keys joined with dots, numbers as numbers."""
-    if name != "segments":
-        yield from (dict(_flat("", json.loads(line))) for line in text.splitlines())
-    for row in csv.DictReader(text.splitlines()) if name == "segments" else ():
-        yield dict(_flat("", {key: _read(cell) for key, cell in row.items()}))
-
-
 def _flat(key: str, value: object) -> Iterator[tuple[str, Any]]:
+    """Nested keys joined with dots, numbers as numbers."""
     if isinstance(value, dict | list):
         for name, inner in value.items() if isinstance(value, dict) else enumerate(value):
             yield from _flat(f"{key}.{name}".lstrip("."), inner)
     else:
         yield key, value if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
-
-
-def _read(cell: str) -> object:
-    try:
-        return json.loads(cell)
-    except ValueError:
-        return cell
 
 
 def main() -> int:
@@ -133,7 +119,7 @@ def main() -> int:
                 run(here, name, log, args.folder / "answers" / "run"),
             )
             ratios.append(new_s / old_s)
-            found = difference(name, old, new)
+            found = difference(old, new)
             wrong = found.labels > 0 or found.probability > within
             failed |= wrong
             if old != new:

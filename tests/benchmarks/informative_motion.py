@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 
 RATE_HZ: Final = 100
 FIRST_S, LONGEST_S = 3, 20
+TOUCHING: Final = 1e-12
+"""Elements whose residuals are smaller touch."""
 STRATEGIES: Final = ("suggested", "random")
 COLUMNS: Final = ("contact", "moves", "runs", "decided", "median, s", "mean, s")
 
@@ -76,7 +78,10 @@ class Held(NamedTuple):
         """After a twist (6,), and brought back into contact."""
         one = self._displaced(twist)
         for _ in range(20):
-            one = one._displaced(-np.linalg.pinv(one.jacobian()) @ one.residual())
+            residual = one.residual()
+            if np.abs(residual).max() < TOUCHING:
+                break
+            one = one._displaced(-np.linalg.pinv(one.jacobian()) @ residual)
         return one
 
     def _displaced(self, twist: Array) -> "Held":

@@ -34,23 +34,22 @@ def poses_of(name: str) -> Poses:
     return gate(shipped(name))
 
 
-def tracked(name: str, known_map: Map) -> tuple[list[str], Segmentation]:
+def tracked(poses: Poses, known_map: Map) -> tuple[list[str], Segmentation]:
     tracker = OfflineTracker(MODEL, known_map)
-    found = Segmentation.join(list(tracker.pieces(poses_of(name))))
-    assert tracker.report is not None
+    found = Segmentation.join(list(tracker.pieces(poses)))
     return [one.text for one in tracker.report.findings if one.kind == "knowledge"], found
 
 
 @needs_kernels
 def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong() -> None:
     name = "robot_1khz"
-    texts, found = tracked(name, up([1.0, 0.0, 0.0]))
+    poses = poses_of(name)
+    texts, found = tracked(poses, up([1.0, 0.0, 0.0]))
     assert len(texts) == 1
     assert texts[0].startswith("--up does not fit the motion")
     assert "\n" not in texts[0]
     truth = read_truth(str(SHIPPED / f"{name}.mcap"))
-    assert truth is not None
-    scores = evaluate(poses_of(name), truth, found)
+    scores = evaluate(poses, truth, found)
     assert scores.offline.sure_wrong == 0.0
     assert scores.online.sure_wrong < 0.01, "before it is reported"
 
@@ -58,7 +57,7 @@ def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong() -> None:
 @pytest.mark.long
 @needs_kernels
 def test_a_correct_direction_is_not_reported() -> None:
-    texts, found = tracked("vision_30hz", up([*UP[:2], UP[2] + 0.03]))  # a degree and more off
+    texts, found = tracked(poses_of("vision_30hz"), up([*UP[:2], UP[2] + 0.03]))  # a degree and more off
     assert texts == []
     assert found.beliefs.probability.max(axis=1).mean() > 0.8
 
@@ -88,7 +87,6 @@ def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edg
     normal = np.array([0.0, -0.6, 0.8])
     tracker = OfflineTracker(MODEL, up(list(normal)))
     assert list(tracker.pieces(tilting(np.random.default_rng(0), normal)))
-    assert tracker.report is not None
     assert [one.text for one in tracker.report.findings if one.kind == "knowledge"] == []
 
 
@@ -103,7 +101,6 @@ def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, f
     known = map_from({"environment": {"plane": [table]}, "object": {"box": box}})
     tracker = OfflineTracker(MODEL, known)
     found = Segmentation.join(list(tracker.pieces(slid_and_tilted(np.random.default_rng(0), size_m))))
-    assert tracker.report is not None
     assert (tracker.report.findings == ()) == fits, tracker.report.findings
     assert (found.beliefs.probability.max() > 0.9) == fits
 

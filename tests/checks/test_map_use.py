@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from checked_stream import stream_of
-from contact_tracker.api import Trajectory, read, segment
+from contact_tracker.api import Trajectory, segment
 from contact_tracker.api.learned_map import map_of
 from contact_tracker.checks import map_use
 from contact_tracker.checks.map_use import FaceNameDelay, MapUse
@@ -13,7 +13,7 @@ from contact_tracker.map.file import map_from
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
-from short_recordings import SHIPPED, shipped
+from short_recordings import shipped
 
 TABLE = {"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.5}]}}
 CORNER = {"object": {"point": [{"point_m": [0.1, 0.0, 0.0], "name": "tip"}]}}
@@ -126,9 +126,9 @@ def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
 
 
 def test_it_is_a_warning_of_a_recording():
-    robot = read(SHIPPED / "robot_1khz.mcap")[:5]
+    sliding = Trajectory(shipped("paper_experiment")[3000:4200:2])
     (line,) = segment(
-        robot, known={"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 9.0}]}}
+        sliding, known={"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 9.0}]}}
     ).warnings
     assert "no contact confirms what is given of the surroundings (plane 1)" in line
 

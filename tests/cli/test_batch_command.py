@@ -13,6 +13,7 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import fsspec
 import pytest
 from pyarrow import parquet
 
@@ -129,7 +130,8 @@ def test_an_interrupt_ends_it_in_order(logs: Path, whole: dict[str, bytes], tmp_
 
 @pytest.mark.long
 def test_a_cluster_makes_the_same_dataset(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
+    import distributed  # takes time to load
+
     with (
         pytest.MonkeyPatch.context() as patch,
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
@@ -247,7 +249,6 @@ def served(folder: Path) -> Iterator[tuple[str, list[str]]]:
 @pytest.mark.long
 def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
     """A server without versions of files: each run reads them, and finds them unchanged."""
-    pytest.importorskip("aiohttp")
     write_recordings(tmp_path / "logs", 2)
     with served(tmp_path / "logs") as (address, asked):
         for expected in ("2 new or changed, 0 unchanged", "0 new or changed, 2 unchanged"):
@@ -273,7 +274,6 @@ def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
 
 def test_recordings_are_read_from_a_store_with_versions(tmp_path: Path) -> None:
     """Those that are as they were are not read again; a folder with its metadata is one recording."""
-    fsspec = pytest.importorskip("fsspec")
     store = fsspec.filesystem("memory")
     for path in write_recordings(tmp_path / "logs", 2):
         store.pipe(f"/bucket/logs/{path.name}", path.read_bytes())

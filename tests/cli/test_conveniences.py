@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 from pyarrow import parquet
 
 from command_line import PIPE, ROOT, run, shown_on_a_terminal, started
@@ -34,7 +35,6 @@ def test_without_arguments_there_is_help_and_it_is_no_success() -> None:
 
 
 def test_a_shell_completes_commands_and_options() -> None:
-    pytest.importorskip("shtab")
     done = run("--print-completion", "bash")
     assert done.returncode == 0, done.stderr
     script = done.stdout + (
@@ -104,11 +104,10 @@ def test_a_report_has_what_was_warned_of_before_the_first_pose(log: Path, tmp_pa
 
 
 def test_standard_input_gives_result_channels_alone(log: Path, tmp_path: Path) -> None:
-    reader = pytest.importorskip("mcap.reader")
     done = run("segment", "-", "-o", tmp_path / "out.mcap", stdin=log.read_bytes())
     assert done.returncode == 0, done.stderr
     with (tmp_path / "out.mcap").open("rb") as file:
-        topics = {channel.topic for channel in reader.make_reader(file).get_summary().channels.values()}
+        topics = {channel.topic for channel in make_reader(file).get_summary().channels.values()}
     assert topics == {"/contact/belief", "/contact/frames", "/contact/scene"}
 
 

@@ -17,8 +17,12 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
+from matplotlib import pyplot
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 from pyarrow import parquet
 from pyarrow.json import read_json
 from scipy.spatial.transform import Rotation
@@ -30,7 +34,7 @@ from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS, dec
 from contact_tracker.exports.figure import _draw_parts, _view_of, draw_on, write_name
 from contact_tracker.exports.formats import ROWS, _tex, rows_of, write_outcome
 from contact_tracker.exports.saved_result import RESULT
-from contact_tracker.geometry.elements import TYPES, ContactGeometry, Line, Plane, Point, Unobserved, flat
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.paper import window_curves
@@ -45,6 +49,7 @@ from forged_states import forge
 from mcap_logs import Topic, poses_topic, write_log
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, recorded
 
+matplotlib.use("Agg")
 ROOT = Path(__file__).resolve().parents[2]
 LOG_OFFSET_NS = 12_000_000
 
@@ -168,7 +173,6 @@ def test_rows_are_those_that_are_asked_for_in_each_table(
 def test_data_frames_of_both_libraries_are_equal_with_one_schema(
     result: contact_tracker.Result, poses: Poses, rows: Any
 ) -> None:
-    pytest.importorskip("pandas")
     pandas_table, arrow_table = result.to_pandas(rows), result.to_arrow(rows)
     assert list(pandas_table.columns) == arrow_table.column_names
     assert list(pandas_table["decided"]) == list(pandas_table["contact"])
@@ -223,16 +227,13 @@ def test_both_forms_of_elements_are_equivalent() -> None:
     assert (line["type"], point["type"], flat(None)["type"]) == ("edge", "vertex", "none")
     assert point["point_sd_m"] == [None] * 3
     assert [values.keys(), line.keys(), point.keys()] == [flat(None).keys()] * 3
-    assert set(TYPES) == {"none", "face", "edge", "vertex"}
 
 
 def test_mcap_has_the_recording_and_what_foxglove_draws(
     folder: Path, log: Path, result: contact_tracker.Result
 ) -> None:
-    reader = pytest.importorskip("mcap.reader")
-    protobuf = pytest.importorskip("mcap_protobuf.decoder")
-    before = [(c.topic, m.log_time, m.data) for _, c, m in reader.make_reader(log.open("rb")).iter_messages()]
-    out = reader.make_reader((folder / "out.mcap").open("rb"), decoder_factories=[protobuf.DecoderFactory()])
+    before = [(c.topic, m.log_time, m.data) for _, c, m in make_reader(log.open("rb")).iter_messages()]
+    out = make_reader((folder / "out.mcap").open("rb"), decoder_factories=[DecoderFactory()])
     found = list(out.iter_messages())
     ours = ("/contact/belief", "/contact/frames", "/contact/map", "/contact/scene", "/contact/task_frame")
     assert [(c.topic, m.log_time, m.data) for _, c, m in found if c.topic not in ours] == before
@@ -415,7 +416,6 @@ def test_subtitles_follow_each_other_as_segments_do(folder: Path, result: contac
         index, times, text, *_ = block.split("\n")
         assert int(index) == number
         found = re.fullmatch(r"(\d\d):(\d\d):(\d\d),(\d{3}) --> (\d\d):(\d\d):(\d\d),(\d{3})", times)
-        assert found is not None
         h, m, s, ms, h2, m2, s2, ms2 = map(int, found.groups())
         assert h * 3600_000 + m * 60_000 + s * 1000 + ms == (segment.start_ns - origin_ns) // 10**6
         assert h2 * 3600_000 + m2 * 60_000 + s2 * 1000 + ms2 == (segment.end_ns - origin_ns) // 10**6
@@ -423,8 +423,6 @@ def test_subtitles_follow_each_other_as_segments_do(folder: Path, result: contac
 
 
 def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result) -> None:
-    pytest.importorskip("matplotlib").use("Agg")
-    pyplot = pytest.importorskip("matplotlib.pyplot")
     *known, posterior, paper = result.plot(curves=True).axes
     for side, axes in enumerate(known):
         assert [text.get_text() for text in axes.texts] == [
@@ -477,7 +475,6 @@ def test_no_face_or_edge_is_seen_from_its_side() -> None:
 def test_a_users_labels_are_shown_above_those_that_are_found(
     result: contact_tracker.Result, tmp_path: Path
 ) -> None:
-    pytest.importorskip("matplotlib").use("Agg")
     labels = tmp_path / "labels.csv"
     labels.write_text(f"start,end,contact\n0,{result.trajectory.duration_s:.2f},touch\n")
     *_, axes = result.plot(labels=labels, meanings={"touch": "any"}).axes
@@ -485,7 +482,6 @@ def test_a_users_labels_are_shown_above_those_that_are_found(
 
 
 def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Poses, tmp_path: Path) -> None:
-    reader = pytest.importorskip("mcap.reader")
     few = poses[:400]
     stamps_s = (few.stamp_ns - few.stamp_ns[0]) * 1e-9
     trajectory = Trajectory.from_arrays(stamps_s, few.position_m, few.quat_xyzw)
@@ -496,7 +492,7 @@ def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Po
         result.save(tmp_path / f"OUT.{suffix.upper()}")
     assert (tmp_path / "OUT.RRD").read_bytes()[:3] == b"RRF"
     with (tmp_path / "OUT.MCAP").open("rb") as file:
-        topics = {channel.topic for channel in reader.make_reader(file).get_summary().channels.values()}
+        topics = {channel.topic for channel in make_reader(file).get_summary().channels.values()}
     assert topics == {"/contact/belief", "/contact/frames", "/contact/scene", "/contact/task_frame"}
     early = contact_tracker.Trajectory.from_arrays(
         stamps_s - 1.0, trajectory.position_m, trajectory.quat_xyzw
@@ -556,13 +552,12 @@ def test_a_forged_result_is_refused_or_can_be_used(result: contact_tracker.Resul
 
 def test_an_output_can_be_read_and_segmented_again(folder: Path, tmp_path: Path) -> None:
     """The result channels in it are replaced."""
-    reader = pytest.importorskip("mcap.reader")
     again = contact_tracker.segment(folder / "out.mcap")
     again.to_mcap(tmp_path / "again.mcap")
     counts = []
     for path in (folder / "out.mcap", tmp_path / "again.mcap"):
         with path.open("rb") as file:
-            summary = reader.make_reader(file).get_summary()
+            summary = make_reader(file).get_summary()
         counts.append(
             {c.topic: summary.statistics.channel_message_counts[i] for i, c in summary.channels.items()}
         )
@@ -576,13 +571,12 @@ def test_an_output_can_be_read_and_segmented_again(folder: Path, tmp_path: Path)
 
 
 def test_truth_and_metadata_are_copied(tmp_path: Path) -> None:
-    reader = pytest.importorskip("mcap.reader")
     made = recorded(FACE_TO_EDGE)
     write_recording(str(tmp_path / "in.mcap"), made.poses[:400], made.truth, {"scenario": "x"})
     contact_tracker.segment(tmp_path / "in.mcap").to_mcap(tmp_path / "out.mcap")
     for path in (tmp_path / "in.mcap", tmp_path / "out.mcap"):
         with path.open("rb") as file:
-            out = reader.make_reader(file)
+            out = make_reader(file)
             assert [a.name for a in out.iter_attachments()] == ["truth.json"]
             assert [m.metadata for m in out.iter_metadata()] == [{"scenario": "x"}]
 
@@ -618,13 +612,12 @@ def bars_of(segments: Sequence[Segment]) -> list[Any]:
     """The boxes of the segments in a figure and of their further contacts."""
     few = recorded(FACE_TO_EDGE).poses[:9]
     trajectory = Trajectory(Poses(np.arange(9), few.position_m, few.quat_xyzw))
-    _, axes = pytest.importorskip("matplotlib.pyplot").subplots()
+    _, axes = pyplot.subplots()
     draw_on(axes, Outcome(trajectory, Segmentation(tuple(segments))))
     return [bars.get_paths()[0].get_extents() for bars in axes.collections]
 
 
 def test_a_recording_of_one_pose_has_figures(poses: Poses, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib").use("Agg")
     result = contact_tracker.segment(Trajectory(poses[:1]))
     with warnings.catch_warnings():
         warnings.simplefilter("error")

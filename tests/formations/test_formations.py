@@ -213,8 +213,6 @@ def test_a_label_with_unexplained_constraints_is_not_certain() -> None:
 def test_further_contacts_are_searched_among_known_elements() -> None:
     true = made("vertex_and_vertex").truth.intervals[0]
     first, second = true.geometry, true.further[0].geometry
-    assert first is not None
-    assert second is not None
 
     def listed(name: str, *elements: Element) -> tuple[NamedElement, ...]:
         given = enumerate(known_to(element, Accuracy()) for element in elements)

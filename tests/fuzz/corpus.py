@@ -1,12 +1,10 @@
 """Valid inputs of every kind, from which the mutations are made."""
 
-import struct
 from functools import cache
-from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
+import trimesh
 from mcap.writer import CompressionType
 
 import as_values
@@ -18,32 +16,6 @@ from contact_tracker.saved_state import save
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
 ROOT = Path(__file__).resolve().parents[2]
-KNOWN = """\
-[up]
-direction = [0, 0, 1]
-spread_deg = 2
-
-[environment]
-complete = false
-
-[[environment.plane]]
-name = "table"
-normal = [0, 0, 1]
-offset_m = 0.71
-
-[[environment.line]]
-direction = [0, 1, 0]
-point_m = [0.4, 0, 0.71]
-
-[[environment.box]]
-name = "block"
-size_m = [0.1, 0.1, 0.3]
-position_m = [0.2, 0, 0.86]
-quat_xyzw = [0, 0, 0, 1]
-
-[object.box]
-size_m = [0.1, 0.1, 0.1]
-"""
 
 
 @cache
@@ -77,27 +49,20 @@ def models() -> tuple[bytes, ...]:
 
 @cache
 def known_files() -> tuple[bytes, ...]:
-    mesh = KNOWN.replace("[object.box]\nsize_m = [0.1, 0.1, 0.1]", '[object.mesh]\npath = "part.stl"')
-    return KNOWN.encode(), mesh.encode()
+    """The file of docs/map.md, and one with a box for an object."""
+    page = (ROOT / "docs" / "map.md").read_text(encoding="utf-8")
+    mesh, _, _ = page.partition("```toml\n")[2].partition("```")
+    box = mesh.partition("[object.mesh]")[0] + "[object.box]\nsize_m = [0.1, 0.1, 0.1]\n"
+    return mesh.encode(), box.encode()
 
 
 @cache
 def meshes() -> tuple[bytes, ...]:
-    """A tetrahedron and a box, as binary STL, as text STL and as OBJ."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    triangles = [(a, b, c) for a, b, c, d in quads] + [(a, c, d) for a, b, c, d in quads]
-    binary = BytesIO(bytes(80))
-    binary.seek(80)
-    binary.write(struct.pack("<I", len(triangles)))
-    text, rows = ["solid box"], [f"v {x} {y} {z}" for x, y, z in corners]
-    for triangle in triangles:
-        points = corners[list(triangle)]
-        binary.write(struct.pack("<12fH", 0, 0, 0, *points.ravel(), 0))
-        loop = "".join(f"vertex {x} {y} {z}\n" for x, y, z in points)
-        text.append(f"facet normal 0 0 0\nouter loop\n{loop}endloop\nendfacet")
-        rows.append(f"f {' '.join(str(i + 1) for i in triangle)}")
-    return binary.getvalue(), "\n".join([*text, "endsolid"]).encode(), "\n".join(rows).encode()
+    """A box, as binary STL, as text STL and as OBJ."""
+    made = (
+        trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type=one) for one in ("stl", "stl_ascii", "obj")
+    )
+    return tuple(one if isinstance(one, bytes) else one.encode() for one in made)
 
 
 @cache

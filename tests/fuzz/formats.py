@@ -13,6 +13,7 @@ from mcap.writer import CompressionType
 from pyarrow import parquet
 
 from mcap_logs import smooth_poses
+from motive_export import write_motive
 from pose_files import POSE_TYPE, ROS1_TEXT, cdr_pose, ros1_pose, write_raw, write_rosbag1, write_sqlite
 
 POSES = smooth_poses(60)
@@ -27,15 +28,6 @@ geometry_msgs::msg::Point position; geometry_msgs::msg::Quaternion orientation; 
 module geometry_msgs { module msg { struct Point { double x; double y; double z; }; }; };
 module geometry_msgs { module msg { struct Quaternion {
 @default (value=0.0) double x; double y; double z; double w; }; }; };
-"""
-_MOTIVE = """\
-Format Version,1.23,Take Name,take,Export Frame Rate,200.0,Rotation Type,Quaternion,Length Units,Meters
-
-,Type,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body
-,Name,cup,cup,cup,cup,cup,cup,cup
-,ID,1,2,3,4,5,6,7
-,,Rotation,Rotation,Rotation,Rotation,Position,Position,Position
-Frame,Time (Seconds),X,Y,Z,W,X,Y,Z
 """
 _VICON = "Objects\n200\n,,cup:cup,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
 
@@ -78,7 +70,8 @@ def texts() -> tuple[bytes, ...]:
     tum = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
     named = ",".join(COLUMNS) + "\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist())
     numbers = [",".join(map(repr, row)) for row in np.roll(rows[:, 1:], 4, axis=1).tolist()]
-    motive = _MOTIVE + "\n".join(f"{i},{i / 200},{row}" for i, row in enumerate(numbers))
+    with TemporaryDirectory() as folder:
+        motive = write_motive(Path(folder) / "take.csv", POSES, POSES).read_text(encoding="utf-8")
     vicon = _VICON + "\n".join(f"{i},0,{row}" for i, row in enumerate(numbers))
     objects = "\n".join(json.dumps(dict(zip(COLUMNS, row, strict=True))) for row in rows.tolist())
     return tuple(text.encode() for text in (tum, named, motive, vicon, objects))

@@ -2,14 +2,10 @@
 
 import io
 import json
-import os
 import random
-import re
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import NamedTuple
 
 import corpus
@@ -18,7 +14,7 @@ import mutations
 import numpy as np
 
 import as_values
-from contact_tracker.cli.main import run
+from command_line import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError
 from contact_tracker.map.file import read_map
@@ -41,41 +37,22 @@ class Target(NamedTuple):
     attack: Callable[[Path, random.Random], None]
 
 
-def _command(*arguments: object) -> tuple[int, str]:
-    """Run a command; returns its code and its output, and checks that stderr has lines of ours only."""
-    out, err = io.StringIO(), io.StringIO()
-    with _captured_stderr(err), redirect_stdout(out), redirect_stderr(err):
-        code = run([str(argument) for argument in arguments])
-    text = err.getvalue()
-    if code not in CODES:
-        raise Violation(f"exit code {code}")
-    for line in text.splitlines():
+def _command(*arguments: object) -> str:
+    """Run a command; returns its output, and checks that stderr has lines of ours only."""
+    done = run(*arguments)
+    if done.returncode not in CODES:
+        raise Violation(f"exit code {done.returncode}")
+    for line in done.stderr.splitlines():
         if not line.startswith("contact-tracker: "):
             raise Violation(f"a line of somebody else on stderr: {line!r}")
-    if code in (1, 2) and (out.getvalue() and arguments[0] != "info"):
+    if done.returncode in (1, 2) and (done.stdout and arguments[0] != "info"):
         raise Violation("output in spite of an error")
-    if code in (1, 2) and not re.search("^contact-tracker: error: ", text, re.MULTILINE):
-        raise Violation(f"an error without a word: {text!r}")
-    for line in (text + out.getvalue()).split("\n"):
+    if done.returncode in (1, 2) and "contact-tracker: error: " not in done.stderr:
+        raise Violation(f"an error without a word: {done.stderr!r}")
+    for line in (done.stderr + done.stdout).split("\n"):
         if not line.isprintable():
             raise Violation(f"what steers a terminal: {line!r}")
-    return code, out.getvalue()
-
-
-@contextmanager
-def _captured_stderr(err: io.StringIO) -> Iterator[None]:
-    """Add to ``err`` the output of libraries to the file descriptor of stderr, which bypasses Python."""
-    sys.stderr.flush()
-    with TemporaryFile() as note:
-        usual = os.dup(2)
-        os.dup2(note.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(usual, 2)
-            os.close(usual)
-        note.seek(0)
-        err.write(note.read().decode(errors="replace"))
+    return done.stdout
 
 
 def _recording(path: Path, rng: random.Random) -> None:
@@ -83,13 +60,11 @@ def _recording(path: Path, rng: random.Random) -> None:
     if command == "evaluate":
         _command("evaluate", path)
     elif command == "live":
-        _, text = _command("live", path, "--json")
-        _check_beliefs(text)
+        _check_beliefs(_command("live", path, "--json"))
     elif command == "segment":
         _command("segment", path)
     else:
-        _, text = _command("info", path, "--json")
-        if text:
+        if text := _command("info", path, "--json"):
             json.loads(text)
 
 

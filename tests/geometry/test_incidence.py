@@ -20,7 +20,7 @@ from pose_filter import forward
 
 MODEL = load_model()
 SURE_M, SURE_RAD = 1e-3, 3e-3
-FAR_M, FAR_RAD = 0.03, 0.2
+FAR_M = 0.03
 WITH = {"f": Contact.FE, "e": Contact.EE, "v": Contact.VF}  # of each kind a contact whose object has it
 seeds = st.integers(0, 2**32 - 1)
 quickly = settings(max_examples=10, deadline=None)

@@ -53,7 +53,6 @@ def moved(T, twist):
 def test_free_twists_keep_the_contact_and_constrained_ones_break_it(contact: Contact, seed: int) -> None:
     x, geometry, T = at_a_pose(contact, seed)
     frame = task_frame(contact, geometry, T)
-    assert frame is not None
     np.testing.assert_allclose(misfit(contact, x, T), 0.0, atol=1e-9)
     np.testing.assert_allclose(
         frame.T_world_task[:3, :3] @ frame.T_world_task[:3, :3].T, np.eye(3), atol=1e-9
@@ -120,7 +119,6 @@ def test_the_covariance_is_that_of_frames_of_drawn_elements(contact: Contact) ->
 
     sides = [spread(one, root) for one, root in zip((exact.object, exact.environment), scale, strict=True)]
     frame = task_frame(contact, ContactGeometry(*sides), T)
-    assert frame is not None
     assert frame.covariance is not None
     draws = []
     for _ in range(250):
@@ -143,7 +141,6 @@ def test_the_covariance_is_that_of_frames_of_drawn_elements(contact: Contact) ->
 def test_a_frame_of_unknown_deviations_has_none() -> None:
     geometry = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
     frame = task_frame(Contact.VF, geometry, np.eye(4))
-    assert frame is not None
     assert frame.sd is None
     assert frame.to_json()["covariance"] is None
     assert frame.name == "point on plane"
@@ -162,5 +159,4 @@ def test_a_frame_of_nearly_parallel_edges_has_no_deviations(sine: float) -> None
         for slope, y in ((0.0, 0.0), (sine, 0.1))
     ]
     frame = task_frame(Contact.EE, ContactGeometry(*lines), np.eye(4))
-    assert frame is not None
     assert frame.covariance is None

@@ -42,25 +42,6 @@ def test_posterior_changes_evidence_and_path_are_those_of_all_paths(seed, scale)
     assert hmm.viterbi(case.trellis, *case.model) == segments
 
 
-@many
-@given(seed=seeds)
-def test_the_filter_is_the_smoother_of_the_data_so_far(seed):
-    """The recursion of the online tracker, by ``enter`` and ``by_state``, against smoothing each prefix."""
-    case = Case(seed)
-    log_left, entry = case.log_initial, np.full(len(case.state), -np.inf)
-    for b, (alive, likelihood) in enumerate(
-        zip(case.trellis.alive, case.trellis.log_likelihood, strict=True), start=1
-    ):
-        fresh = hmm.birth_log_weights(log_left, case.log_transition[b - 1]) if b > 1 else log_left
-        begins = alive[case.onset[alive] == b - 1]
-        entry[begins] = fresh[case.state[begins]]
-        log_left = hmm.by_state(entry[alive] + likelihood, case.state[alive], case.states)
-        prefix = hmm.Trellis(case.state, case.onset, case.trellis.alive[:b], case.trellis.log_likelihood[:b])
-        posterior, log_evidence = hmm.smooth(prefix, case.log_initial, case.log_transition[:b])
-        assert log_evidence == pytest.approx(hmm.log_sum_exp(log_left), abs=1e-9)
-        np.testing.assert_allclose(posterior[-1], np.exp(log_left - log_evidence), atol=1e-9)
-
-
 def test_weights_of_a_long_recording_neither_overflow_nor_underflow():
     """Probabilities remain normalised in spite of rounding."""
     case = Case(3, sizes=((3, 6),))

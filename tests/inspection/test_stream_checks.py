@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lfilter
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.table_reading import TableReading
 from contact_tracker.inspection.stream_checks import (
@@ -18,6 +17,7 @@ from contact_tracker.inspection.stream_checks import (
 )
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from distortions import default_where, exponential, interpolated, moving_average
 from short_recordings import shipped
 from smooth_motion import START_NS, moving, smooth
 
@@ -60,29 +60,10 @@ def merged(*streams):
     return every[np.argsort(every.stamp_ns, kind="stable")]
 
 
-def filtered(poses, numerator, denominator=(1.0,)):
-    """By a causal linear filter."""
-    position, quat = (
-        rows[0] + lfilter(numerator, denominator, rows - rows[0], axis=0)
-        for rows in (poses.position_m, poses.quat_xyzw)
-    )
-    return Poses(poses.stamp_ns, position, quat / np.linalg.norm(quat, axis=1)[:, None])
-
-
-def interpolated(poses):
-    """Every second pose is replaced by one between its neighbours."""
-    poses = poses[: len(poses) // 2 * 2 - 1]
-    kept, time = poses[::2], poses.stamp_ns - poses.stamp_ns[0]
-    position = np.stack([np.interp(time, time[::2], column) for column in kept.position_m.T], axis=1)
-    quat = Slerp(time[::2].astype(float), Rotation.from_quat(kept.quat_xyzw))(time.astype(float)).as_quat()
-    sign = np.where((quat * poses.quat_xyzw).sum(axis=1) < 0.0, -1.0, 1.0)
-    return Poses(poses.stamp_ns, position, quat * sign[:, None])
-
-
 FILTERS = {
-    "average of 3": lambda poses: filtered(poses, np.full(3, 1 / 3)),
-    "average of 5": lambda poses: filtered(poses, np.full(5, 1 / 5)),
-    "first order": lambda poses: filtered(poses, [0.3], [1.0, -0.7]),
+    "average of 3": lambda poses: moving_average(poses, 3),
+    "average of 5": lambda poses: moving_average(poses, 5),
+    "first order": lambda poses: exponential(poses, 0.3),
     "interpolated": interpolated,
 }
 
@@ -171,9 +152,7 @@ def with_outliers(poses):
 
 
 def with_default_poses(poses):
-    lost = (np.random.default_rng(0).random(len(poses)) < 0.1)[:, None]
-    quat = np.where(lost, [0.0, 0.0, 0.0, 1.0], poses.quat_xyzw)
-    return Poses(poses.stamp_ns, np.where(lost, 0.0, poses.position_m), quat)
+    return default_where(poses, np.random.default_rng(0).random(len(poses)) < 0.1)
 
 
 def vibrating(poses):

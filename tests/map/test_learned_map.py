@@ -119,7 +119,6 @@ def test_learn_once_use_at_once() -> None:
     first = ct.segment(
         ct.Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, unit="ns")
     )
-    assert first.map is not None
     assert len(first.map.object) >= 2
     rights = []
     for tracker in (ct.Tracker(), ct.Tracker(known=first.map)):

@@ -58,7 +58,7 @@ def test_averaging_keeps_contacts_exact(model):
 def test_ticks_do_not_depend_on_how_poses_are_batched(seed, batch, rate_hz):
     """Bit-identical for single poses and chunks of a log, with outliers, held poses, drops and gaps."""
     rng = np.random.default_rng(seed)
-    poses, _ = spiked(rng, moving(rng, 800 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
+    poses, _ = spiked(rng, moving(rng, 400 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
     source = np.maximum.accumulate(np.where(rng.random(len(poses)) > 0.1, np.arange(len(poses)), 0))
     late = rng.choice([0, 10**9, 10**10], p=[0.996, 0.002, 0.002], size=len(poses)).cumsum()
     poses = Poses(poses.stamp_ns + late, poses.position_m[source], poses.quat_xyzw[source])

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import contact_tracker as ct
 from contact_tracker.adaptation.filter_bank import RATIO_POSES
-from contact_tracker.geometry.elements import Line, shifted
+from contact_tracker.geometry.elements import shifted
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
 from short_recordings import FACE_TO_EDGE, recorded
@@ -73,16 +73,11 @@ def test_elements_are_in_the_users_body_frame(expected: ct.Result, away_m: float
     same = found.beliefs.rows["contact"] == expected.beliefs.rows["contact"]
     assert same.mean() > 0.99
     faces = found.segments[0].geometry
-    assert faces is not None
     assert faces.has_open_offset == (True, True)
     height_m = poses.position_m[100:500] @ faces.environment.normal - faces.environment.offset_m
     assert np.abs(height_m).max() < 0.02 * max(away_m, 0.3)  # the face is as if through the body's origin
     before, after = (one.segments[-1].geometry for one in (expected, found))
-    assert before is not None
-    assert after is not None
     edge, again = shifted(before.object, -aside), after.object
-    assert isinstance(edge, Line)
-    assert isinstance(again, Line)
     off = again.point_m - edge.point_m
     assert np.linalg.norm(off - edge.direction * (edge.direction @ off)) < 0.004
     assert abs(before.environment.normal @ after.environment.normal) > np.cos(np.radians(1.0))
@@ -92,19 +87,16 @@ def test_online_it_is_found_within_the_first_poses() -> None:
     """Also where elements of the object are given, which are in the user's body frame."""
     aside = np.array([0.5, -0.4, 0.3])
     truth = recorded(FACE_TO_EDGE).truth.intervals[-1].geometry
-    assert truth is not None
-    assert isinstance(truth.object, Line)
     labels = list[list[str]]()
     for away_m in (np.zeros(3), aside):
         edge = shifted(truth.object, -away_m)
-        assert isinstance(edge, Line)
         line = {"point_m": edge.point_m.tolist(), "direction": edge.direction.tolist()}
         tracker = ct.Tracker(known={"object": {"line": [line]}})
-        beliefs = [tracker.update(*pose) for pose in recorded(FACE_TO_EDGE).poses.of_point(away_m)]
+        poses = recorded(FACE_TO_EDGE).poses[300:1300:2].of_point(away_m)
+        beliefs = [tracker.update(*pose) for pose in poses]
         known_ticks = [one for one in beliefs if one is not None]
         labels.append([one.contact.value for one in known_ticks])
         assert all(a.stamp_ns < b.stamp_ns for a, b in pairwise(known_ticks))
         last = known_ticks[-1]
-        assert last.geometry is not None
         assert last.geometry.object.name == "line 1"
     assert np.mean([a == b for a, b in zip(*labels, strict=True)]) > 0.95

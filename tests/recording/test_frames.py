@@ -199,7 +199,6 @@ def test_a_frame_that_may_move_is_named(tmp_path: Path, which: dict[str, str]) -
         ],
     )
     note = open_log(str(path), **which).note
-    assert note is not None
     assert note.startswith("poses are in camera, which may move in world: contacts are with camera")
     assert ("--frame 'world->object'" if "frame" in which else "--relative-to world") in note
 
@@ -264,7 +263,6 @@ def test_a_long_line_of_frames_takes_little_memory() -> None:
         assert tracemalloc.get_traced_memory()[1] < 50 * 2**20
     finally:
         tracemalloc.stop()
-    assert steps is not None
     assert [step.source for step in steps] == sources
     assert tree.chain(names[0], "nowhere") is None
     assert tree.chain(names[3], names[3]) == ()

@@ -107,7 +107,6 @@ def test_chunks_in_the_index_are_not_decompressed(tmp_path: Path, poses: bytes) 
     tracemalloc.stop()
     assert summary_of(str(path)) is None
     assert len(found) == POSES
-    assert log.damage is not None
     assert "write it without compression" in log.damage
     assert peak < 30e6
 
@@ -204,7 +203,6 @@ def test_metadata_that_expands_is_left_out(tmp_path: Path, poses: bytes) -> None
     summary = summarise(str(path))
     assert summary.sources[0].poses == POSES
     assert summary.metadata == {"long": {"urdf": "<robot/>" * 12_500}}
-    assert summary.damage is not None
     assert "unreadable metadata" in summary.damage
 
 

@@ -6,8 +6,10 @@ from pathlib import Path
 from types import SimpleNamespace as Message
 from typing import Any
 
+import foxglove
 import numpy as np
 import pytest
+from mcap_ros1.writer import Writer as Ros1Writer
 
 from contact_tracker.config.table_reading import TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, MissingExtra, NoPoses
@@ -258,7 +260,6 @@ def test_two_types_on_one_topic_are_two_sources(tmp_path: Path) -> None:
 
 
 def test_ros1_messages(tmp_path: Path) -> None:
-    ros1 = pytest.importorskip("mcap_ros1.writer")
     path = tmp_path / "a.mcap"
 
     class PoseStamped:
@@ -271,7 +272,7 @@ def test_ros1_messages(tmp_path: Path) -> None:
             buffer.write(self._packed)
 
     with path.open("wb") as file:
-        writer = ros1.Writer(file)
+        writer = Ros1Writer(file)
         for seq, pose in enumerate(POSES):
             writer.write_message("/pose", PoseStamped(seq, pose), log_time=pose.stamp_ns)
         writer.finish()
@@ -322,8 +323,6 @@ KINDS = ("PoseInFrame", "PosesInFrame", "FrameTransform", "FrameTransforms")
 @pytest.mark.parametrize("kind", KINDS)
 def test_foxglove_protobuf(tmp_path: Path, kind: str) -> None:
     """As encoded by Foxglove's SDK."""
-    foxglove = pytest.importorskip("foxglove")
-    pytest.importorskip("mcap_protobuf")
     path = tmp_path / "a.mcap"
     schemas = __import__("foxglove.messages" if _has_messages() else "foxglove.schemas", fromlist=["Pose"])
     channels = __import__("foxglove.channels", fromlist=["PoseInFrameChannel"])

@@ -81,7 +81,6 @@ def test_a_written_recording_is_read_back(tmp_path: Path) -> None:
     assert (log.counts, log.damage) == ({}, None)
     assert (log.source.topic, log.source.frames) == ("/object/pose", "world")
     found = read_truth(path)
-    assert found is not None
     assert found.to_json() == truth.to_json()
     assert read_metadata(path) == {"recording": {"object": "box"}}
 
@@ -92,7 +91,6 @@ def test_the_reference_reader_agrees_with_what_we_write(tmp_path: Path) -> None:
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
-        assert summary is not None
         assert reader.get_header().profile == "ros2"
         assert {c.compression for c in summary.chunk_indexes} == {"zstd"}
         assert all(64e3 <= c.uncompressed_size <= 256e3 for c in summary.chunk_indexes[:-1])
@@ -532,7 +530,6 @@ def test_without_the_attachment_the_messages_are_the_truth(tmp_path: Path) -> No
     ]
     topics = [poses_topic(poses), Topic("/contact/truth", "std_msgs/msg/String", changes)]
     truth = read_truth(str(write_log(tmp_path / "a.mcap", topics)))
-    assert truth is not None
     rows = [(i.start_ns - START_NS, i.end_ns - START_NS, i.contact) for i in truth.intervals]
     end = int(poses.stamp_ns[-1]) - START_NS
     assert rows == [(0, 10**8 - 1, Contact.EF), (10**8, 2 * 10**8 - 1, None), (2 * 10**8, end, Contact.FREE)]
@@ -606,7 +603,6 @@ def test_a_folder_of_parts_is_one_recording_in_natural_order(tmp_path: Path) -> 
     (folder / "bag_12.mcap").touch()  # as after a crash
     log = open_log(str(folder))
     assert_same(Poses.collect(log), poses)
-    assert log.damage is not None
     assert "bag_12.mcap: it is empty" in log.damage
 
 

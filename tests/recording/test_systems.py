@@ -10,20 +10,27 @@ import numpy as np
 import pyarrow
 import pytest
 from pyarrow import parquet
-from test_table_readings import MATRICES, POSE, PROPOSALS, WHOLE, P, Q, T, assert_read, rows, write
+from test_table_readings import (
+    MATRICES,
+    POSE,
+    PROPOSALS,
+    REAL_FIRST,
+    WHOLE,
+    P,
+    T,
+    assert_read,
+    numbered,
+    rows,
+    write,
+)
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "systems.md"
-REAL_FIRST = np.roll(Q, 1, axis=1)
 
 
 def as_proposed(name: str, path: Path) -> Path:
     """The columns for which a command is also proposed."""
     names, lines, _ = PROPOSALS[name]
     return write(path, [names], lines)
-
-
-def numbered(name: str, count: int) -> str:
-    return ",".join(f"{name}{i}" for i in range(count))
 
 
 def lerobot(path: Path) -> None:
@@ -37,9 +44,9 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
     "OpenSim": partial(as_proposed, "OpenSim's kinematics"),
     "Unity": partial(as_proposed, 'cells with several values "({})", '),
     "ART DTrack": lambda path: write(
-        path, [f"time,x,y,z,{numbered('b', 9)}"], rows(T, 1e3 * P, MATRICES.transpose(0, 2, 1))
+        path, [f"time,x,y,z,{numbered('b{}', 9)}"], rows(T, 1e3 * P, MATRICES.transpose(0, 2, 1))
     ),
-    "Vive, OpenVR": lambda path: write(path, [f"time,{numbered('m', 12)}"], rows(T, WHOLE[:, :3])),
+    "Vive, OpenVR": lambda path: write(path, [f"time,{numbered('m{}', 12)}"], rows(T, WHOLE[:, :3])),
     "FoundationPose without ROS": lambda path: np.save(path, WHOLE),
     "MuJoCo": lambda path: np.savez(path, time=T, qpos=np.c_[P, REAL_FIRST]),
     "Isaac Lab": lambda path: np.savez(path, time=T, pos=P, quat=REAL_FIRST),
@@ -51,7 +58,6 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
 def test_the_command_of_a_system_reads_its_export(tmp_path: Path, system: str) -> None:
     row = next(line for line in PAGE.read_text().splitlines() if line.startswith(f"| {system} |"))
     found = re.search(r"`contact-tracker (segment [^`]+)`", row)
-    assert found is not None
     _, name, *options = shlex.split(found[1])
     SYSTEMS[system](tmp_path / name)
     assert_read(tmp_path / name, *(option.replace("30Hz", "200Hz") for option in options))

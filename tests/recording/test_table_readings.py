@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from io import BytesIO
+from itertools import product
 from pathlib import Path
 from random import Random
 
@@ -79,7 +80,19 @@ def proposed(path: Path) -> list[str]:
     return words[2:]
 
 
+def names(separator: str) -> str:
+    """``NAMES`` by another separator."""
+    return NAMES.replace(",", separator)
+
+
+def numbered(form: str, *counts: int) -> str:
+    """Names of columns with one number, or with two."""
+    return ",".join(form.format(*numbers) for numbers in product(*map(range, counts)))
+
+
 Writer = Callable[[Path], Path]
+REAL_FIRST, P_MM, DEGREES = np.roll(Q, 1, axis=1), 1e3 * P, TURN.as_euler("xyz", degrees=True)
+OF_MATRICES = ",".join(f"r{i}{j}" for i in "123" for j in "123")
 SECONDS, REST = [str(1_700_000_000 + n // 10**9) for n in SINCE_NS], [str(n % 10**9) for n in SINCE_NS]
 ENTRIES = list(zip(T.tolist(), P.tolist(), Q.tolist(), strict=True))
 
@@ -96,11 +109,11 @@ def stamped(t: float, p: list[float], q: list[float]) -> str:
 def timed(date: str, path: Path) -> Path:
     """Times as dates, by a form of seconds and nanoseconds."""
     dates = [date.format(n // 10**9, f"{n % 10**9:09d}") for n in SINCE_NS]
-    return write(path, [f"time;{NAMES.replace(',', ';')}"], rows(dates, POSE), ";")
+    return write(path, [f"time;{names(';')}"], rows(dates, POSE), ";")
 
 
 def commented(mark: str, path: Path) -> Path:
-    return write(path, [f"{mark} about", f"{mark} t {NAMES.replace(',', ' ')}"], rows(T, POSE), " ")
+    return write(path, [f"{mark} about", f"{mark} t {names(' ')}"], rows(T, POSE), " ")
 
 
 def named_values(form: str, path: Path) -> Path:
@@ -118,91 +131,54 @@ def cells(form: str, separator: str) -> list[list[str]]:
     return [[repr(t), *text] for t, text in zip(T.tolist(), texts, strict=True)]
 
 
+CAMEL = "PositionX,PositionY,PositionZ,RotationX,RotationY,RotationZ,RotationW"
+PLOTTED = [
+    *(f"/o/pose/position/{axis}" for axis in "xyz"),
+    *(f"/o/pose/orientation/{axis}" for axis in "xyzw"),
+]
+QUALISYS = [
+    *("NO_OF_FRAMES\t120", "FREQUENCY\t200", "TIME_STAMP\t2024-05-14, 10:22:31.123\t5021.1"),
+    *("DATA_INCLUDED\t6D", "BODY_NAMES\tblock"),
+    "Frame\tTime\tX\tY\tZ\tRoll\tPitch\tYaw\tResidual\t" + numbered("Rot[{}]", 9).replace(",", "\t"),
+]
+QUALISYS_ROWS = rows(np.arange(120), T, P_MM, np.degrees(VECTORS), T, MATRICES.transpose(0, 2, 1))
+OPENSIM = ["Poses", "version=1", "nRows=120", "inDegrees=no", "endheader"]
+PREAMBLE = ["Project: demo", "Sample rate (Hz),200", ""]
+QUOTED = ([repr(t), '"' + entry(p, q).replace('"', '""') + '"'] for t, p, q in ENTRIES)
+FRAMES = ['{"fps": 1,', '"frames": [', *(stamped(*one) + "," for one in ENTRIES[:-1])]
+DATES = (
+    *("2026-03-01 9:00:0{}.{}", "09:00:0{}.{}", "2026/03/01 09:00:0{}.{}", "20260301T09000{}.{}"),
+    *("1.3.2026 09:00:0{}.{}", "03/01/2026 09:00:0{}.{} PM", "03/31/2026, 9:00:0{}.{} am"),
+)
+VALUES = ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO pose: .. {}={}", "of: {}={}", "- { .. {}: {},")
 SHARES: dict[str, Writer] = {
-    "camel case": lambda path: write(
-        path,
-        ["Timestamp,PositionX,PositionY,PositionZ,RotationX,RotationY,RotationZ,RotationW"],
-        rows(T, POSE),
+    "camel case": partial(write, head=[f"Timestamp,{CAMEL}"], lines=rows(T, POSE)),
+    "PlotJuggler": partial(write, head=[",".join(["__time", *PLOTTED])], lines=rows(T, POSE)),
+    "two columns of a time": partial(write, head=[f"secs,nsecs,{NAMES}"], lines=rows(SECONDS, REST, POSE)),
+    "a line for Excel": partial(
+        write, head=["sep=;", f"Time;{names(';')}"], lines=rows(T, POSE), separator=";"
     ),
-    "PlotJuggler": lambda path: write(
-        path,
-        [
-            "__time,"
-            + ",".join(f"/o/pose/position/{a}" for a in "xyz")
-            + ","
-            + ",".join(f"/o/pose/orientation/{a}" for a in "xyzw")
-        ],
-        rows(T, POSE),
-    ),
-    "two columns of a time": lambda path: write(path, [f"secs,nsecs,{NAMES}"], rows(SECONDS, REST, POSE)),
-    "a line for Excel": lambda path: write(
-        path, ["sep=;", f"Time;{NAMES.replace(',', ';')}"], rows(T, POSE), ";"
-    ),
-    "a preamble": lambda path: write(
-        path, ["Project: demo", "Sample rate (Hz),200", "", f"Time,{NAMES}"], rows(T, POSE)
-    ),
-    "a row of units": lambda path: write(path, [f"Time,{NAMES}", "s,mm,mm,mm,,,,"], rows(T, 1e3 * P, Q)),
-    "the real part is q0": lambda path: write(
-        path, ["t,x,y,z,q0,qx,qy,qz"], rows(T, P, np.roll(Q, 1, axis=1))
-    ),
-    "Qualisys": lambda path: write(
-        path,
-        [
-            *("NO_OF_FRAMES\t120", "FREQUENCY\t200", "TIME_STAMP\t2024-05-14, 10:22:31.123\t5021.1"),
-            *("DATA_INCLUDED\t6D", "BODY_NAMES\tblock"),
-            "Frame\tTime\tX\tY\tZ\tRoll\tPitch\tYaw\tResidual\t" + "\t".join(f"Rot[{i}]" for i in range(9)),
-        ],
-        rows(np.arange(120), T, 1e3 * P, np.degrees(VECTORS), T, MATRICES.transpose(0, 2, 1)),
-        "\t",
-    ),
-    **{
-        date: partial(timed, date)
-        for date in (
-            *("2026-03-01 9:00:0{}.{}", "09:00:0{}.{}", "2026/03/01 09:00:0{}.{}", "20260301T09000{}.{}"),
-            *("1.3.2026 09:00:0{}.{}", "03/01/2026 09:00:0{}.{} PM", "03/31/2026, 9:00:0{}.{} am"),
-        )
-    },
+    "a preamble": partial(write, head=[*PREAMBLE, f"Time,{NAMES}"], lines=rows(T, POSE)),
+    "a row of units": partial(write, head=[f"Time,{NAMES}", "s,mm,mm,mm,,,,"], lines=rows(T, P_MM, Q)),
+    "the real part is q0": partial(write, head=["t,x,y,z,q0,qx,qy,qz"], lines=rows(T, P, REAL_FIRST)),
+    "Qualisys": partial(write, head=QUALISYS, lines=QUALISYS_ROWS, separator="\t"),
+    **{date: partial(timed, date) for date in DATES},
     **{
         f"names in a comment after {mark}": partial(commented, mark)
         for mark in ("%", "//", ";", "# by me\n#")
     },
-    **{
-        f"values with their names, {form}": partial(named_values, form)
-        for form in (
-            "{}={}",
-            "{}: {}",
-            "{} = {};",
-            "{}:{},",
-            "INFO pose: .. {}={}",
-            "of: {}={}",
-            "- { .. {}: {},",
-        )
-    },
-    "OpenSim": lambda path: write(
-        path,
-        [
-            *("Poses", "version=1", "nRows=120", "inDegrees=no", "endheader"),
-            "\t".join(["time", *NAMES.split(",")]),
-        ],
-        rows(T, POSE),
-        "\t",
+    **{f"values with their names, {form}": partial(named_values, form) for form in VALUES},
+    "OpenSim": partial(write, head=[*OPENSIM, "time\t" + names("\t")], lines=rows(T, POSE), separator="\t"),
+    "minutes and inches": partial(
+        write, head=["time [min],x [in],y [in],z [in],qx,qy,qz,qw"], lines=rows(T / 60, P / 0.0254, Q)
     ),
-    "minutes and inches": lambda path: write(
-        path, ["time [min],x [in],y [in],z [in],qx,qy,qz,qw"], rows(T / 60, P / 0.0254, Q)
+    "quaternion of i, j, k": partial(
+        write, head=["t,loc_x,loc_y,loc_z,quat_i,quat_j,quat_k,quat_real"], lines=rows(T, POSE)
     ),
-    "quaternion of i, j, k": lambda path: write(
-        path, ["t,loc_x,loc_y,loc_z,quat_i,quat_j,quat_k,quat_real"], rows(T, POSE)
-    ),
-    "bars": lambda path: write(path, [f"time | {NAMES.replace(',', ' | ')}"], rows(T, POSE), " | "),
-    "JSON in a cell": lambda path: write(
-        path, ["time,pose"], ((repr(t), '"' + entry(p, q).replace('"', '""') + '"') for t, p, q in ENTRIES)
-    ),
-    "array of JSON": lambda path: write(path, [f"[{','.join(stamped(*one) for one in ENTRIES)}]"], []),
-    "frames of JSON": lambda path: write(
-        path,
-        ['{"fps": 1,', '"frames": [', *(stamped(*one) + "," for one in ENTRIES[:-1])],
-        [[stamped(*ENTRIES[-1]) + "]}"]],
-    ),
+    "bars": partial(write, head=[f"time | {names(' | ')}"], lines=rows(T, POSE), separator=" | "),
+    "JSON in a cell": partial(write, head=["time,pose"], lines=[*QUOTED]),
+    "array of JSON": partial(write, head=[f"[{','.join(stamped(*one) for one in ENTRIES)}]"], lines=[]),
+    "frames of JSON": partial(write, head=FRAMES, lines=[[stamped(*ENTRIES[-1]) + "]}"]]),
 }
 
 
@@ -222,150 +198,121 @@ def test_json_lines(tmp_path: Path) -> None:
     assert str(log.damage).startswith("1 row has no time that is a number or a date ('{")
 
 
-MM = ["--unit", "mm"]
-PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
+ABOVE = (
+    *("# unit: mm", "# made by me, units=mm", "; Length Units,Millimeters", "Units,mm", "% positions in mm"),
+    *("# units: s, mm", "# x, y, z in mm", "# all in mm", "# measured in mm", "# units: deg, mm"),
+    *("# distances in mm", "# xyz [mm]", "# pos: mm, rot: quaternion", "# 1 unit = 1 mm", "unit_mm"),
+    *("# All positions are given in millimeters.", "Exported on Monday by me with all of the lengths in mm"),
+)
+PROPOSALS: dict[str, tuple[str, list[list[str]], str]] = {
     "UR": (
-        "timestamp," + ",".join(f"actual_TCP_pose_{i}" for i in range(6)),
+        "timestamp," + numbered("actual_TCP_pose_{}", 6),
         rows(T, P, VECTORS),
-        ["--rotation-vector", "--columns", "position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]"],
+        "--rotation-vector --columns position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]",
     ),
     "libfranka": (
-        "time," + ",".join(f"O_T_EE[{i}]" for i in range(16)),
+        "time," + numbered("O_T_EE[{}]", 16),
         rows(T, WHOLE.transpose(0, 2, 1)),
-        ["--matrix", "columns", "--columns", "matrix=O_T_EE"],
+        "--matrix columns --columns matrix=O_T_EE",
     ),
     "KUKA": (
         "t,X,Y,Z,A,B,C",
-        rows(T, 1e3 * P, TURN.as_euler("ZYX", degrees=True)),
-        ["--unit", "mm", "--euler", "ZYX:deg", "--columns", "rz=A,ry=B,rx=C"],
+        rows(T, P_MM, TURN.as_euler("ZYX", degrees=True)),
+        "--unit mm --euler ZYX:deg --columns rz=A,ry=B,rx=C",
     ),
-    "ABB": (
-        "t,X,Y,Z,Q1,Q2,Q3,Q4",
-        rows(T, 1e3 * P, np.roll(Q, 1, axis=1)),
-        ["--unit", "mm", "--columns", "qw=Q1,qx=Q2,qy=Q3,qz=Q4"],
-    ),
-    "matrices": (
-        "t,x,y,z," + ",".join(f"r{i}{j}" for i in "123" for j in "123"),
-        rows(T, P, MATRICES),
-        ["--matrix", "rows"],
-    ),
+    "ABB": ("t,X,Y,Z,Q1,Q2,Q3,Q4", rows(T, P_MM, REAL_FIRST), "--unit mm --columns qw=Q1,qx=Q2,qy=Q3,qz=Q4"),
+    "matrices": (f"t,x,y,z,{OF_MATRICES}", rows(T, P, MATRICES), "--matrix rows"),
     "Windows' clock": (
         f"timestamp,{NAMES}",
         rows([str(133_500_000_000_000_000 + n // 100) for n in SINCE_NS], POSE),
-        ["--time-unit", "100ns"],
+        "--time-unit 100ns",
     ),
     **{
-        names: (f"t,x,y,z,{names}", rows(T, P, TURN.as_euler("xyz", degrees=True)), ["--euler", "xyz:deg"])
-        for names in (
+        angles: (f"t,x,y,z,{angles}", rows(T, P, DEGREES), "--euler xyz:deg")
+        for angles in (
             *("roll,pitch,yaw", "rx,ry,rz", "rot_x,rot_y,rot_z", "Roll_deg,Pitch_deg,Yaw_deg"),
             "euler_x [deg],euler_y [deg],euler_z [deg]",
         )
     },
-    "no names": ("", rows(T, POSE), ["--columns", "time=c0,position=c[1:4],quaternion=c[4:8]"]),
+    "no names": ("", rows(T, POSE), "--columns time=c0,position=c[1:4],quaternion=c[4:8]"),
     "real part first in Blender": (
-        "frame,"
-        + ",".join(f"location[{i}]" for i in range(3))
-        + ","
-        + ",".join(f"rot[{i}]" for i in range(4)),
+        f"frame,{numbered('location[{}]', 3)},{numbered('rot[{}]', 4)}",
         rows([f"{n}" for n in range(120)], POSE),
-        ["--time-unit", "100Hz", "--columns", "quaternion=rot,position=location"],
+        "--time-unit 100Hz --columns quaternion=rot,position=location",
     ),
     "FANUC": (
         "t,X,Y,Z,W,P,R",
-        rows(T, 1e3 * P, TURN.as_euler("xyz", degrees=True)),
-        ["--unit", "mm", "--euler", "xyz:deg", "--columns", "rx=W,ry=P,rz=R"],
+        rows(T, P_MM, DEGREES),
+        "--unit mm --euler xyz:deg --columns rx=W,ry=P,rz=R",
     ),
-    "names twice": ("t,x,y,z,x,y,z,w", rows(T, POSE), ["--columns", "qx=x.1,qy=y.1,qz=z.1,qw=w"]),
-    "another time": (f"unix_time,{NAMES}", rows(T, POSE), ["--columns", "time=unix_time"]),
+    "names twice": ("t,x,y,z,x,y,z,w", rows(T, POSE), "--columns qx=x.1,qy=y.1,qz=z.1,qw=w"),
+    "another time": (f"unix_time,{NAMES}", rows(T, POSE), "--columns time=unix_time"),
     "matrices by two numbers": (
-        "t," + ",".join(f"T_{i}_{j}" for i in range(4) for j in range(4)),
+        "t," + numbered("T_{}_{}", 4, 4),
         rows(T, WHOLE),
-        ["--matrix", "rows", "--columns", "matrix=T"],
+        "--matrix rows --columns matrix=T",
     ),
     "vectors of OpenCV": (
-        "t,rvec0,rvec1,rvec2,tvec0,tvec1,tvec2",
+        f"t,{numbered('rvec{}', 3)},{numbered('tvec{}', 3)}",
         rows(T, VECTORS, P),
-        ["--rotation-vector", "--columns", "position=tvec,rotation=rvec"],
+        "--rotation-vector --columns position=tvec,rotation=rvec",
     ),
     "matrices without names": (
-        "",
-        rows(T, WHOLE[:, :3]),
-        ["--matrix", "rows", "--columns", "time=c0,matrix=c[1:13]"],
+        *("", rows(T, WHOLE[:, :3])),
+        "--matrix rows --columns time=c0,matrix=c[1:13]",
     ),
     "numbered rows without names": (
-        "",
-        rows(np.arange(120), T, POSE),
-        ["--columns", "time=c1,position=c[2:5],quaternion=c[5:9]"],
+        *("", rows(np.arange(120), T, POSE)),
+        "--columns time=c1,position=c[2:5],quaternion=c[5:9]",
     ),
     "angles without names": (
-        "",
-        rows(T, P, TURN.as_euler("xyz", degrees=True)),
-        ["--euler", "xyz:deg", "--columns", "time=c0,position=c[1:4],rotation=c[4:7]"],
+        *("", rows(T, P, DEGREES)),
+        "--euler xyz:deg --columns time=c0,position=c[1:4],rotation=c[4:7]",
     ),
     **{
         f"cells with several values {form}{separator}": (
-            "t,Position,Rotation",
-            cells(form, separator),
-            ["--columns", "quaternion=Rotation,position=Position"],
+            *("t,Position,Rotation", cells(form, separator)),
+            "--columns quaternion=Rotation,position=Position",
         )
         for form, separator in (('"({})"', ", "), ("({})", ","), ("[{}]", " "), ('"[{}]"', ", "))
     },
-    **{
-        above: (f"{above}\n{NAMES.join(['t,', ''])}", rows(T, 1e3 * P, Q), MM)
-        for above in (
-            *(
-                "# unit: mm",
-                "# made by me, units=mm",
-                "; Length Units,Millimeters",
-                "Units,mm",
-                "% positions in mm",
-            ),
-            "# units: s, mm",
-            "# x, y, z in mm",
-            *("# all in mm", "# measured in mm", "# units: deg, mm", "# distances in mm", "# xyz [mm]"),
-            *(
-                "# pos: mm, rot: quaternion",
-                "# All positions are given in millimeters.",
-                "# 1 unit = 1 mm",
-                "unit_mm",
-            ),
-            "Exported on Monday by me with all of the lengths in mm",
-        )
-    },
-    "units in a comment below the names": (f"t,{NAMES}\n# s,mm,mm,mm,-,-,-,-", rows(T, 1e3 * P, Q), MM),
+    **{above: (f"{above}\nt,{NAMES}", rows(T, P_MM, Q), "--unit mm") for above in ABOVE},
+    "units in a comment below the names": (
+        f"t,{NAMES}\n# s,mm,mm,mm,-,-,-,-",
+        rows(T, P_MM, Q),
+        "--unit mm",
+    ),
     "lists with their names": (
-        "",
-        [[f"t={t!r} p={p!r} q={q!r}"] for t, p, q in ENTRIES],
-        ["--columns", "quaternion=q,position=p"],
+        *("", [[f"t={t!r} p={p!r} q={q!r}"] for t, p, q in ENTRIES]),
+        "--columns quaternion=q,position=p",
     ),
     "OpenSim's kinematics": (
         "inDegrees=yes\nendheader\ntime,cup_X,cup_Y,cup_Z,cup_Ox,cup_Oy,cup_Oz",
         rows(T, P, TURN.as_euler("XYZ", degrees=True)),
-        ["--euler", "XYZ:deg"],
+        "--euler XYZ:deg",
     ),
     **{
-        f"axis {names}": (
-            f"t,x,y,z,{names}",
-            rows(T, P, VECTORS / ANGLES[:, None], np.degrees(ANGLES) if "deg" in names else ANGLES),
-            ["--rotation-vector", *columns],
+        f"axis {axis}": (
+            f"t,x,y,z,{axis}",
+            rows(T, P, VECTORS / ANGLES[:, None], np.degrees(ANGLES) if "deg" in axis else ANGLES),
+            f"--rotation-vector {columns}",
         )
-        for names, columns in (
-            ("axis_x,axis_y,axis_z,angle", []),
-            ("rx,ry,rz,angle [deg]", []),
-            ("ax,ay,az,angle_rad", ["--columns", "rx=ax,ry=ay,rz=az"]),
-            ("ux,uy,uz,theta", ["--columns", "rx=ux,ry=uy,rz=uz"]),
+        for axis, columns in (
+            ("axis_x,axis_y,axis_z,angle", ""),
+            ("rx,ry,rz,angle [deg]", ""),
+            ("ax,ay,az,angle_rad", "--columns rx=ax,ry=ay,rz=az"),
+            ("ux,uy,uz,theta", "--columns rx=ux,ry=uy,rz=uz"),
         )
     },
     "ros2 topic echo": (
-        "",
-        rows(SECONDS, REST, ["world"] * 120, POSE),
-        ["--columns", "time=c0,nanoseconds=c1,position=c[3:6],quaternion=c[6:10]"],
+        *("", rows(SECONDS, REST, ["world"] * 120, POSE)),
+        "--columns time=c0,nanoseconds=c1,position=c[3:6],quaternion=c[6:10]",
     ),
 }
 
 
 @pytest.mark.parametrize(
-    ("above", "names"),
+    ("above", "columns"),
     [
         ("# residual positions: mm", NAMES.replace("x,y,z,", "x [m],y [m],z [m],")),
         ("# mean error 0.3 mm", NAMES),
@@ -373,8 +320,9 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], list[str]]] = {
         ("# by me", f"{NAMES},gap [mm]"),
     ],
 )
-def test_lengths_of_something_else_leave_metres(tmp_path: Path, above: str, names: str) -> None:
-    assert_read(write(tmp_path / "a.csv", [above, f"t,{names}"], rows(T, POSE, *[T] * names.count("gap"))))
+def test_lengths_of_something_else_leave_metres(tmp_path: Path, above: str, columns: str) -> None:
+    gaps = [T] * columns.count("gap")
+    assert_read(write(tmp_path / "a.csv", [above, f"t,{columns}"], rows(T, POSE, *gaps)))
 
 
 @pytest.mark.parametrize("word", ["inches", "feet", "decimetres"])
@@ -435,8 +383,8 @@ def test_many_words_are_refused_soon(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("system", PROPOSALS)
 def test_the_command_that_is_proposed_reads_the_columns(tmp_path: Path, system: str) -> None:
-    names, lines, options = PROPOSALS[system]
-    path = write(tmp_path / "a.csv", [names] if names else [], lines)
+    head, lines, words = PROPOSALS[system]
+    path, options = write(tmp_path / "a.csv", [head] if head else [], lines), words.split()
     assert sorted(proposed(path)) == sorted(options)
     with pytest.raises(UnreadableRecording, match="by contact-tracker info"):
         Poses.collect(open_log(str(path), table=reading_of(verb="info")))
@@ -601,7 +549,7 @@ def test_lost_tracking_is_counted(tmp_path: Path) -> None:
     cells = rows(T, P, MATRICES)
     for i, fill in ((10, ""), (11, "NaN"), (12, "0.0")):
         cells[i][1:] = [fill] * 12
-    path = write(tmp_path / "a.csv", ["t,x,y,z," + ",".join(f"r{i}{j}" for i in "123" for j in "123")], cells)
+    path = write(tmp_path / "a.csv", [f"t,x,y,z,{OF_MATRICES}"], cells)
     log = open_log(str(path), table=build_parser().parse_args(["info", "a", "--matrix", "rows"]).table)
     assert len(Poses.collect(log)) == 117
     assert log.counts == {"nonfinite": 2, "bad_quaternion": 1}

@@ -361,7 +361,6 @@ def test_wrenches_without_free_motion_are_not_used(tmp_path: Path) -> None:
     poses = smooth_poses(400)
     path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
     found = recorded_evidence(path, "/wrench", open_log(path), load_model(), EMPTY_MAP)
-    assert found is not None
     assert found.evidence is None
     assert found.text.startswith("/wrench is not used: ")
     assert found.warnings == (found.text,)
@@ -386,6 +385,5 @@ def test_a_mass_that_is_overruled_is_a_warning(tmp_path: Path) -> None:
     write_recording(str(tmp_path / "a.mcap"), shown.poses, None, {}, wrenches=shown.wrenches)
     path = str(tmp_path / "a.mcap")
     found = recorded_evidence(path, "/object/wrench", open_log(path), load_model(), EMPTY_MAP, mass_kg=5.0)
-    assert found is not None
     (doubt,) = found.warnings
     assert doubt.startswith("the mass that is given, 5 kg, does not fit the wrenches in free motion: 2.00")

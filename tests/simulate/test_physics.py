@@ -63,7 +63,6 @@ def test_intervals_have_elements_and_short_ones_are_not_given() -> None:
 
 @pytest.mark.long
 def test_a_recording_is_the_published_one(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     made = physics.SETS["everyday"][3]
     row, is_alike = physics.make(made, tmp_path / "made.mcap", overwrite=False)
     assert is_alike, row

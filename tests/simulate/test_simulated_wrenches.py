@@ -51,7 +51,6 @@ def in_world(made: Simulated, vectors: Array) -> Array:
 
 def weight_of(made: Simulated) -> Array:
     """The weight in the world, by the free motion at the start."""
-    assert made.wrenches is not None
     free = slice(10, 600)
     carried = in_world(made, made.wrenches.force_n) - inertial_force(made)
     assert carried[free].std(axis=0).max() < 1e-6
@@ -61,11 +60,9 @@ def weight_of(made: Simulated) -> Array:
 @pytest.mark.parametrize("contact", CONTACTS)
 def test_the_hand_carries_the_object_and_presses_it_where_it_touches(contact: Contact) -> None:
     made = exact(contact)
-    assert made.wrenches is not None
     weight = weight_of(made)
     assert np.linalg.norm(weight) == pytest.approx(MASS_KG * GRAVITY, rel=1e-6)
     touching = made.truth.intervals[[i.contact for i in made.truth.intervals].index(contact)]
-    assert touching.geometry is not None
     stamps = made.poses.stamp_ns
     held = (stamps > touching.start_ns + 500_000_000) & (stamps < touching.end_ns - 500_000_000)
     force = inertial_force(made) - weight - in_world(made, made.wrenches.force_n)
@@ -88,13 +85,11 @@ def test_the_hand_carries_the_object_and_presses_it_where_it_touches(contact: Co
 def test_the_line_of_action_meets_the_touching_element_of_the_object(contact: Contact) -> None:
     """About its vertex, or its edge, the contact has no moment: what is left is that of the masses."""
     made = exact(contact)
-    assert made.wrenches is not None
     vertices = np.array(json.loads(made.metadata["object_vertices_m"]))
     masses = np.einsum("nij,vj->nvi", made.poses.rotation, vertices) + made.poses.position_m[:, None]
     acceleration = np.gradient(np.gradient(masses, axis=0), axis=0) * 200.0**2
     push = MASS_KG / len(vertices) * acceleration - weight_of(made) / len(vertices)
     touching = made.truth.intervals[[i.contact for i in made.truth.intervals].index(contact)]
-    assert touching.geometry is not None
     element = touching.geometry.object
     point = made.poses.rotation @ element.point_m + made.poses.position_m
     hand = in_world(made, made.wrenches.moment_nm) + np.cross(
@@ -120,7 +115,6 @@ def test_wrenches_leave_the_poses_as_they_are() -> None:
 @pytest.mark.long
 def test_they_decide_what_motion_leaves_open(tmp_path: Path) -> None:
     made, model = simulate("pressed", 0), load_model()
-    assert made.wrenches is not None
     path = str(tmp_path / "pressed.mcap")
     write_recording(path, made.poses, made.truth, made.metadata, wrenches=made.wrenches)
     log = open_log(path)
@@ -146,7 +140,6 @@ def test_free_motion_at_the_start_is_known_by_its_missing_force(contact: Contact
     phases = tuple(Phase(one, 4.5) for one in (contact, Contact.VF, Contact.FREE, Contact.EF))
     scenario = Scenario(phases, rate_hz=100.0, has_wrench=True, object="box", surroundings="block")
     made, model = simulate(scenario, 1), load_model()
-    assert made.wrenches is not None
     evidence, _ = wrench_evidence(made.poses, made.wrenches, model)
     assert evidence.shows_contact_at_start() is not is_free
     found = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))

@@ -393,7 +393,6 @@ def test_table_and_wall_are_touched_as_in_the_truth(name: str) -> None:
         (first.contact, first.geometry, np.full(len(poses), True)),
         (second.contact, second.geometry, inside),
     ):
-        assert geometry is not None
         assert isinstance(geometry.environment, Plane)
         heights = corners @ geometry.environment.normal - geometry.environment.offset_m
         assert heights.min() > -1e-6
@@ -408,7 +407,6 @@ def test_simulated_joints_constrain_the_motion(name: str) -> None:
     """The body's element coincides with that of the world, up to the free motion of the joint."""
     simulated = quiet(name, 0)
     poses, joint = simulated.poses, simulated.joint
-    assert joint is not None
     assert json.loads(simulated.metadata["joint"])["kind"] == name
     assert [interval.contact for interval in simulated.truth.intervals] == [None]
     place = poses.rotation @ joint.object.point_m + poses.position_m

@@ -40,7 +40,6 @@ def test_each_motion_is_between_the_label_and_a_rival_and_the_same_in_both_frame
     origin_m = np.array([2.0, -1.0, 0.5])
     held, filter_ = held_in(contact, 4, origin_m)
     belief = filter_.state.belief
-    assert belief is not None
     assert belief.inseparable
     found = informative_motions(filter_.state)
     assert found
@@ -82,7 +81,6 @@ def test_following_the_suggestions_decides() -> None:
         for pose in poses_of(held, twist, float(second), rng):
             filter_.update(pose)
     belief = filter_.state.belief
-    assert belief is not None
     assert (belief.contact, belief.inseparable, informative_motions(filter_.state)) == (Contact.EF, (), ())
 
 

@@ -104,18 +104,15 @@ def test_only_states_left_open_by_motion_are_decided_among() -> None:
     assert decide_by_wrenches(Contact.FF, (), evidence(VF=1e3)) == (Contact.FF, (), None)
     label, others, share = decide_by_wrenches(Contact.FF, (Contact.EF, Contact.VF), evidence(VF=9.0, EF=7.0))
     assert (label, others) == (Contact.VF, (Contact.EF,))
-    assert share is not None
     assert share.sum() == pytest.approx(1.0)
     assert share[Contact.EF.column] == pytest.approx(share[Contact.VF.column] * np.exp(-2.0))
     label, _, share = decide_by_wrenches(Contact.FF, (Contact.EF,), evidence(EE=1e4))  # excluded by motion
     assert label is Contact.FF
-    assert share is not None
     assert share[Contact.EE.column] == 0.0
     assert share[Contact.FF.column] == pytest.approx(
         2.0 / 3.0
     )  # without evidence the label is twice as likely
     _, _, share = decide_by_wrenches(Contact.FF, (Contact.EF, Contact.FREE), evidence(FF=-1e8, EF=1e8))
-    assert share is not None
     assert np.isfinite(share).all()
 
 
@@ -125,7 +122,6 @@ def test_what_wrenches_rule_out_gives_its_probability_to_the_label() -> None:
         Contact.EE, (Contact.EF, Contact.VF), evidence(EF=40.0, EE=-900.0)
     )
     assert (label, others) == (Contact.EF, ())
-    assert share is not None
     probability = np.array([0.01, 0.07, 0.06, 0.12, 0.17, 0.55, 0.02])
     found = reported(probability, label, others, EMPTY_MAP, share=share)
     assert found[Contact.EF.column] == pytest.approx(0.07 + 0.12 + 0.55)

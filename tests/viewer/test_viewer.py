@@ -520,9 +520,7 @@ def test_planes_are_drawn_where_the_contact_took_place(poses: Poses) -> None:
 
 
 def test_a_cube_has_twelve_edges() -> None:
-    solid = hull(CUBE_M)
-    assert solid is not None
-    _, edges, extent = solid
+    _, edges, extent = hull(CUBE_M)
     assert len(edges) == 12
     assert np.allclose(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1), 0.2)
     assert extent.centre_m == pytest.approx([0.0, 0.0, 0.1])

@@ -49,7 +49,6 @@ def test_a_port_in_use_is_reported(which: int) -> None:
 
 @pytest.mark.long
 def test_a_result_shows_itself_in_a_notebook_without_a_foreign_server() -> None:
-    pytest.importorskip("rerun_notebook")
     program = (
         "import contact_tracker, sys; sys.path.insert(0, sys.argv[1]);"
         "from mcap_logs import smooth_poses; from contact_tracker.api import Trajectory;"

@@ -23,13 +23,11 @@ MOST_M = 0.03
 def evidence_of(made: Pressed) -> WrenchEvidence:
     ticks = average(made.poses, made.wrenches.valid, made.tick_ns)
     load = estimate_load(ticks, made.is_free, made.is_free.astype(float))
-    assert load is not None
     return WrenchEvidence(contact_wrenches(ticks, load))
 
 
 def log_evidence_of(made: Pressed) -> np.ndarray:
     found = evidence_of(made).of_window(made.touch_ns, made.end_ns)
-    assert found is not None
     return found.log_evidence
 
 
@@ -73,7 +71,6 @@ def test_forces_act_through_the_elements_that_touch(contact: Contact, disturbed:
     for seed in range(5):
         made, found = seen(contact, seed, disturbed)
         for element, true in zip(found.elements[contact], (made.object, made.surroundings), strict=True):
-            assert element is not None
             off, sd = deviation(element, true)
             assert off < 3.0 * sd
             assert sd < (MOST_M if isinstance(element, Point) else MOST_RAD)
@@ -87,7 +84,6 @@ def test_lines_in_all_directions_are_unknown() -> None:
 def test_a_free_object_is_identified() -> None:
     made = pressed(Contact.FV)
     found = evidence_of(made).of_window(int(made.poses.stamp_ns[0]), made.touch_ns - 1)
-    assert found is not None
     assert found.log_evidence.argmax() == Contact.FREE.column
     assert not found.elements
 

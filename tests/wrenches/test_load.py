@@ -24,7 +24,6 @@ def load_of(made: Pressed, free: np.ndarray | None = None, mass_kg: float | None
 @pytest.mark.parametrize("seed", range(3))
 def test_weight_and_centre_of_mass_are_estimated(seed: int) -> None:
     load = load_of(pressed(Contact.VF, seed, noise=True, bias=True))
-    assert load is not None
     sd = np.sqrt(np.diag(load.force_covariance))
     assert (np.abs(load.weight_n - WEIGHT_N) < 4 * sd[:3] + 0.1).all()
     assert (np.abs(load.centre_m - CENTRE_M) < 4 * np.sqrt(np.diag(load.moment_covariance))[:3] + 0.002).all()
@@ -38,7 +37,6 @@ def test_a_contact_misclassified_as_free_is_an_outlier() -> None:
     free[touch - 30 : touch - 25] = False  # two runs of free motion, and a longer one of contact
     free[touch + 5 : touch + 50] = True
     load = load_of(made, free)
-    assert load is not None
     np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.3)
 
 
@@ -55,7 +53,6 @@ def test_a_known_mass_decides_between_loads() -> None:
     free[5:17] = True
     free[touch + 5 : touch + 50] = True
     load = load_of(made, free, MASS_KG)
-    assert load is not None
     np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.5)
 
 
@@ -63,7 +60,6 @@ def test_a_known_mass_decides_between_loads() -> None:
 def test_a_mass_that_free_motion_overrules_is_said(share: float) -> None:
     mass_kg = share * MASS_KG
     load = load_of(pressed(Contact.FV, noise=True), mass_kg=mass_kg)
-    assert load is not None
     doubt = mass_doubt(load, mass_kg)
     assert bool(doubt) == (share != 1.03)
     assert not doubt or f"{mass_kg:g} kg, does not fit" in doubt
@@ -147,7 +143,6 @@ def test_noise_of_the_poses_is_no_wrong_frame(noise_rad: float) -> None:
     noise = Rotation.from_rotvec(noise_rad * rng.normal(size=(len(made.poses), 3)))
     quat_xyzw = (Rotation.from_quat(made.poses.quat_xyzw) * noise).as_quat()
     load = load_of(replace(made, poses=replace(made.poses, quat_xyzw=quat_xyzw)))
-    assert load is not None
     assert load.doubt == ""
 
 
@@ -159,7 +154,6 @@ def test_wrenches_that_explain_more_free_motion_otherwise_are_not_used() -> None
     is_free[free[int(0.3 * len(free)) :]], is_free[other[:40]] = False, True
     wrong = about_parent(made.wrenches, made.poses)
     load = estimate_load(average(made.poses, wrong, made.tick_ns), is_free, is_free.astype(float))
-    assert load is not None
     assert not load.doubt
     with pytest.raises(NoLoad, match="explain less of the free motion as they are"):
         require_load(made.poses, wrong, made.tick_ns, is_free, is_free.astype(float))

@@ -239,7 +239,6 @@ def shifted(element: Element, origin_m: Array) -> Element:
 
 NONE: Final = "none"
 VERTEX: Final = "vertex"
-TYPES: Final = (NONE, "face", "edge", VERTEX)
 
 
 def flat(element: Element | None) -> dict[str, Any]:
