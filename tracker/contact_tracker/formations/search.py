@@ -129,7 +129,7 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
     prior = weak_prior(family, anchors, reach_m)
     of = moments(model, motion)
-    problem = _Problem(model, of, np.array(of[:3])[:, None], prior, anchors, reach_m)
+    problem = Problem(model, of, np.array(of[:3])[:, None], prior, anchors, reach_m)
     turn = window.zeta[-1, R].reshape(3, 3)
     x = model.turned(directions(model, DRAWS), turn)
     x = problem.complete(np.concatenate([x, relaxed_starts(model, problem.of, x)]))
@@ -140,7 +140,7 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
     return np.asarray(x[np.argmin(problem.cost(x))])
 
 
-class _Problem(NamedTuple):
+class Problem(NamedTuple):
     """Cost of one contact: half the squared residuals over noise, less the log of what free motion allows."""
 
     model: ContactModel

@@ -9,7 +9,7 @@ namespace kernels {
 // a constant, and a share that is multiplied by the damping.
 using DescentLimits = std::array<double, 4>;
 
-// Reference: `search._Problem`: the forms (3, C, C) of squared residual, free motion and noise over some
+// Reference: `search.Problem`: the forms (3, C, C) of squared residual, free motion and noise over some
 // ticks.
 template <class F>
 struct FormationProblem {
@@ -24,7 +24,7 @@ template <class F>
 struct Weighed {
     Lanes carried[3][F::K][F::C], forms[3][F::K], pull[F::S], cost;
 
-    // Reference: `_Problem.cost` and `_Problem._forms`.
+    // Reference: `Problem.cost` and `Problem._forms`.
     Weighed(const FormationProblem<F>& of, const Lanes* x) {
         Lanes c[F::K][F::C];
         rows<F>(x, c);
@@ -42,10 +42,9 @@ struct Weighed {
     }
 };
 
-// Reference: `_Problem.descend`, in place; of the hessian only the upper triangle is used.
+// Reference: `Problem.descend`, in place; of the hessian only the upper triangle is used.
 template <class F>
 WIDE void descend(const FormationProblem<F>& of, int steps, Lanes* x) {
-    const Damping& usual = settings.damping;
     Lanes axes[F::P][F::S], slopes[F::P][F::K][F::C], pushed[F::C], pulled[F::S], trial[F::S];
     Lanes step[F::P], hessian[F::P][F::P], damping = of.limits[0];
     for (; steps > 0; --steps) {
@@ -75,8 +74,8 @@ WIDE void descend(const FormationProblem<F>& of, int steps, Lanes* x) {
         normalise<F>(trial, of.prior.anchors);
         const Mask better = Weighed<F>(of, trial).cost < at.cost;
         for (int s = 0; s < F::S; ++s) x[s] = where(better, trial[s], x[s]);
-        damping *= where(better, Lanes(usual.decrease), Lanes(usual.increase));
-        damping = smaller<Lanes>(larger<Lanes>(damping, usual.least), usual.most);
+        damping *= where(better, Lanes(settings.damping.decrease), Lanes(settings.damping.increase));
+        damping = smaller<Lanes>(larger<Lanes>(damping, settings.damping.least), settings.damping.most);
     }
 }
 

@@ -89,7 +89,7 @@ py::tuple weigh_births(const Model& model, const Floats& words, const Bools& kno
     return py::make_tuple(found.log_odds, found.gain, Ints(found.rows.size(), found.rows.data()), kept);
 }
 
-// Reference: `search._Problem.descend`, from starts (B, S) near `anchors` (6,); `matrices` (3, C, C).
+// Reference: `search.Problem.descend`, from starts (B, S) near `anchors` (6,); `matrices` (3, C, C).
 Floats descend_of(const Model& model, const Floats& matrices, double ticks, const Floats& anchors,
                   const Floats& starts, int steps, const DescentLimits& limits) {
     return visit(model, [&](auto family) {
