@@ -180,7 +180,8 @@ def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     is_known = begins.are_both_known
     rows = begins.rows.pick(is_known.nonzero()[0])
     # known lines have anchors of their own, and other elements need none
-    tangent = model.family.tangent(rows.prior_mean, np.where(np.isnan(rows.line_anchor), 0.0, rows.line_anchor))
+    anchors = np.where(np.isnan(rows.line_anchor), 0.0, rows.line_anchor)
+    tangent = model.family.tangent(rows.prior_mean, anchors)
     along = np.swapaxes(tangent, -1, -2)
     deviations = _deviations(along @ rows.prior_information @ tangent)
     by_tangent = along[:, None] @ model.family.rows_derivative(rows.prior_mean)

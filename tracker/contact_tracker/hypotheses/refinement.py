@@ -94,7 +94,8 @@ class _Steps(NamedTuple):
     length: Array
     """(G, 1, 1, 1) in ticks."""
     products: Array
-    """(G, 3, K, Z, Z) of the end of a step with itself, with the begin and in turn, of the begin with itself."""
+    """(G, 3, K, Z, Z) of the end with itself, of both with each other in either order, of the begin with
+    itself."""
 
     @classmethod
     def of(cls, rows: Array, index: Index) -> "_Steps":
