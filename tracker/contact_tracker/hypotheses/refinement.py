@@ -57,8 +57,7 @@ def estimate_ar1(
     across = _products(rows[:, 1:][:, follows], rows[:, :-1][:, follows])
     product = 0.5 * (across + across.swapaxes(1, 2)) / max(int(np.count_nonzero(follows)), 1)
     pairs = np.array([product, _products(paired, paired) / max(paired.shape[1], 1)])
-    steps = _Steps.of(rows, index)
-    new = steps.innovation_products(correlation)
+    new = _innovation_products(rows, correlation, index)
     for _ in range(LEARNING_STEPS):
         eigenvalues, eigenvectors = linalg.eigenvectors(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
@@ -71,7 +70,7 @@ def estimate_ar1(
         ].T
         product, square = np.einsum("ikpq,pq->ik", pairs, taken)
         correlation = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_CORRELATION)
-        new = steps.innovation_products(correlation)
+        new = _innovation_products(rows, correlation, index)
         variance = np.maximum(np.einsum("kpq,pq->k", new, taken) / count, LEAST_SCALE)
         weight = variance ** (-count / (count + PRIOR_TICKS))
     return Ar1Noise(weight, correlation)
@@ -85,37 +84,10 @@ def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
     return np.concatenate([rows[:, :1], later], axis=1)
 
 
-class _Steps(NamedTuple):
-    """Sums of products of rows (K, W, Z) over the steps from tick to tick, by their G different lengths: what
-    their innovations need, whatever the correlation."""
-
-    first: Array
-    """(K, Z, Z) of the first tick with itself."""
-    length: Array
-    """(G, 1, 1, 1) in ticks."""
-    products: Array
-    """(G, 3, K, Z, Z) of the end with itself, of both with each other in either order, of the begin with
-    itself."""
-
-    @classmethod
-    def of(cls, rows: Array, index: Index) -> "_Steps":
-        lengths, of, products = np.diff(index), rows[:, :1], list[list[Array]]()
-        different = sorted(set(lengths.tolist()))
-        for length in different:
-            before, now = (rows[:, shift : len(index) - 1 + shift][:, lengths == length] for shift in (0, 1))
-            across = _products(now, before)
-            both = across + across.swapaxes(1, 2)
-            products.append([_products(now, now), both, _products(before, before)])
-        first = _products(of, of)
-        shape = len(different), 3, *first.shape
-        return cls(first, np.reshape(different, (-1, 1, 1, 1)), np.reshape(products, shape))
-
-    def innovation_products(self, correlation: Array) -> Array:
-        """Sums (K, Z, Z) over ticks of products of the innovations by this ``correlation`` (K,)."""
-        left = correlation[:, None, None] ** self.length
-        now, both, before = self.products.swapaxes(0, 1)
-        step = (now - left * both + left**2 * before) / (1.0 - left**2)
-        return np.asarray(self.first + step.sum(axis=0))
+def _innovation_products(rows: Array, correlation: Array, index: Index) -> Array:
+    """Sums (K, Z, Z) over ticks of products of the innovations of rows (K, W, Z)."""
+    new = whiten_ar1(rows, correlation, index)
+    return _products(new, new)
 
 
 def _products(a: Array, b: Array) -> Array:
