@@ -76,7 +76,7 @@ def pair_priors(model: ContactModel, pairs: Sequence[Pair], cross: Array | None 
         points_m.append(parts[:, -3:])
     linked = np.flatnonzero([] if cross is None else cross.any(axis=(1, 2)))
     joint = variance[linked, :, None] * np.eye(size)
-    if cross is not None:
+    if cross is not None and linked.size:
         joint[:, :width, width:] = onto[linked, :width, :width] @ cross[linked]
         joint[:, :width, width:] @= onto[linked, width:, width:].swapaxes(1, 2)
         joint[:, width:, :width] = joint[:, :width, width:].swapaxes(1, 2)
@@ -87,7 +87,8 @@ def pair_priors(model: ContactModel, pairs: Sequence[Pair], cross: Array | None 
     weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
     along = onto.swapaxes(1, 2)
     information = along @ (weight[:, :, None] * onto)
-    information[linked] = along[linked] @ np.linalg.inv(joint) @ onto[linked]
+    if linked.size:
+        information[linked] = along[linked] @ np.linalg.inv(joint) @ onto[linked]
     return PairPrior(mean, information, np.concatenate(points_m, axis=1))
 
 
