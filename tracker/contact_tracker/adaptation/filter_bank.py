@@ -273,7 +273,7 @@ class FilterBank:
     def copied(self) -> Self:
         """A copy that is updated without a change of this one; what does not change in place is shared."""
         other = copy(self)
-        other.filters = [ContactFilter(one.state) for one in self.filters]
+        other.filters = [*map(copy, self.filters)]
         other.grid = copy(self.grid)
         return other
 
