@@ -19,24 +19,30 @@ RECORDING = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 @pytest.mark.parametrize("switch", ["0", "1"])
 def test_kernels_and_filterpy_are_imported_when_tracking_starts(switch):
-    """In a fresh interpreter: filterpy takes half a second; kernels can be switched off."""
+    """In a fresh interpreter: filterpy takes half a second, for which no pose waits; kernels can be switched
+    off."""
     program = f"""
 import sys
 sys.path.append({SUPPORT!r})
 from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracker import Tracker
 from smooth_motion import moving, np
-for _ in range(2):
-    print(*(name in sys.modules for name in ("contact_tracker.hypotheses.compiled.kernels", "filterpy")))
-    segment(moving(np.random.default_rng(0), 0.2, 200.0), load_model())
+names = "contact_tracker.hypotheses.compiled.kernels", "filterpy"
+show = lambda: print(*(name in sys.modules for name in names))
+show()
+Tracker.start(load_model())
+show()
+segment(moving(np.random.default_rng(0), 0.2, 200.0), load_model())
+show()
 print(compiled.described())
 """
     environment = os.environ | {"CONTACT_TRACKER_COMPILED": switch}
     words = [sys.executable, "-c", program]
     done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
     described = "compiled kernels" if switch == "1" else "numpy, CONTACT_TRACKER_COMPILED=0"
-    assert done.stdout.splitlines() == ["False False", f"{switch == '1'} True", described]
+    assert done.stdout.splitlines() == ["False False", "False True", f"{switch == '1'} True", described]
 
 
 @pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++", "cl"))), reason="no compiler")

@@ -9,10 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from contact_motions import touching
+from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.formations.conditional import ConditionalMotion
+from contact_tracker.formations.further import KnownContact
+from contact_tracker.formations.search import Problem, moments
 from contact_tracker.geometry.elements import Origins
-from contact_tracker.hypotheses import gauss_newton, global_search, observability
+from contact_tracker.hypotheses import gauss_newton, global_search, observability, refinement
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.births import propose_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
@@ -318,6 +321,47 @@ def test_information_agrees(model, correlation):
                 np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=0.1 * rel * scale)
             compared += 1
     assert compared > 5
+
+
+def gappy_window(model, rng):
+    """Noisy ticks in a contact, some of which are missing, whose noise differs by axis; and x nearby."""
+    moved, size = touching(model.contact, rng, 60), model.family.SIZE
+    rows, root = np.ones((60, 1)), rng.normal(size=(60, 3, 3)) * 1e-4
+    position_m = moved.position_m + rng.normal(size=(60, 3)) * 1e-4
+    zeta, uneven = lift(moved.rotation, position_m), root @ root.swapaxes(1, 2)
+    index = np.cumsum(rng.integers(1, 3, 60))
+    window = Window(index, zeta, rows * (1e-8, 1e-6), rows * (1e-4, 1e-2), uneven, None)
+    x = x_of(model.contact, moved.object, moved.environment) + 0.03 * rng.normal(size=size)
+    anchors = model.anchors(position_m.mean(axis=0))
+    return window, anchors, model.family.normalise(x, anchors)
+
+
+@each_model
+def test_equations_of_the_likelihood_agree(model):
+    """Up to the rounding of finite differences."""
+    rng = np.random.default_rng(5)
+    window, anchors, x = gappy_window(model, rng)
+    errors = refinement.Ar1Noise(rng.uniform(0.5, 2.0, model.family.ROWS), np.full(model.family.ROWS, 0.7))
+    numpy, kernel = both(refinement._equations, model, x[None], errors, anchors[None], window, REACH_M)
+    for reference, compiled_ in zip(numpy, kernel, strict=True):
+        np.testing.assert_allclose(compiled_, reference, rtol=1e-6, atol=1e-7 * np.abs(reference).max())
+
+
+@each_model
+@pytest.mark.parametrize(("steps", "rel"), [(1, 1e-6), (10, 1e-4)])
+def test_descents_to_further_contacts_agree(model, steps, rel):
+    """Beside a vertex on a face."""
+    rng = np.random.default_rng(4)
+    window, anchors, x = gappy_window(model, rng)
+    first = KnownContact(Contact.VF, rng.normal(size=7))
+    of = moments(model, ConditionalMotion.of(window, SCALES).keeping(first.c))
+    weak = weak_prior(model.family, anchors[None], REACH_M)
+    one = Problem(model, of, np.array(of[:3])[:, None], weak, anchors[None], REACH_M)
+    starts = model.family.normalise(x + 0.3 * rng.normal(size=(COUNT, len(x))), anchors)
+    numpy, kernel = both(one.descend, starts, steps)
+    np.testing.assert_allclose(kernel, numpy, atol=rel)
+    assert np.all(one.cost(kernel) <= one.cost(starts))
+    assert np.any(one.cost(kernel) < one.cost(starts))
 
 
 def assert_same_columns(numpy, kernel, names, rel):

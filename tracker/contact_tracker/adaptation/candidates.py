@@ -61,7 +61,8 @@ def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
     if len(stamp_ns) < 2:
         return 0.0
     periods = stamp_ns[1:] - stamp_ns[:-1]
-    return _mean_near(periods, float(np.median(periods)))
+    rising, count = np.sort(periods), len(periods)  # several times faster than ``np.median``
+    return _mean_near(periods, 0.5 * float(rising[(count - 1) // 2] + rising[count // 2]))
 
 
 def _mean_near(periods: NDArray[np.int64], one: float) -> float:

@@ -123,8 +123,8 @@ def count_constraints(motion: ConditionalMotion, contacts: Sequence[Array]) -> i
     """Number of independent constraints that contacts c (K, 25) impose together, in the median tick."""
     rows = motion.gradients(np.concatenate(contacts)) * np.repeat([1.0, LEVER_M], 3)
     rows /= np.linalg.norm(rows, axis=2, keepdims=True) + TINY
-    values = np.linalg.svd(rows, compute_uv=False)
-    return int(np.median((values > SAME_ROW).sum(axis=1)))
+    rising = np.sort((np.linalg.svd(rows, compute_uv=False) > SAME_ROW).sum(axis=1))
+    return int(rising[(len(rising) - 1) // 2] + rising[len(rising) // 2]) // 2  # faster than ``np.median``
 
 
 AT_FIRST: Final = 0.1

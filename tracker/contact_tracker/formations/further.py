@@ -328,9 +328,11 @@ def elements_complexity(
     motion: ConditionalMotion,
     window: Window,
     scales: EvidenceParameters,
+    gain: float,
     noise_factor: float = 1.0,
 ) -> float:
-    """Complexity (nats, T19) of elements x (S,) fitted to ``window``, with ``noise_factor`` times its noise.
+    """Complexity (nats, T19) of elements x (S,) fitted to ``window``, with ``noise_factor`` times its noise;
+    ``gain`` is the mean one of its ticks.
 
     Excludes the information of the first tick and of the free-motion prediction
     (``evidence.complexity``).
@@ -341,12 +343,11 @@ def elements_complexity(
     c = coefficients(model, x)
     noise = np.sqrt(np.square(motion.gradients(c) * motion.noise_sd[:, None]).sum(axis=2)) + TINY  # (W, K)
     along = family.tangent(x[None], anchors)[0].T @ family.rows_derivative(x[None])[0]  # (K, P, C)
-    slopes = np.einsum("kpc,wc->wkp", along, model.lifted(motion.new)) / (noise_factor * noise[..., None])
-    hessian = np.einsum("wkp,wkq->kpq", slopes, slopes)
-    gain = motion.evidence(c).gain.mean() / family.ROWS
+    slopes = along @ model.lifted(motion.new).T / (noise_factor * noise.T[:, None])  # (K, P, W)
+    hessian = slopes @ slopes.swapaxes(1, 2)
     ticks = max(float(window.motion_ratio.sum()), 1.0)
-    share = scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * gain)
-    given = slopes[0].T @ slopes[0]
+    share = scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * gain / family.ROWS)
+    given = slopes[:, :, 0].T @ slopes[:, :, 0]
     return float(
         complexity(
             family,
@@ -372,7 +373,8 @@ def evaluate(segment: FormationTicks, motion: ConditionalMotion, known: KnownCon
     run = longest_run(presence)
     rows = np.concatenate([np.arange(*one) for one in presence.runs])
     gain = float(ticks.gain[rows].sum())
-    cost = elements_complexity(known.model, known.x, motion.cut(*run), segment.window.cut(*run), scales)
+    part, mean = (motion.cut(*run), segment.window.cut(*run)), float(ticks.gain[slice(*run)].mean())
+    cost = elements_complexity(known.model, known.x, *part, scales, mean)
     log_odds = presence.log_odds - scales.likelihood_exponent * min(cost, gain)
     rms = float(np.sqrt(ticks.chi_sq[rows].mean()))
     return Candidate(known, Presence(presence.runs, log_odds), gain, rms)

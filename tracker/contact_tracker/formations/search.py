@@ -15,7 +15,7 @@ from contact_tracker.contacts.family import turns
 from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.geometry.linalg import adapted
 from contact_tracker.geometry.vectors import unit
-from contact_tracker.hypotheses import gauss_newton
+from contact_tracker.hypotheses import compiled, gauss_newton
 from contact_tracker.hypotheses.evidence import weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import directions
@@ -40,6 +40,9 @@ ROUNDS: Final = ((4, 5), (10, 2))
 """Numbers of descent steps, and of the best starts that continue after them."""
 FIRST_DAMPING: Final = 1.0
 TINY: Final = 1e-12
+LEAST_CURVATURE: Final = 1e-9
+DAMPED_SHARE: Final = 1e-3
+"""The damping of all directions, as a share of their curvature; turns are damped by 1 beyond it."""
 RELAXED_STARTS: Final = 2
 DRAWS: Final = 7
 """Seed of the random directions."""
@@ -126,7 +129,7 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
     prior = weak_prior(family, anchors, reach_m)
     of = moments(model, motion)
-    problem = _Problem(model, of, np.array(of[:3])[:, None], prior, anchors)
+    problem = Problem(model, of, np.array(of[:3])[:, None], prior, anchors, reach_m)
     turn = window.zeta[-1, R].reshape(3, 3)
     x = model.turned(directions(model, DRAWS), turn)
     x = problem.complete(np.concatenate([x, relaxed_starts(model, problem.of, x)]))
@@ -137,7 +140,7 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
     return np.asarray(x[np.argmin(problem.cost(x))])
 
 
-class _Problem(NamedTuple):
+class Problem(NamedTuple):
     """Cost of one contact: half the squared residuals over noise, less the log of what free motion allows."""
 
     model: ContactModel
@@ -147,6 +150,7 @@ class _Problem(NamedTuple):
     prior: Prior
     """Of one hypothesis: the same for all."""
     anchors: Array
+    reach_m: float
 
     def cost(self, x: Array) -> Array:
         """(B,) nats at x (B, S)."""
@@ -173,13 +177,23 @@ class _Problem(NamedTuple):
 
     def descend(self, x: Array, steps: int) -> Array:
         """The result of ``steps`` damped Gauss-Newton steps from x (B, S)."""
+        if not compiled.in_use():
+            return self.descend_reference(x, steps)
+        from contact_tracker.hypotheses.compiled import calls
+
+        limits = FIRST_DAMPING, TINY, LEAST_CURVATURE, DAMPED_SHARE
+        model = calls.model_of(self.model, self.reach_m)
+        return calls.descend(model, self.matrices[:, 0], self.of.ticks, self.anchors[0], x, steps, limits)
+
+    def descend_reference(self, x: Array, steps: int) -> Array:
+        """``descend`` in numpy: the reference of the compiled kernel."""
         family, anchors = self.model.family, self.anchors.repeat(len(x), axis=0)
         cost, damping = self.cost(x), np.full(len(x), FIRST_DAMPING)
         for _ in range(steps):
             tangent, gradient, hessian = self._normal(x, anchors)
             diagonal = np.einsum("bii->bi", hessian)
             turning = turns(family.FORM)
-            diagonal += 1e-9 + 1e-3 * damping[:, None] * diagonal
+            diagonal += LEAST_CURVATURE + DAMPED_SHARE * damping[:, None] * diagonal
             diagonal[:, turning] += damping[:, None]
             step = -np.linalg.solve(hessian, gradient[..., None])
             there = family.normalise(x + (tangent @ step)[..., 0], anchors)

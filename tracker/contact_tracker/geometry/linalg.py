@@ -51,4 +51,4 @@ MOST_DAMPING: Final = 1e12
 def adapted(damping: NDArray[np.float64], better: ArrayLike) -> NDArray[np.float64]:
     """The damping (...) of the next step, by whether this one was ``better`` (...) than none."""
     factor = np.where(better, DAMPING_DECREASE, DAMPING_INCREASE)
-    return np.clip(damping * factor, LEAST_DAMPING, MOST_DAMPING)
+    return np.asarray(np.minimum(np.maximum(damping * factor, LEAST_DAMPING), MOST_DAMPING))

@@ -49,20 +49,23 @@ def weigh_births(
     ``extra_variance`` is the noise variance (m^2, rad^2) of each contact beyond that of the window.
     """
     weighed, log_odds, gain = list[BirthProposals](), np.zeros(len(proposals)), np.zeros((len(proposals), 2))
+    if uses_kernels := compiled.in_use():
+        from contact_tracker.hypotheses.compiled import calls
+
+        ticks = calls.ticks_of(window)
+        limits = calls.birth_limits(ANY_DIRECTION, scales.reach_m, _HOPELESS, MOST_BIRTHS)
     for column, (model, begins, beyond) in enumerate(
         zip(CONTACT_MODELS, proposals, extra_variance, strict=True)
     ):
         pairs = _known_pairs(model, begins)
-        if len(pairs.x) and compiled.in_use():
-            from contact_tracker.hypotheses.compiled import calls
-
+        if len(pairs.x) and uses_kernels:
             log_odds[column], gain[column], kept, words = calls.weigh_births(
                 calls.model_of(model, scales.reach_m),
                 begins.rows.words,
                 *pairs,
-                calls.ticks_of(window),
+                ticks,
                 beyond,
-                calls.birth_limits(ANY_DIRECTION, scales.reach_m, _HOPELESS, MOST_BIRTHS),
+                limits,
             )
             past = begins.rows.lag_history[: len(kept)]
             rows = Bank(words, begins.rows.layout, begins.rows.onsets, past)
@@ -180,7 +183,8 @@ def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     is_known = begins.are_both_known
     rows = begins.rows.pick(is_known.nonzero()[0])
     # known lines have anchors of their own, and other elements need none
-    tangent = model.family.tangent(rows.prior_mean, np.nan_to_num(rows.line_anchor))
+    anchors = np.where(np.isnan(rows.line_anchor), 0.0, rows.line_anchor)
+    tangent = model.family.tangent(rows.prior_mean, anchors)
     along = np.swapaxes(tangent, -1, -2)
     deviations = _deviations(along @ rows.prior_information @ tangent)
     by_tangent = along[:, None] @ model.family.rows_derivative(rows.prior_mean)

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
+from contact_tracker.geometry import linalg
 from contact_tracker.geometry.linalg import adapted
+from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.hypotheses.gauss_newton import Prior
@@ -57,7 +59,7 @@ def estimate_ar1(
     pairs = np.array([product, _products(paired, paired) / max(paired.shape[1], 1)])
     new = _innovation_products(rows, correlation, index)
     for _ in range(LEARNING_STEPS):
-        eigenvalues, eigenvectors = np.linalg.eigh(
+        eigenvalues, eigenvectors = linalg.eigenvectors(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
         )
         determined = eigenvalues > LEAST_SHARE * eigenvalues[-1]
@@ -141,7 +143,7 @@ def _refine_once(
     prior = prior_of(bank, model, anchors, scales.reach_m)
     x, errors = bank.x, Ar1Noise(np.ones(family.ROWS), np.full(family.ROWS, FIRST_CORRELATION))
     for _ in range(ROUNDS):
-        x = _maximise(model, x, errors, anchors, window, prior)
+        x = _maximise(model, x, errors, anchors, window, prior, scales.reach_m)
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
         prior_information = tangent.T @ prior.precision[0] @ tangent
         errors = estimate_ar1(errors, whitened, jacobian, prior_information, window.index)
@@ -168,34 +170,74 @@ def _are_inlier_ticks(
     return np.asarray(np.all(square < END_TICK_SIGMAS**2, axis=0))
 
 
+class Equations(NamedTuple):
+    """Gauss-Newton equations of the likelihood at one x (S,)."""
+
+    cost: float
+    """Half the weighted squares of the residuals' innovations."""
+    gradient: Array
+    """(P,)"""
+    curvature: Array
+    """(P, P)"""
+    tangent: Array
+    """(P, S) the free directions."""
+
+
 def _maximise(
-    model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window, prior: Prior
+    model: ContactModel,
+    x: Array,
+    errors: Ar1Noise,
+    anchors: Array,
+    window: Window,
+    prior: Prior,
+    reach_m: float,
 ) -> Array:
     """Minimise the weighted squares of the residuals' innovations from x (1, S), by Levenberg-Marquardt."""
-    weight, correlation = errors
 
-    def new(x: Array) -> tuple[float, Array, Array, Array]:
-        whitened, jacobian, tangent = _linearised(model, x, anchors, window)
-        residual = whiten_ar1(whitened, correlation, window.index)
-        cost = float(0.5 * weight @ np.sum(residual**2, axis=1) + prior.cost(x)[0])
-        return cost, residual, whiten_ar1(jacobian, correlation, window.index), tangent
+    def new(x: Array) -> tuple[float, Equations]:
+        equations = _equations(model, x, errors, anchors, window, reach_m)
+        return equations.cost + float(prior.cost(x)[0]), equations
 
-    damping, (now, residual, jacobian, tangent) = np.array(FIRST_DAMPING), new(x)
+    damping, (now, near) = np.array(FIRST_DAMPING), new(x)
     for _ in range(STEPS):
-        pull = tangent.T @ prior.precision[0]
-        weighted = weight[:, None, None] * jacobian
-        gradient = np.einsum("ktp,kt->p", weighted, residual) + tangent.T @ prior.gradient(x)[0]
-        curvature = np.einsum("ktp,ktq->pq", weighted, jacobian) + pull @ tangent
-        ridge = damping * np.diag(curvature) + LEAST_CURVATURE
-        step = -np.linalg.solve(curvature + np.diag(ridge), gradient)
-        proposal = model.family.normalise(x + step @ tangent.T, anchors)
+        gradient = near.gradient + near.tangent @ prior.gradient(x)[0]
+        curvature = near.curvature + near.tangent @ prior.precision[0] @ near.tangent.T
+        curvature.flat[:: len(curvature) + 1] += damping * curvature.diagonal() + LEAST_CURVATURE
+        step = -linalg.solve(curvature, gradient[:, None])[:, 0]
+        proposal = model.family.normalise(x + step @ near.tangent, anchors)
         there = new(proposal)  # its cost alone would take nearly as long
         damping = adapted(damping, there[0] < now)
         if there[0] < now:
-            x, (now, residual, jacobian, tangent) = proposal, there
+            x, (now, near) = proposal, there
         if abs(gradient @ step) < TOLERANCE_NATS:
             break
     return x
+
+
+def _equations(
+    model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window, reach_m: float
+) -> Equations:
+    """The equations of the data at x (1, S)."""
+    if not compiled.in_use():
+        return _equations_reference(model, x, errors, anchors, window)
+    from contact_tracker.hypotheses.compiled import calls
+
+    kind, ticks = calls.model_of(model, reach_m), calls.ticks_of(window)
+    return Equations(*calls.equations(kind, x[0], anchors[0], ticks, *errors, STEP))
+
+
+def _equations_reference(
+    model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window
+) -> Equations:
+    """``_equations`` in numpy: the reference of the compiled kernel."""
+    weight, correlation = errors
+    whitened, slopes, tangent = _linearised(model, x, anchors, window)
+    residual = whiten_ar1(whitened, correlation, window.index)
+    jacobian = whiten_ar1(slopes, correlation, window.index)
+    weighted = weight[:, None, None] * jacobian
+    cost = float(0.5 * weight @ np.sum(residual**2, axis=1))
+    gradient = np.einsum("ktp,kt->p", weighted, residual)
+    return Equations(cost, gradient, np.einsum("ktp,ktq->pq", weighted, jacobian), tangent.T)
 
 
 def _noise(model: ContactModel, x: Array, window: Window) -> tuple[Array, Array]:

@@ -216,7 +216,8 @@ def contact_evidence(
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
     play = _play(_whitened(residual, _noise_sd(window), scales).residual, most_play)
     factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
-    cost = elements_complexity(contact.model, contact.x, motion, window, scales, factor)
+    gain = float(motion.evidence(c).gain.mean())
+    cost = elements_complexity(contact.model, contact.x, motion, window, scales, gain, factor)
     return scales.likelihood_exponent * (_log_ratio(residual, window, scales, play, free) - cost)
 
 

@@ -7,6 +7,7 @@ contact's parameters x have senses, which ``Sighting`` and ``pairs`` choose.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from math import inf, sqrt
 from typing import Final
 
@@ -136,6 +137,7 @@ def prior_variance(kind: str, reach_m: float) -> Array:
     return np.repeat([ANY_DIRECTION_RAD**2, reach_m**2], [TURNS[kind], SHIFTS[kind]])
 
 
+@cache
 def kinds_of(model: ContactModel) -> tuple[str, str]:
     """Kinds of the object's and of the environment's element."""
     return model.contact.value[0], model.contact.value[2]

@@ -25,6 +25,7 @@ from contact_tracker.geometry.elements import (
     opposite,
     shifted,
 )
+from contact_tracker.geometry.vectors import EYE
 from contact_tracker.map.association import MapView
 from contact_tracker.map.elements import WIDTHS, covariance_of, kinds_of, whitening
 from contact_tracker.map.map import Map, NamedElement, Up
@@ -70,12 +71,12 @@ def pair_priors(model: ContactModel, pairs: Sequence[Pair], cross: Array | None 
     onto = np.zeros((len(pairs), size, size))
     for kind, side, own in zip(kinds, sides, (slice(width), slice(width, size)), strict=True):
         parts, w = np.array([_part(kind, element) for element in side]), WIDTHS[kind]
-        mean[:, own], flat, variance[:, own], point_m = np.split(parts, [w, w + w**2, 2 * w + w**2], axis=1)
-        onto[:, own, own] = flat.reshape(-1, w, w)
-        points_m.append(point_m)
+        mean[:, own], variance[:, own] = parts[:, :w], parts[:, -3 - w : -3]
+        onto[:, own, own] = parts[:, w:][:, : w**2].reshape(-1, w, w)
+        points_m.append(parts[:, -3:])
     linked = np.flatnonzero([] if cross is None else cross.any(axis=(1, 2)))
     joint = variance[linked, :, None] * np.eye(size)
-    if cross is not None:
+    if cross is not None and linked.size:
         joint[:, :width, width:] = onto[linked, :width, :width] @ cross[linked]
         joint[:, :width, width:] @= onto[linked, width:, width:].swapaxes(1, 2)
         joint[:, width:, :width] = joint[:, :width, width:].swapaxes(1, 2)
@@ -86,7 +87,8 @@ def pair_priors(model: ContactModel, pairs: Sequence[Pair], cross: Array | None 
     weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
     along = onto.swapaxes(1, 2)
     information = along @ (weight[:, :, None] * onto)
-    information[linked] = along[linked] @ np.linalg.inv(joint) @ onto[linked]
+    if linked.size:
+        information[linked] = along[linked] @ np.linalg.inv(joint) @ onto[linked]
     return PairPrior(mean, information, np.concatenate(points_m, axis=1))
 
 
@@ -117,7 +119,8 @@ def _part(kind: str, element: Element | None) -> Array:
         variance[3] = onto[3] @ covariance @ onto[3]  # errors of the slope enter by their square only
         variance[3] *= variance[3] > _SMALLEST * covariance[3, 3]
     elif isinstance(element, Line):
-        across = np.kron(np.eye(2), np.eye(3) - np.outer(element.direction, element.direction))
+        across = np.zeros((6, 6))
+        across[:3, :3] = across[3:, 3:] = EYE - np.outer(element.direction, element.direction)
         onto = whitening(across @ covariance @ across, 3) @ across
         point_m = element.point_m if _goes_through(element) else point_m
     else:

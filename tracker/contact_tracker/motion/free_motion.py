@@ -302,7 +302,9 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
 
 
 @cache
-def _kalman_filter() -> "KalmanFilter":
+def kalman_filter() -> "KalmanFilter":
+    """The filter that ``advance`` copies; the first call imports filterpy, which takes longer than many
+    ticks."""
     # not its function `update`, which takes any exception, an interrupt too, for a value without axes
     from filterpy.kalman import KalmanFilter
 
@@ -313,7 +315,7 @@ def _kalman_filter() -> "KalmanFilter":
 
 def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
     """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3)."""
-    step = copy(_kalman_filter())  # making one takes as long as its update
+    step = copy(kalman_filter())  # making one takes as long as its update
     step.P, step.R = prediction.covariance, np.diag(variance)
     step.update(_UNIT)
     gain, covariance = step.K @ _UNIT, step.P

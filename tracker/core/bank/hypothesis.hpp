@@ -152,6 +152,19 @@ void read_symmetric(const R& rows, int word, N* out) {
     }
 }
 
+// Row `row(i)` of a table with `size` numbers a row, in lane i.
+template <class Row>
+void gather(const double* table, int size, Row&& row, Lanes* out) {
+    for (int i = 0; i < lanes * size; ++i)
+        out[i % size].put(i / size, table[row(i / size) * size + i % size]);
+}
+
+template <class Row>
+void scatter(const Lanes* values, int size, Row&& row, double* table) {
+    for (int i = 0; i < lanes * size; ++i)
+        table[row(i / size) * size + i % size] = values[i % size][i / size];
+}
+
 inline void write(const PerLane<double>& rows, int word, const Lanes& values) {
     for (int i = 0; i < lanes; ++i) rows[i][word] = values[i];
 }

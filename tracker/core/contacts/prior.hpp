@@ -52,6 +52,19 @@ void anchor(const Kind& kind, const H& some, N* out) {
     }
 }
 
+// Add the prior that touching points lie near the `anchors`. Reference: `evidence.weak_prior`.
+template <class F, class N>
+void add_weak_prior(const Kind& kind, Prior<F, N>& prior) {
+    for (int s = 0; s < F::S; ++s) {
+        const bool of_1 = F::q1 >= 0 && s >= F::q1 && s < F::q1 + 3, of_2 = F::q2 >= 0 && s >= F::q2;
+        prior.precision[s * F::S + s] += kind.pull[s];
+        if (!of_1 && !of_2) continue;  // the weak prior's mean is zero except for points
+        const N mean = prior.anchors[of_1 ? s - F::q1 : 3 + s - F::q2], weak = kind.pull[s] * mean;
+        prior.information[s] += weak;
+        prior.constant += 0.5 * weak * mean;
+    }
+}
+
 // Reference: `refit.prior_at_anchors`.
 template <class F, class H, class N>
 void read_prior(const Kind& kind, const H& some, Prior<F, N>& prior) {
@@ -68,14 +81,7 @@ void read_prior(const Kind& kind, const H& some, Prior<F, N>& prior) {
         multiply<F::S, F::S>(mean, prior.precision, prior.information);
         prior.constant = 0.5 * dot<F::S>(prior.information, mean);
     }
-    for (int s = 0; s < F::S; ++s) {
-        const bool of_1 = F::q1 >= 0 && s >= F::q1 && s < F::q1 + 3, of_2 = F::q2 >= 0 && s >= F::q2;
-        prior.precision[s * F::S + s] += kind.pull[s];
-        if (!of_1 && !of_2) continue;  // the weak prior's mean is zero except for points
-        const N mean = prior.anchors[of_1 ? s - F::q1 : 3 + s - F::q2], weak = kind.pull[s] * mean;
-        prior.information[s] += weak;
-        prior.constant += 0.5 * weak * mean;
-    }
+    add_weak_prior<F>(kind, prior);
 }
 
 }  // namespace kernels

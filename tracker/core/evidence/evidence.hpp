@@ -120,6 +120,15 @@ void measure(const Kind& kind, const Lanes* x, const double* pose, Measurement<F
     }
 }
 
+// Reference: `evidence.residual_noise`, of the k-th row in tick w.
+template <class F>
+Lanes noise_of(const Ticks& ticks, int w, int k, const Measurement<F>& measured) {
+    const double rotation = ticks.noise(w, 1), *uneven = ticks.position_anisotropy;
+    if (k < F::last) return rotation;
+    const Lanes even = ticks.noise(w, 0) + rotation * measured.lever_sq;
+    return uneven ? even + inner(measured.along, turned(uneven + 9 * w, 0, measured.along)) : even;
+}
+
 // Residuals (K,) of the previous tick, and the lanes in which there is one.
 template <class F>
 struct Residuals {
@@ -149,19 +158,14 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
     Measurement<F> measured;
     measure<F>(kind, x, ticks.pose + w * Ticks::entries, measured);
     if (lengths.correlation > 0.0) last.whiten(after, lengths, measured.residual);
-    const double position = ticks.noise(w, 0), rotation = ticks.noise(w, 1);
-    const double *fitted = ticks.excess + 2 * w, *known = ticks.displacement_variance + 2 * w,
-                 *position_anisotropy = ticks.position_anisotropy;
+    const double position = ticks.noise(w, 0);
+    const double *fitted = ticks.excess + 2 * w, *known = ticks.displacement_variance + 2 * w;
     const Lanes free[] = {where(certain, known[0], Lanes(fitted[0])),
                           where(certain, known[1], Lanes(fitted[1]))};
     for (int k = 0; k < F::K; ++k) {
-        Lanes noise = rotation, excess = free[1];
-        if (k == F::last) {
-            noise = position + rotation * measured.lever_sq;
-            excess = free[0] + free[1] * (measured.lever_sq + lengths.radius_sq);
-            if (position_anisotropy)
-                noise += inner(measured.along, turned(position_anisotropy + 9 * w, 0, measured.along));
-        }
+        const Lanes noise = noise_of<F>(ticks, w, k, measured);
+        const Lanes excess =
+            k < F::last ? free[1] : free[0] + free[1] * (measured.lever_sq + lengths.radius_sq);
         const Lanes whole = noise + excess, square = measured.residual[k] * measured.residual[k];
         const Lanes inverse = 1.0 / (noise * whole), over_noise = whole * inverse;
         sums.precision[k] += where(counts, position * over_noise, none);

@@ -33,25 +33,15 @@ struct Touching {
 template <class F>
 Touching<F> touching_evidence(const Kind& kind, const KnownPairs& pairs, const int (&pair)[lanes],
                               const Ticks& ticks, const BirthLimits& limits) {
-    const int newest = ticks.count - 1;
-    const double *pose = ticks.newest_pose(), position = ticks.noise(newest, 0),
-                 rotation = ticks.noise(newest, 1);
+    const double* pose = ticks.newest_pose();
     Lanes x[F::S];
-    for (int i = 0; i < lanes; ++i) {
-        for (int s = 0; s < F::S; ++s) x[s].put(i, pairs.x[pair[i] * F::S + s]);
-    }
+    gather(pairs.x, F::S, [&](int i) { return pair[i]; }, x);
     Measurement<F> measured;
     measure<F>(kind, x, pose, measured);
     Touching<F> touching;
     touching.log_ratio = 0.0;
     for (int k = 0; k < F::K; ++k) {
-        Lanes noise = rotation, spread;
-        if (k == F::last) {
-            noise = position + rotation * measured.lever_sq;
-            if (ticks.position_anisotropy)
-                noise +=
-                    inner(measured.along, turned(ticks.position_anisotropy + 9 * newest, 0, measured.along));
-        }
+        Lanes spread;
         for (int i = 0; i < lanes; ++i) {
             const double* change = pairs.deviation + (pair[i] * F::K + k) * F::P * F::C;
             double sum = 0.0;
@@ -66,7 +56,7 @@ Touching<F> touching_evidence(const Kind& kind, const KnownPairs& pairs, const i
             const Lanes cosine = inner(at(x, F::d2), turned(pose, 0, at(x, F::d1)));
             spread = spread / larger<Lanes>(1.0 - cosine * cosine, settings.sine_sq_floor);
         }
-        noise += spread;
+        const Lanes noise = noise_of<F>(ticks, ticks.count - 1, k, measured) + spread;
         const Lanes ratio = (k == F::last ? limits.any_distance : limits.any_direction) / noise;
         touching.gain[k] = each(ratio, [](double one) { return 0.5 * std::log1p(one); });
         touching.log_ratio += touching.gain[k] - 0.5 * measured.residual[k] * measured.residual[k] / noise *

@@ -2,6 +2,8 @@
 // compile in parallel; it defines HERE as the family's name.
 #pragma once
 
+#include "evidence/likelihood.hpp"
+#include "formations/descent.hpp"
 #include "update/contact_update.hpp"
 
 namespace kernels {
@@ -20,7 +22,10 @@ namespace kernels {
                                   Work<F>&);                                                              \
     PREFIX template void every_square<F>(const std::vector<Windows<F>>&, const Offer<F>&, Squares<F>&);   \
     PREFIX template void every_cost<F>(const std::vector<RecipientBlock<F>>&, const Offer<F>&,            \
-                                       const Squares<F>&, double* const*);
+                                       const Squares<F>&, double* const*);                                \
+    PREFIX template void descend<F>(const FormationProblem<F>&, int, Lanes*);                             \
+    PREFIX template void equations_of<F>(const Kind&, const double*, const double*, const Ticks&,         \
+                                         const double*, const double*, double, Equations<F>&);
 
 #ifndef HERE
 #define DECLARE(F) HEAVY(extern, Family<F>)

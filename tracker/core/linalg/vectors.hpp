@@ -95,8 +95,8 @@ void outers(N* out, int first, const Vec<N>& a, const Vec<N>& b, const Vec<N>& c
 }
 
 // Columns [FIRST, END) of `vector (R,) @ matrix`, few enough for the sums to stay in registers.
-template <int R, int STRIDE, int FIRST, int END, class N>
-void multiply_columns(const N* vector, const N* matrix, N* out) {
+template <int R, int STRIDE, int FIRST, int END, class N, class M>
+void multiply_columns(const N* vector, const M* matrix, N* out) {
     N sum[END - FIRST];
     for (int j = FIRST; j < END; ++j) sum[j - FIRST] = vector[0] * matrix[j];
     for (int i = 1; i < R; ++i) {
@@ -106,8 +106,8 @@ void multiply_columns(const N* vector, const N* matrix, N* out) {
 }
 
 // `vector (R,) @ matrix (R, C)`, whose rows are `STRIDE` apart.
-template <int R, int C, int STRIDE = C, int FIRST = 0, class N>
-void multiply(const N* vector, const N* matrix, N* out) {
+template <int R, int C, int STRIDE = C, int FIRST = 0, class N, class M>
+void multiply(const N* vector, const M* matrix, N* out) {
     constexpr int most = 8, parts = (C - FIRST + most - 1) / most,
                   end = FIRST + (C - FIRST + parts - 1) / parts;
     multiply_columns<R, STRIDE, FIRST, end>(vector, matrix, out);

@@ -17,21 +17,18 @@ using Words = std::pair<int, pybind11::dict>;
 
 BankLayout bank_layout(const Words& bank) {
     BankLayout to;
-    read_fields(bank.second, "onset", to.onset, "number", to.number, "prior_index", to.prior_index,
-                "known_pair_index", to.known_pair_index, "elements_known", to.elements_known, "needs_search",
-                to.needs_search, "log_birth_weight", to.log_birth_weight, "protected_until",
-                to.protected_until, "log_prior", to.log_prior, "llr_before_window", to.llr_before_window,
-                "gain_before_window", to.gain_before_window, "log_likelihood", to.log_likelihood, "rms",
-                to.rms, "prior_mean", to.prior_mean, "prior_information", to.prior_information, "line_anchor",
-                to.line_anchor, "x", to.x, "row_weight", to.row_weight);
+    read_fields(bank.second, FIELD(onset), FIELD(number), FIELD(prior_index), FIELD(known_pair_index),
+                FIELD(elements_known), FIELD(needs_search), FIELD(log_birth_weight), FIELD(protected_until),
+                FIELD(log_prior), FIELD(llr_before_window), FIELD(gain_before_window), FIELD(log_likelihood),
+                FIELD(rms), FIELD(prior_mean), FIELD(prior_information), FIELD(line_anchor), FIELD(x),
+                FIELD(row_weight));
     return to;
 }
 
 OnsetLayout onset_layout(const Words& onsets) {
     OnsetLayout to;
-    read_fields(onsets.second, "onset", to.onset, "onset_ns", to.onset_ns, "weight", to.weight,
-                "effective_ticks", to.effective_ticks, "weighted_position_sum", to.weighted_position_sum,
-                "onset_row", to.onset_row, "second_moment", to.second_moment);
+    read_fields(onsets.second, FIELD(onset), FIELD(onset_ns), FIELD(weight), FIELD(effective_ticks),
+                FIELD(weighted_position_sum), FIELD(onset_row), FIELD(second_moment));
     return to;
 }
 
@@ -92,6 +89,47 @@ py::tuple weigh_births(const Model& model, const Floats& words, const Bools& kno
     return py::make_tuple(found.log_odds, found.gain, Ints(found.rows.size(), found.rows.data()), kept);
 }
 
+// Reference: `search.Problem.descend`, from starts (B, S) near `anchors` (6,); `matrices` (3, C, C).
+Floats descend_of(const Model& model, const Floats& matrices, double ticks, const Floats& anchors,
+                  const Floats& starts, int steps, const DescentLimits& limits) {
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        const auto count = static_cast<int>(starts.shape(0));
+        require_shape(matrices, {3, F::C, F::C}, "not the forms of this contact");
+        require_shape(starts, {count, F::S}, "starts are not geometry of this contact");
+        require_shape(anchors, {6}, "two points are anchors");
+        FormationProblem<F> of{matrices.data(), ticks, limits, {}};
+        std::copy_n(anchors.data(), 6, of.prior.anchors);
+        of.prior.is_diagonal = true;
+        add_weak_prior<F>(model.kind, of.prior);
+        Floats found({count, F::S});
+        for (int first = 0; first < count; first += lanes) {
+            Lanes x[F::S];
+            const auto row = [&](int i) { return std::min(first + i, count - 1); };
+            gather(starts.data(), F::S, row, x);
+            descend<F>(of, steps, x);
+            scatter(x, F::S, row, found.mutable_data());
+        }
+        return found;
+    });
+}
+
+// Reference: `refinement._equations_reference`, of x (S,) with `anchors` (6,) and errors of each row (K,).
+py::tuple equations_at(const Model& model, const Floats& x, const Floats& anchors, const TickArrays& window,
+                       const Floats& weight, const Floats& correlation, double step) {
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        require_shape(x, {F::S}, "not geometry of this contact");
+        require_shape(anchors, {6}, "two points are anchors");
+        require(weight.size() == F::K && correlation.size() == F::K, "not a number of each row");
+        Equations<F> out;
+        equations_of<F>(model.kind, x.data(), anchors.data(), window.ticks(model), weight.data(),
+                        correlation.data(), step, out);
+        return py::make_tuple(out.cost, Floats(F::P, out.gradient), Floats({F::P, F::P}, out.curvature[0]),
+                              Floats({F::P, F::S}, out.tangent[0]));
+    });
+}
+
 }  // namespace
 }  // namespace kernels
 
@@ -140,5 +178,7 @@ PYBIND11_MODULE(kernels, module) {
     py::class_<BirthLimits>(module, "BirthLimits").def(py::init<double, double, double, int>());
     module.def("weigh_births", &weigh_births);
     module.def("information_terms", &information_of);
+    module.def("descend", &descend_of);
+    module.def("equations", &equations_at);
     parts::add(module.def_submodule("parts"));
 }

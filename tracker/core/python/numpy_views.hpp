@@ -57,19 +57,6 @@ inline Bank bank_of(const Model& model, const Floats& words, const Floats& onset
     return {model.kind, table_of(words, model.words), table_of(onsets, model.onset_words)};
 }
 
-// A view to change in place; raises for read-only arrays.
-inline Bank changing(const Model& model, Floats& words, Floats& onsets) {
-    words.mutable_data();
-    onsets.mutable_data();
-    return bank_of(model, words, onsets);
-}
-
-// A view to change in place, except the onsets.
-inline Bank changing(const Model& model, Floats& words, const Floats& onsets) {
-    words.mutable_data();
-    return bank_of(model, words, onsets);
-}
-
 // Arrays of a window: the lifted `pose` of the body in the world and its `inverse`; the rest as in `Ticks`.
 struct TickArrays {
     Ints number;

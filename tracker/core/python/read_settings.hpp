@@ -19,22 +19,21 @@ void read_fields(const pybind11::dict& values, const char* name, Field& field, M
     read_fields(values, more...);
 }
 
+// The field of `to` of that name.
+#define FIELD(name) #name, to.name
+
 inline void configure(const pybind11::dict& values) {
     Settings& to = settings;
     Damping& damping = to.damping;
     read_fields(values, "first_damping", damping.first, "least_damping", damping.least, "most_damping",
                 damping.most, "damping_decrease", damping.decrease, "damping_increase", damping.increase,
                 "least_share", damping.least_share, "least_curvature", damping.least_curvature);
-    read_fields(values, "tolerance", to.tolerance, "sine_sq_floor", to.sine_sq_floor, "tiny", to.tiny,
-                "edge_ridge", to.edge_ridge, "vertex_ridge", to.vertex_ridge, "first_ticks", to.first_ticks,
-                "rest_weight", to.rest_weight, "defer_nats", to.defer_nats, "far_nats", to.far_nats,
-                "drop_nats", to.drop_nats, "relaxation_ridge", to.relaxation_ridge, "fitting_rms",
-                to.fitting_rms, "least_gain", to.least_gain, "protection_nats", to.protection_nats,
-                "protection_ticks", to.protection_ticks, "residual_ticks", to.residual_ticks);
-    read_fields(values, "refine_steps", to.refine_steps, "first_steps", to.first_steps, "recovery_steps",
-                to.recovery_steps, "followed_starts", to.followed_starts, "search_refits", to.search_refits,
-                "unthinned_ticks", to.unthinned_ticks, "search_ages", to.search_ages, "is_search_age",
-                to.is_search_age);
+    read_fields(values, FIELD(tolerance), FIELD(sine_sq_floor), FIELD(tiny), FIELD(edge_ridge),
+                FIELD(vertex_ridge), FIELD(first_ticks), FIELD(rest_weight), FIELD(defer_nats),
+                FIELD(far_nats), FIELD(drop_nats), FIELD(relaxation_ridge), FIELD(fitting_rms),
+                FIELD(least_gain), FIELD(protection_nats), FIELD(protection_ticks), FIELD(residual_ticks),
+                FIELD(refine_steps), FIELD(first_steps), FIELD(recovery_steps), FIELD(followed_starts),
+                FIELD(search_refits), FIELD(unthinned_ticks), FIELD(search_ages), FIELD(is_search_age));
     to.rounds.clear();
     for (const auto& [steps, kept] : values["rounds"].cast<std::vector<std::pair<int, int>>>())
         to.rounds.push_back({steps, kept});

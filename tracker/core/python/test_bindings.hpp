@@ -20,27 +20,11 @@ struct Problems {
     // The priors of the hypotheses from `first` on, one per lane.
     template <class F>
     void read_prior(int first, Prior<F, Lanes>& prior) const {
-        for (int i = 0; i < lanes; ++i) {
-            const int b = own(first, i);
-            for (int s = 0; s < F::S * F::S; ++s)
-                prior.precision[s].put(i, precision.data()[b * F::S * F::S + s]);
-            for (int s = 0; s < F::S; ++s) prior.information[s].put(i, information.data()[b * F::S + s]);
-            for (int a = 0; a < 6; ++a) prior.anchors[a].put(i, anchors.data()[b * 6 + a]);
-            prior.constant.put(i, constant.data()[b]);
-        }
-    }
-
-    // Numbers (H, `size`) of the hypotheses from `first` on, one per lane.
-    void read(const double* from, int size, int first, Lanes* out) const {
-        for (int i = 0; i < lanes; ++i) {
-            for (int s = 0; s < size; ++s) out[s].put(i, from[own(first, i) * size + s]);
-        }
-    }
-
-    void write(const Lanes* values, int size, int first, double* to) const {
-        for (int i = 0; i < lanes; ++i) {
-            for (int s = 0; s < size; ++s) to[own(first, i) * size + s] = values[s][i];
-        }
+        const auto row = [&](int i) { return own(first, i); };
+        gather(precision.data(), F::S * F::S, row, prior.precision);
+        gather(information.data(), F::S, row, prior.information);
+        gather(anchors.data(), 6, row, prior.anchors);
+        gather(constant.data(), 1, row, &prior.constant);
     }
 };
 
@@ -57,19 +41,20 @@ inline py::tuple minimise(const Model& model, const Floats& words, const Floats&
         Work<F> work;
         Lanes geometry[F::S];
         for (int first = 0; first < count; first += lanes) {
+            const auto row = [&](int i) { return given.own(first, i); };
             given.read_prior<F>(first, work.prior);
-            given.read(start.data(), F::S, first, geometry);
+            gather(start.data(), F::S, row, geometry);
             const Moments<F> window(model.kind, given.rows(first));
             Descent descent{Lanes(0.0), Lanes(0.0), false};
             if (steps >= 0)
                 descent = descend<F>(window, geometry, steps, work);
             else
                 descent.cost = complete<F>(window, geometry, work);
-            given.write(geometry, F::S, first, x.mutable_data());
-            given.write(&descent.cost, 1, first, cost.mutable_data());
+            scatter(geometry, F::S, row, x.mutable_data());
+            scatter(&descent.cost, 1, row, cost.mutable_data());
             if (steps < 0) continue;
             const Mask done = kernels::converged<F>(descent, work);
-            given.write(work.near.hessian[0], F::K * F::U, first, hessian.mutable_data());
+            scatter(work.near.hessian[0], F::K * F::U, row, hessian.mutable_data());
             for (int i = 0; i < lanes; ++i) converged.mutable_at(given.own(first, i)) = done[i];
         }
         return py::make_tuple(x, cost, hessian, converged);
@@ -78,7 +63,9 @@ inline py::tuple minimise(const Model& model, const Floats& words, const Floats&
 
 inline void accumulate(const Model& model, Floats words, Floats onsets, const TickArrays& seen,
                        const EvidenceParameters& weights, double log_stay) {
-    const Bank bank = changing(model, words, onsets);
+    words.mutable_data();  // raises for read-only arrays
+    onsets.mutable_data();
+    const Bank bank = bank_of(model, words, onsets);
     const Ticks ticks = seen.ticks(model);
     visit(model, [&](auto family) {
         kernels::accumulate<decltype(family)>(model.kind, bank, ticks, weights.lengths, ticks.motion_ratio(),

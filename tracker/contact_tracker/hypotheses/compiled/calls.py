@@ -21,6 +21,8 @@ from contact_tracker.motion.window import Window
 Index = NDArray[np.int64]
 information_terms = kernels.information_terms
 weigh_births = kernels.weigh_births
+descend = kernels.descend
+equations = kernels.equations
 
 
 Update = tuple[

@@ -112,3 +112,21 @@ def weigh_births(
 def information_terms(
     model: Model, words: Numbers, onsets: Numbers, variance: Numbers
 ) -> tuple[Numbers, Numbers, Numbers, Numbers]: ...
+def descend(
+    model: Model,
+    matrices: Numbers,
+    ticks: float,
+    anchors: Numbers,
+    starts: Numbers,
+    steps: int,
+    limits: tuple[float, float, float, float],
+) -> Numbers: ...
+def equations(
+    model: Model,
+    x: Numbers,
+    anchors: Numbers,
+    window: Ticks,
+    weight: Numbers,
+    correlation: Numbers,
+    step: float,
+) -> tuple[float, Numbers, Numbers, Numbers]: ...
