@@ -1,18 +1,26 @@
 """What is known, as parts to draw: bodies whole, elements where they were touched."""
 
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from rerun.chunk import RrdReader
 
-from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.api import Result
+from contact_tracker.exports.formats import write_outcome
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
+from contact_tracker.joints.evidence import Joint
+from contact_tracker.joints.models import JointKind
 from contact_tracker.map.elements import LearnedElements, MapElement
 from contact_tracker.map.file import map_from
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.states import Contact
+from contact_tracker.outputs.text import segment_rows
+from contact_tracker.recording import MAP_TOPIC
+from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import Trajectory
@@ -84,6 +92,39 @@ def test_elements_of_a_map_are_drawn_where_they_are(poses: Poses, world: Growing
     assert [(vertex.side, vertex.name), (face.side, face.name)] == [(0, "vertex 1"), (1, "face 2")]
     np.testing.assert_allclose(vertex.label_m, VERTEX_M)
     np.testing.assert_allclose(face.outline[0][:, 2], 0.5, atol=1e-9)
+
+
+def test_joints_are_drawn_in_all_outputs(poses: Poses, tmp_path: Path) -> None:
+    """The axis of a hinge, and the centre of a ball joint, under the name in a table of segments."""
+    pytest.importorskip("matplotlib").use("Agg")
+    middle_m, spans = np.array([0.5, 0.2, 0.0]), poses.stamp_ns[[0, 149, 150, 299]].reshape(2, 2).tolist()
+    elements = (Line(Z, CORNER_M), Line(Z, middle_m)), (Point(CORNER_M), Point(middle_m))
+    joints = [
+        Joint(kind, 0.96, *both, None, None)
+        for kind, both in zip((JointKind.HINGE, JointKind.BALL), elements, strict=True)
+    ]
+    segments = [
+        Segment(*span, Contact.FF, 0.3, None, CONTACTS, joint=joint)
+        for span, joint in zip(spans, joints, strict=True)
+    ]
+    result = Result(Trajectory(poses), Segmentation(tuple(segments)))
+    parts, names = known_parts(result), ["= hinge 0.96", "= ball 0.96"]
+    assert [(one.side, one.name) for one in parts] == [(side, name) for name in names for side in (0, 1)]
+    for part, element in zip(parts, chain(*elements), strict=True):
+        np.testing.assert_allclose(part.label_m[:2], element.point_m[:2], atol=1e-9)
+    *_, axes = result.plot().axes
+    assert {f"f-f {name}" for name in names} <= {text.get_text() for text in axes.texts}
+    rows = [row.kind for one in segments for row in segment_rows(one, 0)]
+    assert rows == ["f-f", "= hinge", "f-f", "= ball"]
+    write_outcome(result, tmp_path / "out.html")
+    write_outcome(result, tmp_path / "out.mcap")
+    page = (tmp_path / "out.html").read_text()
+    with (tmp_path / "out.mcap").open("rb") as file:
+        ((_, _, scene),) = make_reader(file).iter_messages(topics=[MAP_TOPIC])
+    assert all(f'"label":"{name}"' in page and f"object {name}".encode() in scene.data for name in names)
+    write_rrd(tmp_path / "out.rrd", result)
+    static, _ = static_and_first(tmp_path / "out.rrd", f"{canvas.KNOWN[0]}/names", "Points3D:labels")
+    assert static[-1] == 2
 
 
 def static_and_first(path: Path, entity: str, component: str) -> tuple[list[int], list[tuple[int, int]]]:
