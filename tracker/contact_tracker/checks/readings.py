@@ -270,8 +270,10 @@ def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
         if made_of is not None:
             text = f"{what} Rotation.from_rotvec([a, b, c]) of SciPy"
             if table.euler is not None:
-                command = read_as.command(rotation_vector=True)
-                text = f"orientations look like rotation vectors, not like angles: read them by {command}"
+                how = f"read them by {read_as.command(rotation_vector=True)}"
+                if read_as.has_angles:
+                    how = "their columns are named as angles, so check how they were exported"
+                text = f"orientations look like rotation vectors, not like angles: {how}"
             yield Reading(text, turns=partial(_by_vector, made_of, folds))
 
 
