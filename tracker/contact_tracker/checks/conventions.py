@@ -256,10 +256,12 @@ class Conventions(Check):
 
     @property
     def fitting_units(self) -> tuple[str, ...]:
-        """Units in which contacts explain most of the motion to the noise, which they do not in metres."""
+        """Units in which contacts explain most of the motion to the noise, which they do not in metres, or at
+        least some of it that they do not in metres: the rest may be free motion."""
         nats, fitting, windows = self.units
         explains = fitting >= FITTING_SHARE * windows
-        fits = (nats > nats[0] + BETTER_NATS) & explains & ~explains[0]
+        explains_more = explains | (fitting >= fitting[0] + FEWEST_WINDOWS)
+        fits = (nats > nats[0] + BETTER_NATS) & explains_more & ~explains[0]
         return tuple(unit.text for unit, one in zip(UNITS, fits, strict=True) if one)
 
     def update(self, poses: Poses, stream: Stream) -> "Conventions":
