@@ -125,7 +125,8 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             axes.broken_barh([(first_s, last_s - first_s)], lane, facecolor=colour, edgecolor="white")
         names = [segment.contact.value]
         if segment.joint is not None:
-            names = [" ".join((*names, joint_name(segment.joint))), *names]
+            whole = f"{segment.contact.value} {joint_name(segment.joint)}"
+            names = [whole, whole.rpartition(" ")[0], *names]  # also without the probability
         write_name(axes, start_s, duration_s, _RIBBON, *names, background=shade(segment))
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=fraction(COLOUR[state]), label=state.value)
