@@ -126,7 +126,7 @@ def test_the_command_that_was_typed_is_proposed_for_columns_that_may_be_meant_in
     np.savetxt(path, numbers, "%.9g", ",", header="time [s],x,y,z,rx,ry,rz", comments="")
     done = run(command, path, "--unit", "mm")
     assert (
-        f"contact-tracker {command} {path} --unit mm --euler xyz:deg or contact-tracker {command} {path}"
+        f"contact-tracker {command} {path} --unit mm --rotation-vector or contact-tracker {command} {path}"
         in (done.stderr)
     )
 

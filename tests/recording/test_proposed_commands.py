@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from contact_tracker.cli.main import build_parser
+from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import UnreadableRecording
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 
 
@@ -44,7 +46,7 @@ def test_a_proposed_command_is_the_users_own(tmp_path: Path, words: str, expecte
         ("roll,pitch,yaw", "0.1,-170,0.3", ["--euler xyz:deg"]),
         ("roll [rad],pitch [rad],yaw [rad]", "0.1,0.2,0.3", ["--euler xyz:rad"]),
         ("euler_x,euler_y,euler_z", "0.1,100,0.3", ["--euler xyz:deg"]),
-        ("rx,ry,rz", "0.1,0.2,0.3", ["--euler xyz:deg", "--rotation-vector"]),
+        ("rx,ry,rz", "0.1,0.2,0.3", ["--rotation-vector", "--euler xyz:rad", "--euler xyz:deg"]),
         ("rx,ry,rz", "0.1,-170,0.3", ["--euler xyz:deg"]),
         ("rvec_x,rvec_y,rvec_z", "0.1,0.2,0.3", ["--rotation-vector"]),
         ("rvec_x,rvec_y,rvec_z", "0.1,-170,0.3", []),
@@ -58,3 +60,17 @@ def test_no_reading_is_proposed_that_names_or_values_contradict(
     assert commands in text
     assert text.count("contact-tracker") == len(ways)
     assert ways or "as in 'rvec_x [deg]'" in text
+
+
+def test_an_index_without_a_name_is_proposed_as_the_time(tmp_path: Path) -> None:
+    """As pandas writes one, of times but not of numbers of rows."""
+    path, pose = tmp_path / "a.csv", "x,y,z,qw,qx,qy,qz"
+    for step, way in (
+        ("0.1", "if its first column, which has no name, is the time"),
+        ("1", "it has no times"),
+    ):
+        rows = [f"{float(step) * i:g},0.{i},0,0,1,0,0,0" for i in range(9)]
+        path.write_text("\n".join([f",{pose}", *rows, ""]))
+        with pytest.raises(UnreadableRecording, match=f"{way}: read them by contact-tracker segment"):
+            open_log(str(path))
+    assert len(Poses.collect(open_log(str(path), table=reading_of("time=c0", time_unit="s")))) == 9

@@ -195,7 +195,7 @@ def _are_rotations(matrices: Array) -> bool:
 
 def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) -> str | None:
     """What the columns seem to be, and the command that reads them so; None if nothing fits."""
-    reading, about_time, about_rate = _with_time(columns, reading)
+    reading, about_time, about_rate = _with_time(columns, reading, rows)
     lower = {*map(str.lower, columns.names), *columns.plain}
     for system, names, meant in KNOWN:
         one = meant.with_(reading)
@@ -246,10 +246,14 @@ def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[
     angles = [reading_of(euler=f"{order}:{unit}") for unit in units]
     if are_named_angles(names) or order == "XYZ" or is_far:
         return "three angles", angles
-    return "three numbers, angles or a rotation vector", [angles[0], reading_of(rotation_vector=True)]
+    vector = reading_of(rotation_vector=True)
+    what = "three numbers, angles or a rotation vector"
+    if len(angles) > 1 and len(values):  # no larger than a turn in radians: hardly degrees
+        return what, [vector, *angles[::-1]]
+    return what, [angles[0], vector]
 
 
-def _with_time(columns: Columns, reading: TableReading) -> tuple[TableReading, str, str]:
+def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[TableReading, str, str]:
     """A reading with a time, if no column is one by its name: what seems to be the time in words, and what to
     say of a rate in it."""
     time, _ = columns.time(reading, columns.find(reading)[TIME])
@@ -259,6 +263,11 @@ def _with_time(columns: Columns, reading: TableReading) -> tuple[TableReading, s
     like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
     if like is not None and not numbered:
         return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
+    if columns.names[0] == f"{UNNAMED}0" and not numbered:  # the index of a DataFrame
+        first = numbers([row[0] for row in rows()])
+        if len(first) > 1 and (np.diff(first) > 0.0).all() and (first != np.round(first)).any():
+            found = reading.with_(reading_of({TIME: columns.names[0]}))
+            return found, "if its first column, which has no name, is the time", ""
     about = "its times are numbers of frames" if numbered else "it has no times"
     rate = f", with the rate of your {'frames' if numbered else 'rows'} instead of {_A_RATE}"
     return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
