@@ -5,14 +5,14 @@ as the segment, a vertex as the point. Where one touches that reaches farther th
 a face, the patch is as large as the object.
 """
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple, Self
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, flat
 from contact_tracker.map.elements import KINDS, kind_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
@@ -22,6 +22,7 @@ from contact_tracker.outputs.text import joint_name
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.scene import (
     EMPTY,
+    LARGEST_M,
     UNKNOWN_EXTENT,
     Extent,
     Mesh,
@@ -109,7 +110,7 @@ class KnownParts:
         }
         self._poses, self._every_ns, self._last_span = list[Poses](), _EVERY_NS, -(2**62)
         self._touches: dict[int, Touch] = {}
-        self._jointed: tuple[Segment, ...] = ()
+        self._segments: tuple[Segment, ...] = ()
 
     @classmethod
     def of(cls, outcome: Outcome) -> Self:
@@ -118,7 +119,7 @@ class KnownParts:
         known.add_poses(outcome.trajectory.poses)
         for one in outcome.segments:
             known.add_contact(one.start_ns, one.end_ns, one.geometry)
-        known._jointed = tuple(one for one in outcome.segments if one.joint is not None)
+        known._segments = outcome.segments
         return known
 
     def extent(self, world: GrowingMap | None) -> Extent:
@@ -177,8 +178,7 @@ class KnownParts:
             )._replace(touched_ns=tuple(sorted(spans.get(key, ()))))
             for key, (side, name, one) in elements.items()
         ]
-        joints = (part for one in self._jointed for part in _of_joint(one, poses, extent))
-        return (*self.bodies, *found, *joints)
+        return (*self.bodies, *found, *_of_joints(self._segments, poses, extent))
 
     def _elements_of(self, world: GrowingMap | None) -> dict[Hashable, tuple[int, str, Element]]:
         """The elements of a map that are not, in each of their contacts, a listed one by its name.
@@ -308,16 +308,29 @@ def _of_element(side: int, name: str, element: Element, touched: Sequence[Array]
             return Part(side, name, point(side == 0, point_m, 0.5 * margin_m), (), point_m)
 
 
-def _of_joint(segment: Segment, poses: Poses, extent: Extent) -> Iterator[Part]:
-    """The axis or the centre of the joint of a segment, in the body and in the world frame."""
-    joint, within = segment.joint, poses_within(poses, segment.start_ns, segment.end_ns)
-    assert joint is not None
-    centre_m = np.median(within.rotation @ extent.centre_m + within.position_m, axis=0)
-    sides = (joint.object, extent.centre_m), (joint.environment, centre_m)
-    for side, (element, near_m) in enumerate(sides):
-        placed = replace(element, covariance=None)  # a slider's axis is any line along its direction
-        part = _of_element(side, joint_name(joint), placed, [_own(placed, near_m, extent)], extent)
-        yield part._replace(touched_ns=((segment.start_ns, segment.end_ns),))
+def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Iterator[Part]:
+    """The axes and centres of joints, in the body and in the world frame; each once, though a rest may have
+    split its segment. One that is far away is named only, as it would make all else small."""
+    joints = dict[tuple[str, str, str], list[Segment]]()
+    for one in segments:
+        if (joint := one.joint) is not None:
+            key = joint.kind, str(flat(joint.object)), str(flat(joint.environment))
+            joints.setdefault(key, []).append(one)
+    for own in joints.values():
+        joint, spans = own[0].joint, tuple((one.start_ns, one.end_ns) for one in own)
+        assert joint is not None
+        within = poses_within(poses, spans[0][0], spans[-1][1])
+        centre_m = np.median(within.rotation @ extent.centre_m + within.position_m, axis=0)
+        for side, (element, near_m) in enumerate(
+            ((joint.object, extent.centre_m), (joint.environment, centre_m))
+        ):
+            name, placed = joint_name(joint), replace(element, covariance=None)
+            away_m = float(np.linalg.norm(_foot(placed, near_m) - near_m))
+            if away_m > LARGEST_M:
+                yield Part(side, f"{name} ({away_m:.0f} m away)", EMPTY, (), near_m, spans)
+            else:
+                part = _of_element(side, name, placed, [_own(placed, near_m, extent)], extent)
+                yield part._replace(touched_ns=spans)
 
 
 def _rim(plane: Plane, places: Array, margin_m: float) -> Array:
