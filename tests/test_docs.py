@@ -21,7 +21,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.recording.decoding import POSE_TYPES
 from contact_tracker.states import Contact
-from page_steps import FENCED, Step, carried_out, steps
+from page_steps import FENCED, Step, assert_shown, carried_out, steps
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
@@ -51,6 +51,16 @@ def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
     lines = [line.split() for line in f"1700000000{ticks}".splitlines()]
     assert len(lines) > 10
     assert all(stamp.isdecimal() and contact in list(Contact) for stamp, contact, _ in lines)
+
+
+@pytest.mark.long
+def test_the_output_in_the_readme_is_printed() -> None:
+    """By the first command, which installs as well."""
+    code, shown = next((step.code, step.shown) for step in steps(README) if step.shown)
+    (command,) = re.findall(r"contact-tracker live \S+$", code)
+    step = Step("bash", command, shown)
+    assert_shown(step, str(carried_out(step, ROOT).stdout))
+    assert shown.endswith("\n...\n")
 
 
 @pytest.mark.long

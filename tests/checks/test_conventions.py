@@ -310,6 +310,24 @@ def test_a_unit_fits_only_where_contacts_do_in_it_and_not_in_metres() -> None:
     assert Conventions().update(poses, odd._replace(sigma=sigma)).fitting_units == ()
 
 
+@pytest.mark.parametrize(
+    ("fitting", "units"), [([0, 1, 12], ("mm",)), ([3, 3, 8], ("mm",)), ([6, 6, 6], ()), ([1, 1, 3], ())]
+)
+def test_a_unit_may_explain_what_is_no_free_motion(fitting: list[int], units: tuple[str, ...]) -> None:
+    known = Conventions(units=np.array([[400.0, 410.0, 600.0], fitting, [20, 20, 20]]))
+    assert known.fitting_units == units
+
+
+@pytest.mark.parametrize("way", ["--rotation-vector", "--euler xyz:rad"])
+def test_radians_that_are_taken_for_degrees_are_found(way: str) -> None:
+    poses, read_as = recorded()[:6000:2], ReadAs(table=TableReading(euler="xyz:deg"), path="a.csv")
+    assert mistake_in(poses, estimate_noise(poses), read_as) == ""
+    numbers = turns(poses).as_rotvec() if way == "--rotation-vector" else turns(poses).as_euler("xyz")
+    taken = replace(poses, quat_xyzw=quaternions("euler", numbers, "xyz:deg"))
+    found = mistake_in(taken, estimate_noise(taken), read_as)
+    assert f"contact-tracker segment a.csv {way}" in found
+
+
 def test_each_order_of_quaternions_undoes_its_mistake() -> None:
     rng = np.random.default_rng(1)
     clean = Poses(np.arange(5), rng.normal(size=(5, 3)), Rotation.random(5, random_state=2).as_quat())

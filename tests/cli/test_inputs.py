@@ -126,7 +126,7 @@ def test_the_command_that_was_typed_is_proposed_for_columns_that_may_be_meant_in
     np.savetxt(path, numbers, "%.9g", ",", header="time [s],x,y,z,rx,ry,rz", comments="")
     done = run(command, path, "--unit", "mm")
     assert (
-        f"contact-tracker {command} {path} --unit mm --euler xyz:deg or contact-tracker {command} {path}"
+        f"contact-tracker {command} {path} --unit mm --rotation-vector or contact-tracker {command} {path}"
         in (done.stderr)
     )
 
@@ -137,7 +137,7 @@ def test_a_warning_comes_while_the_stream_goes_on_with_the_option_that_is_tried(
     np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
     lines = shown_on_a_terminal("live", path, "--json", "-q").splitlines()
     (warned,) = (i for i, line in enumerate(lines) if "positions look like millimetres" in line)
-    assert "take --unit mm" in lines[warned]
+    assert lines[warned].endswith(f"read them by contact-tracker live {path} --json -q --unit mm")
     assert warned < len(lines) - 20
 
 

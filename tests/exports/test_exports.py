@@ -23,6 +23,7 @@ import pytest
 from matplotlib import pyplot
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 from pyarrow import parquet
 from pyarrow.json import read_json
 from scipy.spatial.transform import Rotation
@@ -431,6 +432,9 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     assert len(posterior.collections) == len(result.segments)
     hatched = [bool(bars.get_hatch()) for bars in posterior.collections]
     assert hatched == [bool(segment.inseparable) for segment in result.segments]
+    colours = [bars.get_facecolor()[0] for bars in posterior.collections]
+    for text in (one for one in posterior.texts if one.get_text() in list(Contact)):  # no hatching behind
+        assert (colours == np.array(text.get_bbox_patch().get_facecolor())).all(axis=1).any()
     assert [line.get_label() for line in posterior.lines] == [state.value for state in STATES]
     np.testing.assert_array_equal(posterior.lines[0].get_ydata(), result.beliefs.probability[:, 0])
     found = window_curves.curves(result.trajectory.poses)
@@ -466,10 +470,46 @@ def test_no_face_or_edge_is_seen_from_its_side() -> None:
         face = Part(0, "face", EMPTY, (ring @ axes.T + 5.0,), np.zeros(3))
         edge = face._replace(outline=(np.outer([-1.0, 1.0], axes[:, 0]),))
         unknown = [face._replace(outline=(outline,)) for outline in (np.full((8, 3), np.nan), ring[:0])]
-        level, up = np.deg2rad(_view_of([*unknown, face, edge]))[::-1]
+        up, level, roll = np.deg2rad(_view_of([*unknown, face, edge]))
         towards = np.array([np.cos(up) * np.cos(level), np.cos(up) * np.sin(level), np.sin(up)])
         assert abs(towards @ axes[:, 2]) > 0.7
         assert np.linalg.norm(np.cross(towards, axes[:, 0])) > 0.7
+        assert abs(roll) < 1e-9
+
+
+def test_a_known_upward_is_upward_in_the_figure() -> None:
+    pytest.importorskip("matplotlib").use("Agg")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    axes = pyplot.figure().add_subplot(projection="3d")
+    axes.set(box_aspect=(1.0, 1.0, 1.0), xlim=(-1.0, 1.0), ylim=(-1.0, 1.0), zlim=(-1.0, 1.0))
+    for up in Rotation.random(10, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0]):
+        axes.view_init(*_view_of([], up))
+        (x, y), (from_x, from_y) = (proj_transform(*place, axes.get_proj())[:2] for place in (up, 0.0 * up))
+        assert y - from_y > 20.0 * abs(x - from_x)
+    pyplot.close("all")
+
+
+@pytest.mark.parametrize(
+    ("given", "parts"),
+    [
+        ({"up": {"direction": [0.718, -0.598, -0.356]}}, [(0, "edge 1"), (1, "face 1")]),
+        (
+            {
+                "environment": {
+                    "plane": {"name": "table", "normal": [0.718, -0.598, -0.356], "offset_m": 0.398}
+                }
+            },
+            [(1, "table"), (0, "edge 1")],
+        ),
+    ],
+)
+def test_what_was_touched_is_drawn_with_prior_knowledge_too(
+    poses: Poses, given: dict[str, Any], parts: list[tuple[int, str]]
+) -> None:
+    """Under the name by which it is listed, or as without."""
+    found = contact_tracker.segment(Trajectory(poses[1000:1500]), known=given, noise="0.3mm,0.15deg")
+    assert [(one.side, one.name) for one in found.parts] == parts
+    assert found.map is None
 
 
 def test_a_users_labels_are_shown_above_those_that_are_found(

@@ -1,6 +1,7 @@
 """Messages of other types and encodings than PoseStamped of ROS 2, in files that other libraries wrote."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace as Message
@@ -166,11 +167,15 @@ def test_poses_in_a_field_of_messages_of_another_type(tmp_path: Path, field: str
 
 
 @pytest.mark.parametrize("field", [None, "poze"])
-@pytest.mark.parametrize("verb", ["segment", "live"])
-def test_the_command_for_a_field_with_poses_is_named(tmp_path: Path, field: str | None, verb: str) -> None:
+@pytest.mark.parametrize("given", [(), ("live", "--json", "x"), ("info", "x", "--topic", "/object")])
+def test_the_command_for_a_field_with_poses_is_named(
+    tmp_path: Path, field: str | None, given: tuple[str, ...]
+) -> None:
     path = wrapped(tmp_path / "a.mcap")
-    with pytest.raises(NoPoses, match=rf"tracker {verb} \S+a\.mcap --topic /object --field pose\.pose$"):
-        open_log(str(path), table=TableReading(field=field, verb=verb))
+    words = " ".join(given or ("segment", str(path)))
+    words += "" if "--topic" in given else " --topic /object"
+    with pytest.raises(NoPoses, match=rf"tracker {re.escape(words)} --field pose\.pose$"):
+        open_log(str(path), table=TableReading(field=field, given=given))
 
 
 def test_one_element_of_a_list_in_json(tmp_path: Path) -> None:

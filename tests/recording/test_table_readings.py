@@ -387,7 +387,7 @@ def test_the_command_that_is_proposed_reads_the_columns(tmp_path: Path, system: 
     path, options = write(tmp_path / "a.csv", [head] if head else [], lines), words.split()
     assert sorted(proposed(path)) == sorted(options)
     with pytest.raises(UnreadableRecording, match="by contact-tracker info"):
-        Poses.collect(open_log(str(path), table=reading_of(verb="info")))
+        Poses.collect(open_log(str(path), table=reading_of(given=("info", "a.csv"))))
     assert_read(path, *(option.replace("100Hz", "200Hz") for option in options))
 
 

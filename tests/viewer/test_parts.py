@@ -1,18 +1,27 @@
 """What is known, as parts to draw: bodies whole, elements where they were touched."""
 
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from rerun.chunk import RrdReader
 
-from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.api import Result
+from contact_tracker.exports.formats import write_outcome
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
+from contact_tracker.joints.evidence import Joint
+from contact_tracker.joints.models import JointKind
 from contact_tracker.map.elements import LearnedElements, MapElement
 from contact_tracker.map.file import map_from
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.states import Contact
+from contact_tracker.outputs.text import segment_rows
+from contact_tracker.recording import MAP_TOPIC
+from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import Trajectory
@@ -84,6 +93,44 @@ def test_elements_of_a_map_are_drawn_where_they_are(poses: Poses, world: Growing
     assert [(vertex.side, vertex.name), (face.side, face.name)] == [(0, "vertex 1"), (1, "face 2")]
     np.testing.assert_allclose(vertex.label_m, VERTEX_M)
     np.testing.assert_allclose(face.outline[0][:, 2], 0.5, atol=1e-9)
+
+
+def test_joints_are_drawn_in_all_outputs(poses: Poses, tmp_path: Path) -> None:
+    """The axis of a hinge, and the centre of a ball joint, under the name in a table of segments."""
+    pytest.importorskip("matplotlib").use("Agg")
+    middle_m, far_m = np.array([0.5, 0.2, 0.0]), np.array([0.0, 9.0, 0.0])
+    spans = poses.stamp_ns[[0, 99, 100, 149, 150, 199, 200, 299]].reshape(4, 2).tolist()
+    elements = (Line(Z, CORNER_M), Line(Z, middle_m)), (Point(CORNER_M), Point(middle_m))
+    hinge, ball = (
+        Joint(kind, 0.96, *both, None, None)
+        for kind, both in zip((JointKind.HINGE, JointKind.BALL), elements, strict=True)
+    )
+    joints = hinge, hinge, ball, replace(hinge, object=Line(Z, far_m), environment=Line(Z, far_m))
+    segments = [
+        Segment(*span, Contact.FF, 0.3, None, CONTACTS, joint=joint)
+        for span, joint in zip(spans, joints, strict=True)
+    ]
+    result = Result(Trajectory(poses), Segmentation(tuple(segments)))
+    parts, names = known_parts(result), ["= hinge 0.96", "= ball 0.96"]
+    *near, away, _ = parts
+    assert [(one.side, one.name) for one in near] == [(side, name) for name in names for side in (0, 1)]
+    assert near[0].touched_ns == tuple(map(tuple, spans[:2]))
+    assert (away.name, away.outline) == ("= hinge 0.96 (9 m away)", ())
+    for part, element in zip(near, chain(*elements), strict=True):
+        np.testing.assert_allclose(part.label_m[:2], element.point_m[:2], atol=1e-9)
+    *_, axes = result.plot().axes
+    assert {f"f-f {name}" for name in names[:1]} <= {text.get_text() for text in axes.texts}
+    rows = [row.kind for one in segments for row in segment_rows(one, 0)]
+    assert rows == ["f-f", "= hinge", "f-f", "= hinge", "f-f", "= ball", "f-f", "= hinge"]
+    write_outcome(result, tmp_path / "out.html")
+    write_outcome(result, tmp_path / "out.mcap")
+    page = (tmp_path / "out.html").read_text()
+    with (tmp_path / "out.mcap").open("rb") as file:
+        ((_, _, scene),) = make_reader(file).iter_messages(topics=[MAP_TOPIC])
+    assert all(f'"label":"{name}"' in page and f"object {name}".encode() in scene.data for name in names)
+    write_rrd(tmp_path / "out.rrd", result)
+    static, _ = static_and_first(tmp_path / "out.rrd", f"{canvas.KNOWN[0]}/names", "Points3D:labels")
+    assert static[-1] == 3
 
 
 def static_and_first(path: Path, entity: str, component: str) -> tuple[list[int], list[tuple[int, int]]]:

@@ -41,8 +41,8 @@ labels; it is not needed where a wrench shows a contact force at the start."""
 class OfflineTracker:
     """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise.
 
-    ``read_as``: how the poses were read, as the user asked. ``uses_map``: whether passes with a map of the
-    recording follow the first one, where neither elements nor wrenches are given.
+    ``read_as``: how the poses were read, as the user asked. ``uses_map``: whether a map of the recording is
+    made, and passes with it follow the first one where neither elements nor wrenches are given.
     """
 
     def __init__(
@@ -58,9 +58,8 @@ class OfflineTracker:
         self._wrenches = wrenches
         self._executor = executor
         self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
-        self._record = (
-            PassRecord() if uses_map and not known_map.lists_elements and wrenches is None else None
-        )
+        self._has_passes = uses_map and not known_map.lists_elements and wrenches is None
+        self._record = PassRecord(keeps_ticks=self._has_passes) if uses_map else None
 
     def pieces(
         self,
@@ -85,21 +84,20 @@ class OfflineTracker:
         ticks = ticks_of(stream, self._model, progress, self._tracker.filters.body_m)
         segmenter = Segmenter(self._executor, self._wrenches, self._record)
         found = pieces(ticks, one, segmenter, detail)  # filter, smooth, decode, fit each segment
-        if self._record is not None:
+        if self._record is not None and self._has_passes:
             found = with_map(found, self._record, self._executor)  # again with its map until that stands
         yield from self._checked(found, early)
 
     @property
     def map(self) -> GrowingMap | None:
-        """The elements that the contacts have touched; None if the recording has no poses, or where elements
-        or wrenches are given."""
+        """The elements that the contacts have touched; None if the recording has no poses."""
         return None if self._record is None else self._record.map
 
     @property
     def report(self) -> Report | None:
         """None if the recording has no poses."""
         found = self._tracker.report
-        if found is None or self._record is None or self._record.state is None:
+        if found is None or self._record is None or self._record.state is None or not self._has_passes:
             return found
         others = (one for one in found.findings if one.kind != "map")
         world = self._record.state.map

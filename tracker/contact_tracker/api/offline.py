@@ -68,9 +68,9 @@ class Result(Outcome):
 
     @property
     def map(self) -> Map | None:
-        """What the contacts have touched, for ``known`` with the next recording; None where a map or wrenches
-        are given, or if no contact is sure enough."""
-        learned = None if self.touched is None else self.touched.learned
+        """What the contacts have touched, for ``known`` with the next recording; None where elements or
+        wrenches are given, or if no contact is sure enough."""
+        learned = None if self.learned_world is None else self.learned_world.learned
         return Map(learned=learned) if learned else None
 
     @property

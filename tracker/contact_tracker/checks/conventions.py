@@ -99,7 +99,8 @@ def explain(
     features = np.add.reduceat(whole, at, axis=1) / per_tick[:, None]
     volumes = np.array([one.log_volume[middle] for one in turns])
     log_volume = np.add.reduceat(volumes, at, axis=1) @ (1.0 / per_tick)
-    nats, misfit = _gains(features, variance, np.cbrt(np.linalg.det(axes)), model)
+    scales = np.cbrt(np.linalg.det(axes)), np.array([reading.turn_scale for reading in readings])
+    nats, misfit = _gains(features, variance, *scales, model)
     shifts = np.linalg.eigvalsh(np.cov(features[0, :, 9:12].T))
     # the mean of a unit vector that turns is shorter than it
     length = np.linalg.norm(features[0, :, :9].mean(axis=0).reshape(3, 3), 2)
@@ -108,16 +109,19 @@ def explain(
     return Explained(np.maximum(nats + np.minimum(log_volume, 0.0), 0.0), misfit, not any(varies))
 
 
-def _gains(features: Array, variance: Array, scale: Array, model: Model) -> tuple[Array, Array]:
+def _gains(
+    features: Array, variance: Array, scale: Array, turn_scale: Array, model: Model
+) -> tuple[Array, Array]:
     """Log evidence and misfit (K,) of the best contact.
 
     ``features`` (K, T, 15) are the rotation, the position, and the position in the body's axes; ``scale``
-    (K,) that of positions. Free motion is that of the poses as they are.
+    and ``turn_scale`` (K,) those of positions and turns. Free motion is that of the poses as they are.
     """
     ticks, lever_sq = features.shape[1], model.motion.body_radius_m**2
     jumps = np.square(np.diff(features[0], 2, axis=0)).mean(axis=0)
-    angle, distance = variance[1], scale**2 * variance[0] + lever_sq * variance[1]
-    free_angle = max(0.5 * float(jumps[:9].sum()), angle)
+    angle = turn_scale**2 * variance[1]
+    distance = scale**2 * variance[0] + lever_sq * angle
+    free_angle = np.maximum(turn_scale**2 * 0.5 * jumps[:9].sum(), angle)
     free_distance = np.maximum(scale**2 * jumps[9:12].mean() + lever_sq * free_angle, distance)
     mean = features.mean(axis=1)
     centred = features - mean[:, None]
@@ -256,10 +260,12 @@ class Conventions(Check):
 
     @property
     def fitting_units(self) -> tuple[str, ...]:
-        """Units in which contacts explain most of the motion to the noise, which they do not in metres."""
+        """Units in which contacts explain most of the motion to the noise, which they do not in metres, or at
+        least some of it that they do not in metres: the rest may be free motion."""
         nats, fitting, windows = self.units
         explains = fitting >= FITTING_SHARE * windows
-        fits = (nats > nats[0] + BETTER_NATS) & explains & ~explains[0]
+        explains_more = explains | (fitting >= fitting[0] + FEWEST_WINDOWS)
+        fits = (nats > nats[0] + BETTER_NATS) & explains_more & ~explains[0]
         return tuple(unit.text for unit, one in zip(UNITS, fits, strict=True) if one)
 
     def update(self, poses: Poses, stream: Stream) -> "Conventions":

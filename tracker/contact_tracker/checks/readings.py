@@ -138,12 +138,14 @@ class Reading(NamedTuple):
     axes : (3, 3) by which positions are multiplied.
     turns : the orientations; None leaves them as they are.
     delay_ms : of orientations against positions.
+    turn_scale : by which turns, and the noise of orientations, are larger.
     """
 
     text: str
     axes: Array | None = None
     turns: Callable[[Given], Turns] | None = None
     delay_ms: float = 0.0
+    turn_scale: float = 1.0
 
 
 def read_turns(reading: Reading, given: Given) -> Turns:
@@ -207,6 +209,25 @@ def _by_vector(made_of: Angles, folds: bool, given: Given) -> Turns:
     return Turns(rotation.from_rotation_vectors(vector), log_volume - numbers.log_volume)
 
 
+def _in_radians(made_of: Angles, is_vector: bool, given: Given) -> Turns:
+    """Rotations by the numbers that were taken for degrees as radians, of angles or of a vector; none where
+    these would be more than a turn."""
+    values = np.degrees(given.numbers(made_of, False).values)
+    is_far = np.abs(values).max(axis=1) > 2.0 * pi
+    if is_vector:
+        quat = rotation.from_rotation_vectors(values)
+    else:
+        axes = ["xyz".index(axis) for axis in made_of.axes]
+        about = np.eye(3)[axes] * values[:, made_of.places, None]
+        first, second, third = np.swapaxes(rotation.from_rotation_vectors(about), 0, 1)
+        quat = rotation.product(rotation.product(first, second), third)
+    return Turns(quat, np.where(is_far, _IMPOSSIBLE, 0.0))
+
+
+_IMPOSSIBLE: Final = -1e6
+"""The log of the ratio of volumes where a reading is none."""
+
+
 def _of_quaternions(order: tuple[int, ...], sign: float, given: Given) -> Turns:
     quat = given.quat_xyzw[:, order] * [sign, sign, sign, 1.0]
     return Turns(quat, np.zeros(len(quat)))
@@ -267,12 +288,23 @@ def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
             if angles != made_of and not (folds and made_of and _folds_alike(angles, made_of)):
                 text = f"{what} Rotation.{code} of SciPy" if table.kind in (None, "matrix") else name(angles)
                 yield Reading(text, turns=partial(_by_angles, angles, made_of, folds))
+        if made_of is not None and unit == "deg" and not folds:
+            for words, stated in (("", {"euler": f"{order}:rad"}), (" of a rotation vector", _VECTOR)):
+                if not (words and read_as.has_angles):
+                    text = f"angles look like radians{words}, not degrees: read them by "
+                    turns = partial(_in_radians, made_of, bool(words))
+                    yield Reading(text + read_as.command(**stated), turns=turns, turn_scale=180.0 / pi)
         if made_of is not None:
             text = f"{what} Rotation.from_rotvec([a, b, c]) of SciPy"
             if table.euler is not None:
-                command = read_as.command(rotation_vector=True)
-                text = f"orientations look like rotation vectors, not like angles: read them by {command}"
+                how = f"read them by {read_as.command(rotation_vector=True)}"
+                if read_as.has_angles:
+                    how = "their columns are named as angles, so check how they were exported"
+                text = f"orientations look like rotation vectors, not like angles: {how}"
             yield Reading(text, turns=partial(_by_vector, made_of, folds))
+
+
+_VECTOR: Final = {"rotation_vector": True}
 
 
 def _folds_alike(one: Angles, other: Angles) -> bool:

@@ -6,7 +6,7 @@ A bad value is a usage error before any work.
 import argparse
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from contact_tracker.cli.terminal import detail, fail, progress, say, warn
 from contact_tracker.config import preset_names
 from contact_tracker.config.quantities import LENGTHS, deviations
-from contact_tracker.config.table_reading import AS_NAMED, FRAMES, TIME_UNIT_HELP, reading_of
+from contact_tracker.config.table_reading import FRAMES, TIME_UNIT_HELP, reading_of
 from contact_tracker.errors import INPUT, USAGE, ChoiceError, InputError, UsageError
 from contact_tracker.files import why_not_replaceable
 from contact_tracker.states import states_from
@@ -41,15 +41,13 @@ def add_source(
     frame: str = "take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
 ) -> None:
     """``--topic``, ``--field``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
-    verb = parser.prog.rpartition(" ")[2]
-    parser.set_defaults(verb=AS_NAMED.verb if verb == "batch" else verb)  # batch reads whole folders
     parser.add_argument("--topic", help=topic)
     text = "take the poses in this field of messages: tracked.pose, results[0].pose, or . for the message"
     parser.add_argument("--field", metavar="PATH.TO.POSE", help=text)
     parser.add_argument("--frame", help=frame)
     text = "poses in this frame, or relative to the body of this topic or name, which may move"
     parser.add_argument("--relative-to", metavar="TOPIC|FRAME", help=text)
-    _add_table_reading(parser, verb)
+    _add_table_reading(parser, command_of(parser))
 
 
 def _add_table_reading(parser: argparse.ArgumentParser, verb: str) -> None:
@@ -74,15 +72,37 @@ def _add_table_reading(parser: argparse.ArgumentParser, verb: str) -> None:
     add("--columns", action="append", metavar="time=NAME,...", help=text)
 
 
-def set_table(args: argparse.Namespace) -> None:
-    """Set ``table`` to what the options say of columns and fields; raises ValueError."""
-    if "euler" not in args:
+_OF_TABLE: Final = ("unit", "time_unit", "euler", "rotation_vector", "matrix", "field")
+_READING: Final = frozenset({*_OF_TABLE, "frame_rate", "columns"})
+
+
+def command_of(parser: argparse.ArgumentParser) -> str:
+    """The name of a command."""
+    return parser.prog.rpartition(" ")[2]
+
+
+def set_table(args: argparse.Namespace, words: Sequence[str], parser: argparse.ArgumentParser) -> None:
+    """Set ``table`` to what the options say of columns and fields, and to the other ``words`` of the command;
+    raises ValueError."""
+    if "euler" not in args or "table" in args:  # the whole parser comes after that of the command
         return
-    names = "unit", "time_unit", "euler", "rotation_vector", "matrix", "field", "verb"
     rate, columns = getattr(args, "frame_rate", None), args.columns and ",".join(args.columns)
     if args.time_unit == FRAMES and rate is None:
         raise ValueError("--time-unit frames needs the rate of the frames: --time-unit 120Hz")
-    args.table = reading_of(columns, rate, **{name: getattr(args, name) for name in names})
+    given = () if command_of(parser) == "batch" else (command_of(parser), *_without_reading(words, parser))
+    args.table = reading_of(columns, rate, given=given, **{name: getattr(args, name) for name in _OF_TABLE})
+
+
+def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> Iterator[str]:
+    """The words of a command without the options that say what columns and fields are."""
+    actions = {name: one for one in parser._actions for name in one.option_strings}
+    rest = iter(words)
+    for word in rest:
+        option, equals, _ = word.partition("=")
+        if option not in actions or actions[option].dest not in _READING:
+            yield word
+        elif not equals and actions[option].nargs != 0:
+            next(rest, None)
 
 
 def add_labels(parser: argparse.ArgumentParser, text: str) -> None:

@@ -64,7 +64,7 @@ class Parser(argparse.ArgumentParser):
         """The arguments, with the ``table`` that they describe."""
         found, unknown = super().parse_known_args(args, namespace)
         try:
-            set_table(found)
+            set_table(found, sys.argv[1:] if args is None else args, self)
         except ValueError as error:
             self.error(str(error))
         return found, unknown

@@ -280,7 +280,8 @@ class SavedStream:
         self.signal = 0
         self._waits = False
         self.tracker = initial
-        read_as = source.log.source.read_as._replace(path="")  # the next part has another name
+        read_as = source.log.source.read_as  # the next part has another name
+        read_as = read_as._replace(path="", table=replace(read_as.table, given=()))
         inspection = initial.inspection._replace(read_as=read_as)
         self._initial = fingerprint(replace(initial, inspection=inspection))
         self._path, self._log, self._source = path, source.log, source

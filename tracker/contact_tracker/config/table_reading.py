@@ -53,7 +53,8 @@ class TableReading:
         ``c0``, ``c1``, ... ``state[3:7]`` are values 3 to 6 of a list, or of columns ``state_0``, ...
     field : path to the poses in messages, as ``tracked.pose`` or ``detections[0].pose``; ``.`` for the
         message itself. A table has none.
-    verb : the command that reads the table, and that is proposed with other options.
+    given : the words of the user's command without those of this reading, for commands that are proposed;
+        empty where there is no such command.
 
     Raises
     ------
@@ -67,7 +68,7 @@ class TableReading:
     rotation_vector: bool = False
     matrix: str | None = None
     columns: tuple[tuple[str, str], ...] = ()
-    verb: str = field(default="segment", compare=False)
+    given: tuple[str, ...] = field(default=(), compare=False)
     field: str | None = None
 
     def __post_init__(self) -> None:
@@ -141,19 +142,22 @@ class TableReading:
         return words
 
     def command(self, path: str, *words: str) -> str:
-        """A whole command that reads a file in this way, with other ``words`` first; without a path, the call
-        for a table in memory."""
-        if not path:
+        """A whole command that reads a file in this way: the user's own, or else ``segment``, with this
+        reading, and with an option and its value as ``words`` where the user has not given that; without a
+        path and a command, the call for a table in memory."""
+        if not path and not self.given:
             given = {option.name: getattr(self, option.name) for option in _options()}
             given["columns"] = dict(self.columns)
             stated = [f"{name}={value!r}" for name, value in given.items() if value]
             return f"Trajectory.from_dataframe(table, {', '.join(stated)})"
-        return shlex.join(["contact-tracker", self.verb, path, *words, *self.words()])
+        has_option = any(word.partition("=")[0] in words[:1] for word in self.given)
+        more = [] if has_option else words
+        return shlex.join(["contact-tracker", *(self.given or ("segment", path)), *more, *self.words()])
 
     def with_(self, other: "TableReading") -> "TableReading":
         """This reading, with what another one states in addition or instead."""
         stated = {f.name: value for f in _options() if (value := getattr(other, f.name))}
-        stated["verb"] = self.verb if other.verb == TableReading.verb else other.verb
+        stated["given"] = other.given or self.given
         if other.columns:
             stated["columns"] = tuple({**dict(self.columns), **dict(other.columns)}.items())
         own = replace(self, euler=None, rotation_vector=False, matrix=None) if other.kind else self

@@ -18,16 +18,18 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from mpl_toolkits.mplot3d.axis3d import Axis as Axis3D
 from mpl_toolkits.mplot3d.proj3d import proj_transform
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import printable
-from contact_tracker.geometry.elements import flat
+from contact_tracker.geometry.elements import Array, flat
 from contact_tracker.ground_truth import Truth
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.text import COLOUR, Colour
+from contact_tracker.outputs.text import COLOUR, Colour, joint_name
 from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.states import CONTACTS, STATES
-from contact_tracker.tracking.belief import FurtherContact
+from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.viewer.parts import SIDES, Part, known_parts
+from contact_tracker.viewer.scene import UP
 
 NAME_SIZE: Final = 9.0
 """Of the names in the ribbons (points)."""
@@ -40,6 +42,10 @@ _ROW: Final = 3.2
 _MAP: Final = 4.6
 """Heights (inches) of a plot over time, and of what is known."""
 DOTS_PER_INCH: Final = 200
+_PAD: Final = 1.0
+"""Margin of the background of a name (points)."""
+_ABOUT_VERTEX: Final = 10.0
+"""Size of what is seen at least about a vertex, by that of its mesh."""
 _ROOM: Final = 1.2
 """Width of a span with a name, by that of the name."""
 _PAGE: Final[Any] = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.simplify_threshold": 0.5}
@@ -52,7 +58,9 @@ _VIEWS: Final = [
     for quarter in (-90, 0, 90, 180)
     for turn in (30, 60)
 ]
-"""Directions of view (elevation and azimuth, degrees) in which no axis is seen end-on."""
+"""Directions of view (elevation and azimuth, degrees) in which no axis is seen end-on, where z is upward."""
+_END_ON: Final = 0.5
+"""Axes that are shorter by more than this factor are seen end-on."""
 _ZOOM: Final = 0.75
 """With names of axes inside, which matplotlib leaves out of its layout."""
 _SPANS: Final = 4
@@ -76,7 +84,8 @@ def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
     over_time: FigureBase = figure
     if parts:
         over_time, below_it = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, _MAP))[:, 0]
-        _draw_parts(below_it, parts, outcome.origin_ns)
+        up = None if outcome.known_map.up is None else outcome.known_map.up.direction
+        _draw_parts(below_it, parts, outcome.origin_ns, up)
     first, *below = over_time.subplots(1 if curves is None else 2, 1, sharex=True, squeeze=False)[:, 0]
     draw_on(first, outcome)
     if curves is not None:
@@ -102,15 +111,7 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     is_labelled = truth is not None and len(seconds) > 0
     axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, (_TRUTH[1] if is_labelled else high) + 0.02))
     for segment, (start_s, duration_s) in zip(segments, spans, strict=True):
-        axes.broken_barh(
-            [(start_s, duration_s)],
-            (low, high - low),
-            facecolor=fraction(COLOUR[segment.contact]),
-            edgecolor="white",
-            alpha=0.25 + 0.75 * segment.probability,
-            hatch="///" if segment.inseparable else None,
-            linewidth=0.0,
-        )
+        draw_segment(axes, segment, start_s, duration_s, _RIBBON)
         contacts = list(map(_contact, segment.further))
         numbers = {contact: i for i, contact in enumerate(dict.fromkeys(contacts))}
         lane_height = min(_LANE, (high - low) / max(1, len(numbers)))
@@ -122,7 +123,11 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             lane = low + numbers[contact] * lane_height, lane_height
             colour = fraction(COLOUR[one.contact])
             axes.broken_barh([(first_s, last_s - first_s)], lane, facecolor=colour, edgecolor="white")
-        write_name(axes, start_s, duration_s, _RIBBON, segment.contact)
+        names = [segment.contact.value]
+        if segment.joint is not None:
+            whole = f"{segment.contact.value} {joint_name(segment.joint)}"
+            names = [whole, whole.rpartition(" ")[0], *names]  # also without the probability
+        write_name(axes, start_s, duration_s, _RIBBON, *names, background=shade(segment))
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=fraction(COLOUR[state]), label=state.value)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
@@ -132,6 +137,27 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     if any(one.inseparable for one in segments):
         handles.append(open_patch())
     axes.legend(handles=handles, ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+
+
+def draw_segment(
+    axes: Axes, segment: Segment, start_s: float, duration_s: float, ribbon: tuple[float, float]
+) -> None:
+    """A bar in the colour of the contact, hatched where others fit as well."""
+    axes.broken_barh(
+        [(start_s, duration_s)],
+        (ribbon[0], ribbon[1] - ribbon[0]),
+        facecolor=shade(segment),
+        edgecolor="white",
+        hatch="///" if segment.inseparable else None,
+        linewidth=0.0,
+    )
+
+
+def shade(segment: Segment) -> tuple[float, float, float]:
+    """The colour of its contact, the paler the less probable that is."""
+    share = 0.25 + 0.75 * segment.probability
+    red, green, blue = (1.0 - share * (1.0 - part) for part in fraction(COLOUR[segment.contact]))
+    return red, green, blue
 
 
 def _contact(one: FurtherContact) -> tuple[str, ...]:
@@ -165,15 +191,26 @@ def _draw_truth(axes: Axes, truth: Truth, origin_ns: int) -> None:
         axes.text(*place, name, transform=transform, ha="right", va="center", fontsize=NAME_SIZE)
 
 
-def write_name(axes: Axes, start_s: float, duration_s: float, ribbon: tuple[float, float], text: str) -> None:
-    """Write a name in its span: upright where that is narrow, not at all where it does not fit either way."""
-    text = printable(text)
-    size, extent = axes.get_window_extent(), TextPath((0.0, 0.0), text, size=NAME_SIZE).get_extents()
+def write_name(
+    axes: Axes,
+    start_s: float,
+    duration_s: float,
+    ribbon: tuple[float, float],
+    *names: str,
+    background: Any = "none",
+) -> None:
+    """Write the first of the names that fits in its span, or the last one upright; nothing where that does
+    not fit either. Where a colour is the ``background``, no hatching goes through the name."""
+    size = axes.get_window_extent()
     points = 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
     (first_s, last_s), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     width = duration_s / (last_s - first_s) * points * size.width
     height = (ribbon[1] - ribbon[0]) / (top - bottom) * points * size.height
-    is_level = width > _ROOM * extent.width
+    for text in map(printable, names):
+        extent = TextPath((0.0, 0.0), text, size=NAME_SIZE).get_extents()
+        is_level = width > _ROOM * extent.width
+        if is_level:
+            break
     scale = 1.0 if is_level else min(1.0, height / (_ROOM * extent.width), width / (_ROOM * extent.height))
     if scale * NAME_SIZE >= _LEAST_SIZE:
         axes.text(
@@ -185,6 +222,7 @@ def write_name(axes: Axes, start_s: float, duration_s: float, ribbon: tuple[floa
             ha="center",
             va="center",
             clip_on=True,
+            bbox={"facecolor": background, "edgecolor": "none", "pad": _PAD},
         )
 
 
@@ -193,8 +231,9 @@ def open_patch() -> Patch:
     return Patch(facecolor="white", edgecolor="grey", hatch="///", label="open: others fit")
 
 
-def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> None:
-    """The object in the body frame, its surroundings in the world frame, and when parts were touched."""
+def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: Array | None = None) -> None:
+    """The object in the body frame, its surroundings in the world frame, with ``up`` (3,) upward if it is
+    known, and when parts were touched."""
     drawn = list[tuple[Axes3D, list[Part]]]()
     halves = figure.subfigures(1, 2, squeeze=False)[0]
     for side, (within, name, frame) in enumerate(zip(halves, SIDES, ("body", "world"), strict=True)):
@@ -216,7 +255,7 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
                 ]
                 shown = ", ".join(spans[:_SPANS]) + (", ..." if len(spans) > _SPANS else "")
                 axes.plot([], [], color=colour, label=f"{part.name}: {shown} s")
-        points = np.concatenate([strip for part in own for strip in (*part.outline, part.label_m[None])])
+        points = np.concatenate([strip for part in own for strip in (*part.outline, _about(part))])
         low, high = points.min(axis=0), points.max(axis=0)
         half = max(0.5 * float((high - low).max()), 1e-3)
         for axis, middle in zip("xyz", 0.5 * (low + high), strict=True):
@@ -225,7 +264,7 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
             place.set_major_locator(MaxNLocator(3))
             place.labelpad = _PART_SIZE
             axes.tick_params(axis, labelsize=_PART_SIZE)
-        axes.view_init(*_view_of(own))
+        axes.view_init(*_view_of(own, UP if up is None or side == 0 else up))
         axes.set_box_aspect((1.0, 1.0, 1.0), zoom=_ZOOM)
         axes.set_title(f"{name} ({frame} frame)", fontsize=10)
         if 0 < len(axes.get_legend_handles_labels()[0]) <= _MOST_LISTED:
@@ -236,14 +275,23 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int) -> No
         _write_names(axes, own)
 
 
-def _view_of(parts: Sequence[Part]) -> tuple[int, int]:
-    """The view (elevation and azimuth, degrees) in which the part most foreshortened is least so."""
+def _about(part: Part) -> Array:
+    """Points (N, 3) within which a part is seen: its label, and of a vertex the corners of a larger one."""
+    corners = part.mesh.vertices[: 0 if part.outline else None]
+    return np.concatenate([part.label_m[None], part.label_m + _ABOUT_VERTEX * (corners - part.label_m)])
+
+
+def _view_of(parts: Sequence[Part], up: Array = UP) -> tuple[float, float, float]:
+    """The view (elevation, azimuth and roll, degrees) with the unit vector ``up`` (3,) upward in which the
+    part most foreshortened is least so, or an axis that is seen end-on."""
     angles = np.radians(_VIEWS)
     level = np.cos(angles[:, 0])
     towards = np.stack(
         [level * np.cos(angles[:, 1]), level * np.sin(angles[:, 1]), np.sin(angles[:, 0])], axis=1
     )
-    shares = np.ones(len(_VIEWS))
+    towards = Rotation.align_vectors(up[None], UP[None])[0].apply(towards)
+    of_axes = np.linalg.norm(np.cross(towards[:, None], np.eye(3)), axis=2).min(axis=1)
+    shares = np.where(of_axes > _END_ON, 1.0, of_axes)
     for part in parts:
         strip = part.outline[0] if len(part.outline) == 1 else np.zeros((0, 3))  # of a face or an edge
         if len(strip) > 1 and np.isfinite(strip).all():
@@ -253,7 +301,12 @@ def _view_of(parts: Sequence[Part]) -> tuple[int, int]:
             else:
                 share = np.abs(towards @ axes[2])
             shares = np.minimum(shares, share)
-    return _VIEWS[int(shares.argmax())]
+    view = towards[int(shares.argmax())]
+    azimuth = np.arctan2(view[1], view[0])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    roll = np.arctan2(right @ up, np.cross(view, right) @ up)
+    elevation_deg, azimuth_deg, roll_deg = np.degrees([np.arcsin(view[2]), azimuth, roll]).tolist()
+    return elevation_deg, azimuth_deg, roll_deg
 
 
 def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:

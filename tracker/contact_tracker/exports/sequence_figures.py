@@ -16,8 +16,10 @@ from contact_tracker.exports.figure import (
     DOTS_PER_INCH,
     NAME_SIZE,
     PLAIN_TEXT,
+    draw_segment,
     fraction,
     open_patch,
+    shade,
     write_name,
 )
 from contact_tracker.files import accept_any, whole_file
@@ -79,17 +81,10 @@ def draw_comparison(comparison: Comparison) -> Figure:
 
 
 def _draw_segment(axes: Axes, one: Step, ribbon: tuple[float, float]) -> None:
-    low, high = ribbon
-    axes.broken_barh(
-        [(one.start_s, one.end_s - one.start_s)],
-        (low, high - low),
-        facecolor=fraction(COLOUR[one.contact]),
-        edgecolor="white",
-        alpha=0.25 + 0.75 * one.segment.probability,
-        hatch="///" if one.is_open else None,
-        linewidth=0.5,
-    )
-    write_name(axes, one.start_s, one.end_s - one.start_s, ribbon, one.contact.value)
+    duration_s = one.end_s - one.start_s
+    draw_segment(axes, one.segment, one.start_s, duration_s, ribbon)
+    background = shade(one.segment)
+    write_name(axes, one.start_s, duration_s, ribbon, one.contact.value, background=background)
 
 
 def _draw_step(axes: Axes, one: ComparedStep) -> None:

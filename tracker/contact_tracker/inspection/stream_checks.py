@@ -429,11 +429,12 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
         f"speed up to {inspection.top_m_per_s:.2g} m/s)"
     )
     if unit not in fitting_units:
-        return f"positions are too noisy or too fast for metres {figures}: check their unit and their source"
-    return (
-        f"positions look like {name} {figures}: convert them to metres, or, if they are of a table, take "
-        f"--unit {unit}"
-    )
+        what = f"positions are too noisy or too fast for metres {figures}"
+        return f"{what}: check their unit (of a table: --unit) and their source"
+    how = f"convert them to metres, or, if they are of a table, take --unit {unit}"
+    if inspection.read_as.path:
+        how = f"read them by {inspection.read_as.command(unit=unit)}"
+    return f"positions look like {name} {figures}: {how}"
 
 
 def _too_small_text(inspection: Inspection) -> str:

@@ -43,12 +43,14 @@ class ReadAs(NamedTuple):
     table : what the columns of their table are.
     path : of the table; empty for one in memory.
     quaternion : names of the columns taken as qx, qy, qz and qw, if others can be given instead.
+    has_angles : whether the names of columns say that rotations are angles.
     """
 
     frame_moves: bool = False
     table: TableReading = AS_NAMED
     path: str = ""
     quaternion: tuple[str, ...] = ()
+    has_angles: bool = False
 
     def command(self, **stated: Any) -> str:
         """The command that reads the table with this stated as well, or instead."""

@@ -33,7 +33,7 @@ class Outcome:
     notes : warnings from before the first pose.
     with_wrenches : whether measured wrenches decided as well as the motion.
     known_map : what was known of the object and its surroundings.
-    touched : the elements that the contacts have touched; None where a map or wrenches are given.
+    touched : the elements that the contacts have touched, to be drawn.
     labels : what is shown instead of the truth in the recording.
     """
 
@@ -45,6 +45,12 @@ class Outcome:
     known_map: Map = EMPTY_MAP
     touched: GrowingMap | None = None
     labels: Truth | None = None
+
+    @property
+    def learned_world(self) -> GrowingMap | None:
+        """The elements that the contacts have touched, as the motion alone shows them; None where elements or
+        wrenches are given."""
+        return None if self.known_map.lists_elements or self.with_wrenches else self.touched
 
     @property
     def segments(self) -> tuple[Segment, ...]:

@@ -171,6 +171,11 @@ def describe_joint(joint: Joint, contact_is_open: bool) -> str:
     return f"{where}; pitch {_fixed(turn_mm, 2)} mm{_length(sd_m)} a turn{anyway}"
 
 
+def joint_name(joint: Joint) -> str:
+    """``= hinge 0.96``, as in a table of segments."""
+    return f"{JOINT}{joint.kind.value} {joint.probability:.2f}"
+
+
 def alternatives(inseparable: Sequence[Contact]) -> str:
     """``v-f, free``; ``any other`` for all of them."""
     return "any other" if _are_all(inseparable) else ", ".join(inseparable)

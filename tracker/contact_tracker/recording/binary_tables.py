@@ -36,10 +36,9 @@ from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import (
     Body,
     TableLayout,
-    layout_of_names,
-    layout_without_names,
     numbers,
 )
+from contact_tracker.recording.table_proposals import layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
 _BUFFER_BYTES: Final = 2**16

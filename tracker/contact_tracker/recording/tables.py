@@ -392,7 +392,7 @@ def read_table(
             "Vicon and Qualisys"
         ) from error
     layout, topic = table.layout, os.path.basename(path)
-    read_as = ReadAs(table=reading, path=path, quaternion=layout.quaternion)
+    read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_wanted = wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, lost, why = TableTimes(path, layout, reading, assume), 0, ""

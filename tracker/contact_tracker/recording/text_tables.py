@@ -34,10 +34,9 @@ from contact_tracker.recording.table_layouts import (
     TableLayout,
     are_numbers,
     bodies_of,
-    layout_of_names,
-    layout_without_names,
     number,
 )
+from contact_tracker.recording.table_proposals import layout_of_names, layout_without_names
 
 _LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
@@ -179,7 +178,7 @@ def _cells_of(line: str, separator: str | None) -> list[str]:
         return [line[:_LONGEST_CELL]]
 
 
-def _table_of(lines: Sequence[str], separator: str) -> list[list[str]]:
+def _table_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:
     """The cells of each line without blanks; an empty line has one empty cell."""
     rows = (_cells_of(line.replace("\0", ""), separator) or [""] for line in lines)
     return [[cell.strip() for cell in row] for row in rows]
@@ -478,7 +477,8 @@ def _layout_of_rows(
         inner = _names_in_groups(named, following[bool(units) :], separator)
         skip, units = i + 1 + bool(units), [] if inner else units
         try:
-            layout = layout_of_names(inner or named, reading, path, "table", separator, skip, units)
+            begin = partial(_table_of, [] if inner else following[bool(units) :], separator)
+            layout = layout_of_names(inner or named, reading, path, "table", separator, skip, units, begin)
         except (UnreadableRecording, ChoiceError) as error:
             errors.setdefault(-1 if i in comments else len(names), error)
             continue

@@ -153,7 +153,7 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
             f"takes of more than {MOST_STEPS} segments are not compared: cut them with --start and --duration"
         )
     likelihoods = [np.log(len(STATES) * np.array([one.probability for one in steps])) for steps in takes]
-    ours, theirs = first.touched, second.touched
+    ours, theirs = first.learned_world, second.learned_world
     evidence = np.full((len(takes[0]), len(takes[1]), 2, 2), np.nan)
     pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), list[str]()
     if ours is not None and theirs is not None:

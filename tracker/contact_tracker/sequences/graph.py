@@ -102,9 +102,10 @@ def _elements(segment: Segment, outcome: Outcome) -> tuple[str, str]:
     if segment.contact is Contact.FREE or segment.inseparable:
         return "", ""
     names = [name or "?" for name in segment.touching]
-    sighting = sighting_of(segment, outcome.touched)
-    if sighting is not None and outcome.touched is not None:
-        pair = outcome.touched.pairs[sighting.first]
+    world = outcome.learned_world
+    sighting = sighting_of(segment, world)
+    if sighting is not None and world is not None:
+        pair = world.pairs[sighting.first]
         names = [f"{KINDS[kind]} {key[1]}" for kind, key in zip(sighting.kinds, pair, strict=True)]
     return names[0], names[1]
 

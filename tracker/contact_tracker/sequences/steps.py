@@ -65,7 +65,7 @@ def steps_of(outcome: Outcome) -> list[Step]:
         mean = np.maximum(mean, LEAST_PROBABILITY)
         span_s = [(stamp_ns - origin_ns) * 1e-9 for stamp_ns in (segment.start_ns, segment.end_ns)]
         sds = bounds[number], bounds[number + 1]
-        sighting = sighting_of(segment, outcome.touched)
+        sighting = sighting_of(segment, outcome.learned_world)
         found.append(Step(segment, mean / mean.sum(), span_s[0], span_s[1], sds, sighting))
     return found
 

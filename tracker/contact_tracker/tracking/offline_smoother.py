@@ -146,10 +146,13 @@ MOST_TICKS: Final = 36_000
 
 
 class PassRecord:
-    """The ``ticks`` of a pass, the ``state`` after it, the ``contacts`` and ``sightings`` of its segments."""
+    """The ``ticks`` of a pass if it ``keeps_ticks`` for further passes, the ``state`` after it, the
+    ``contacts`` and ``sightings`` of its segments."""
 
-    def __init__(self) -> None:
+    def __init__(self, keeps_ticks: bool = True) -> None:
+        self.keeps_ticks = keeps_ticks
         self.ticks: list[Tick] = []
+        self._count = 0
         self.contacts: list[Contact] = []
         self.sightings: list[Sighting] = []
         self.state: FilterState | None = None
@@ -175,12 +178,14 @@ class PassRecord:
     def note(self, state: FilterState, tick: Tick) -> None:
         """Append a tick, one of those that lead to ``state``."""
         self.state = state
-        self.is_full = self.is_full or len(self.ticks) == MOST_TICKS
-        if not self.is_full:
-            self.ticks.append(tick)
-        elif self.ticks:
+        self.is_full = self._count == MOST_TICKS
+        if self.is_full:
             self.ticks.clear()
             self.sightings.clear()
+            return
+        self._count += 1
+        if self.keeps_ticks:
+            self.ticks.append(tick)
 
     def note_segment(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> None:
         """Append a segment with its moved and resting parts; only a sure one says something about its

@@ -163,9 +163,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, window, model.tick_s)
-    estimate = None
-    if not known_map.lists_elements and segment.wrenches is None:  # else no map is made
-        estimate = element_estimate(fitted, contact, scales, window, information)
+    estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = named(where, pair), np.zeros(1)
     return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)
 

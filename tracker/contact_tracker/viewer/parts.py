@@ -5,20 +5,24 @@ as the segment, a vertex as the point. Where one touches that reaches farther th
 a face, the patch is as large as the object.
 """
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple, Self
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, flat
 from contact_tracker.map.elements import KINDS, kind_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import joint_name
+from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.scene import (
     EMPTY,
+    LARGEST_M,
     UNKNOWN_EXTENT,
     Extent,
     Mesh,
@@ -106,6 +110,7 @@ class KnownParts:
         }
         self._poses, self._every_ns, self._last_span = list[Poses](), _EVERY_NS, -(2**62)
         self._touches: dict[int, Touch] = {}
+        self._segments: tuple[Segment, ...] = ()
 
     @classmethod
     def of(cls, outcome: Outcome) -> Self:
@@ -114,11 +119,12 @@ class KnownParts:
         known.add_poses(outcome.trajectory.poses)
         for one in outcome.segments:
             known.add_contact(one.start_ns, one.end_ns, one.geometry)
+        known._segments = outcome.segments
         return known
 
     def extent(self, world: GrowingMap | None) -> Extent:
         """The size of the object by all that is known of it."""
-        touched = {} if world is None else _elements_of(world)
+        touched = self._elements_of(world)
         elements = (dict(self._listed) | touched).values()
         return self.object_extent or _extent([one for side, _, one in elements if side == 0])
 
@@ -137,30 +143,27 @@ class KnownParts:
     def add_contact(self, start_ns: int, end_ns: int, geometry: ContactGeometry | None) -> bool:
         """Add a contact, or a later estimate of one; returns whether it is the first with a listed element
         that began then."""
-        if geometry is None:
+        if geometry is None or geometry.names == (None, None):
             return False
         keys = (0, geometry.names[0]), (1, geometry.names[1])
-        if not any(key in self._listed for key in keys):
-            return False
         is_new = start_ns not in self._touches
         if is_new and len(self._touches) == MOST_TOUCHES:
             del self._touches[min(self._touches)]
         self._touches[start_ns] = Touch(start_ns, end_ns, geometry, keys)
-        return is_new
+        return is_new and any(key in self._listed for key in keys)
 
     def parts(self, world: GrowingMap | None) -> tuple[Part, ...]:
         """The known bodies, and all elements that are listed or that contacts have touched (``world``)."""
         if not self._poses:
             return self.bodies
         poses, elements, touches = Poses.join(self._poses), dict(self._listed), [*self._touches.values()]
-        if world is not None:
-            touched = _elements_of(world)
-            elements |= touched
-            touches += [
-                Touch(start_ns, end_ns, ContactGeometry(touched[ours][2], touched[theirs][2]), (ours, theirs))
-                for start_ns, end_ns, (ours, theirs) in world.touches
-                if ours in touched and theirs in touched
-            ]
+        touched = {} if world is None else world.learned.known
+        elements |= self._elements_of(world)
+        touches += [
+            Touch(start_ns, end_ns, ContactGeometry(touched[ours], touched[theirs]), (ours, theirs))
+            for start_ns, end_ns, (ours, theirs) in (() if world is None else world.touches)
+            if ours in touched and theirs in touched
+        ]
         extent = self.extent(world)
         places, spans = dict[Hashable, list[Array]](), dict[Hashable, list[tuple[int, int]]]()
         for touch in touches:
@@ -175,7 +178,28 @@ class KnownParts:
             )._replace(touched_ns=tuple(sorted(spans.get(key, ()))))
             for key, (side, name, one) in elements.items()
         ]
-        return (*self.bodies, *found)
+        return (*self.bodies, *found, *_of_joints(self._segments, poses, extent))
+
+    def _elements_of(self, world: GrowingMap | None) -> dict[Hashable, tuple[int, str, Element]]:
+        """The elements of a map that are not, in each of their contacts, a listed one by its name.
+
+        Of what touches a listed element the contact knows more than the map, which does not have that.
+        """
+        if world is None:
+            return {}
+        elements, listed = dict(world.learned.known), dict[Hashable, bool]()
+        for start_ns, _, pair in world.touches:
+            touch = self._touches.get(start_ns)
+            for key in pair:
+                own = touch and (touch.geometry.object, touch.geometry.environment)[key[0]]
+                listed[key] = own is not None and own.name is not None and listed.get(key, True)
+                if own is not None and key in elements:
+                    elements[key] = replace(elements[key], covariance=own.covariance)
+        return {
+            key: (key[0], f"{KINDS[kind_of(one)]} {key[1]}", one)
+            for key, one in elements.items()
+            if not listed.get(key, False)
+        }
 
 
 def known_parts(outcome: Outcome) -> tuple[Part, ...]:
@@ -192,10 +216,6 @@ def _bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
                 name = corners[0].name.rpartition(KINDS["v"])[0].strip() or SIDES[side]
                 places = [one.element.point_m for one in corners if isinstance(one.element, Point)]
                 yield side, name, np.array(places)
-
-
-def _elements_of(world: GrowingMap) -> dict[Hashable, tuple[int, str, Element]]:
-    return {key: (key[0], f"{KINDS[kind_of(one)]} {key[1]}", one) for key, one in world.learned.known.items()}
 
 
 def _extent(elements: Sequence[Element]) -> Extent:
@@ -286,6 +306,31 @@ def _of_element(side: int, name: str, element: Element, touched: Sequence[Array]
             return Part(side, name, rod(direction, middle, half_m, 0.2 * margin_m), (ends,), middle)
         case Point(point_m):
             return Part(side, name, point(side == 0, point_m, 0.5 * margin_m), (), point_m)
+
+
+def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Iterator[Part]:
+    """The axes and centres of joints, in the body and in the world frame; each once, though a rest may have
+    split its segment. One that is far away is named only, as it would make all else small."""
+    joints = dict[tuple[str, str, str], list[Segment]]()
+    for one in segments:
+        if (joint := one.joint) is not None:
+            key = joint.kind, str(flat(joint.object)), str(flat(joint.environment))
+            joints.setdefault(key, []).append(one)
+    for own in joints.values():
+        joint, spans = own[0].joint, tuple((one.start_ns, one.end_ns) for one in own)
+        assert joint is not None
+        within = poses_within(poses, spans[0][0], spans[-1][1])
+        centre_m = np.median(within.rotation @ extent.centre_m + within.position_m, axis=0)
+        for side, (element, near_m) in enumerate(
+            ((joint.object, extent.centre_m), (joint.environment, centre_m))
+        ):
+            name, placed = joint_name(joint), replace(element, covariance=None)
+            away_m = float(np.linalg.norm(_foot(placed, near_m) - near_m))
+            if away_m > LARGEST_M:
+                yield Part(side, f"{name} ({away_m:.0f} m away)", EMPTY, (), near_m, spans)
+            else:
+                part = _of_element(side, name, placed, [_own(placed, near_m, extent)], extent)
+                yield part._replace(touched_ns=spans)
 
 
 def _rim(plane: Plane, places: Array, margin_m: float) -> Array:

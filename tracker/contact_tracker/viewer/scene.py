@@ -231,7 +231,7 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
 
 
 ENOUGH_POSES: Final = 200
-_LARGEST_M: Final = 2.0
+LARGEST_M: Final = 2.0
 """Largest radius (m) of an object of unknown size."""
 _CUBE_ABOVE: Final = 0.25
 _CORNER_LABEL: Final = 0.7
@@ -253,7 +253,7 @@ class Extent:
 
     def reaching(self, distance_m: float) -> "Extent":
         """The same; an estimated extent is enlarged to reach a contact at ``distance_m`` from the centre."""
-        if self.vertices_m is not None or not self.radius_m < distance_m <= _LARGEST_M:
+        if self.vertices_m is not None or not self.radius_m < distance_m <= LARGEST_M:
             return self
         return replace(self, radius_m=distance_m)
 

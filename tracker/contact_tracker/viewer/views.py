@@ -19,7 +19,7 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.text import Changes, is_settled
+from contact_tracker.outputs.text import Changes, is_settled, joint_name
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
@@ -149,6 +149,8 @@ def _draw_segments(sheet: Canvas, outcome: Outcome, drawings: Sequence[Drawing |
     _fade(sheet, outcome, starts, [one is not None and one.is_open for one in drawings])
     contacts = [s.contact for s in segments]
     texts = [event(s.start_ns - origin_ns, s.probability, s.geometry, s.inseparable) for s in segments]
+    joints = ["" if s.joint is None else f"; {joint_name(s.joint)}" for s in segments]
+    texts = [f"{text}{joint}" for text, joint in zip(texts, joints, strict=True)]
     sheet.events(starts, contacts, texts)
     sheet.inseparable(starts, [s.inseparable for s in segments])
     sheet.states(canvas.SMOOTHED, starts, contacts)

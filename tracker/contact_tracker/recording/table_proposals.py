@@ -1,0 +1,291 @@
+"""Layouts of tables with names and without; where these do not say what columns are, the command that reads
+them, by known systems, what as many numbered columns usually are, and values."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain, islice
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.quantities import ANGLE_UNITS
+from contact_tracker.config.table_reading import REST, TIME, TableReading, reading_of
+from contact_tracker.errors import ChoiceError, UnreadableRecording
+from contact_tracker.recording.table_layouts import (
+    BY_ROW,
+    CAN_BE_GIVEN,
+    FRAME,
+    MOST_COLUMNS,
+    NAMED_VECTOR,
+    NEEDED,
+    NUMBERED,
+    POSE_ROLES,
+    UNNAMED,
+    Columns,
+    OpenReading,
+    TableLayout,
+    are_named_angles,
+    are_numbers,
+    layout,
+    numbers,
+)
+
+Array = NDArray[np.float64]
+Rows = Callable[[], Sequence[Sequence[str]]]
+"""Gives the first rows of a table."""
+
+_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock)", re.IGNORECASE)
+"""Names that a column of times may have."""
+_MOST_GROUPS: Final = 12
+"""Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
+_A_RATE: Final = "100Hz"
+_ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
+_NANOSECONDS: Final = 10
+"""Digits of a second since 1970, of which the nanoseconds have fewer."""
+_UNIT_NORM: Final = 0.002
+"""Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
+_UR: Final = "actual_TCP_pose"
+_UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
+_TWICE: Final = "a position and a quaternion"
+_AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
+_ANGLES_OR_VECTOR: Final[Sequence[Mapping[str, Any]]] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
+"""What three numbers of a rotation may be."""
+_OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
+KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
+    ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
+    ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
+    ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
+    ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
+    ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
+    ("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
+    ("FANUC", ("x", "w", "p", "r"), reading_of("rx=W,ry=P,rz=R", euler="xyz:deg", unit="mm")),
+    ("Polhemus", ("x", "az", "el", "roll"), reading_of("rz=Az,ry=El,rx=Roll", euler="ZYX:deg", unit="cm")),
+    (_AXIS_ANGLE, ("rx", "ry", "rz", "angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("axis_x", "axis_z", "angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("rot_axis_x", "rot_angle"), reading_of(rotation_vector=True)),
+    (_AXIS_ANGLE, ("ax", "ay", "az", "angle"), reading_of("rx=ax,ry=ay,rz=az", rotation_vector=True)),
+    (_AXIS_ANGLE, ("ux", "uy", "uz", "theta"), reading_of("rx=ux,ry=uy,rz=uz", rotation_vector=True)),
+    (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
+    (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
+    ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
+    ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
+    ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
+)
+"""Known systems: name; names of columns, in lower case, by which one is recognised; how it means them."""
+_LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
+    16: ("matrix={0}", reading_of(matrix="rows")),
+    12: ("matrix={0}", reading_of(matrix="rows")),
+    9: ("matrix={0}", reading_of(matrix="rows")),
+    7: ("position={0}[0:3],quaternion={0}[3:7]", reading_of()),
+    6: ("position={0}[0:3],rotation={0}[3:6]", reading_of(rotation_vector=True)),
+    4: ("quaternion={0}", reading_of()),
+    3: ("position={0}", reading_of()),
+}
+"""What as many numbered columns usually are."""
+_VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
+_TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
+"""Names of three columns that are a rotation vector."""
+
+
+def layout_of_names(
+    names: Sequence[str],
+    reading: TableReading,
+    path: str = "FILE",
+    kind: str = "table",
+    separator: str | None = None,
+    skip: int = 0,
+    units: Sequence[str] = (),
+    rows: Rows = tuple,
+) -> TableLayout:
+    """The layout of a table with named columns, whose ``units`` may be in a row of their own. The first
+    ``rows`` say which angles may be in degrees.
+
+    Raises
+    ------
+    UnreadableRecording
+        There are no columns of poses, or it is not known how they are meant; the message has the command
+        that reads them where there is one.
+    ChoiceError
+        A column that the reading names is not there.
+    """
+    if len(names) > MOST_COLUMNS:
+        raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
+    columns = Columns(names, units)
+    try:
+        return layout(columns, reading, kind, separator, skip)
+    except UnreadableRecording as error:
+        proposal = _proposal(columns, reading, path, rows)
+        if proposal is not None:
+            raise UnreadableRecording(proposal) from error
+        if isinstance(error, OpenReading):
+            raise UnreadableRecording(f"it is not known how its columns {error} are meant") from error
+        raise
+
+
+def layout_without_names(
+    rows: Sequence[Sequence[str]],
+    reading: TableReading,
+    path: str,
+    kind: str,
+    separator: str | None = None,
+    skip: int = 0,
+) -> TableLayout:
+    """The layout of columns that have no names, by the values of the first rows; raises UnreadableRecording
+    where the reading does not say which columns are what."""
+    values = rows[0] if rows else ()
+    if not reading.columns:
+        how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
+        if ways := [way.with_(reading) for way in _meanings(rows)]:
+            commands = " or ".join(_commands(way, path) for way in ways)
+            how = f"if they are meant so, read them by {commands}"
+            if ways[0].has_frame_numbers and not reading.has_frame_numbers:
+                how += f", with the rate of your poses instead of {ways[0].time_unit}"
+            how += f". {_ORDERS}" if ways[0].euler else ""
+        raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
+    return layout_of_names(
+        [f"{UNNAMED}{i}" for i in range(len(values))], reading, path, kind, separator, skip
+    )
+
+
+def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
+    """What rows without names may be: a pose is where there is a rotation matrix or a unit quaternion, as in
+    KITTI's and TUM's, else at the end of seven values with angles; a time before it, or two numbers as of
+    ``ros2 topic echo --csv``."""
+    values = rows[0] if rows else ()
+    row, width = np.array([numbers(one) for one in rows if len(one) == len(values)]), len(values)
+    row = row[np.isfinite(row[:, width - 4 :]).all(axis=1)]
+
+    def meaning(begin: int, how: Mapping[str, Any], **groups: int) -> TableReading:
+        """A pose of groups of so many values from a place on, after the time."""
+        columns, at = dict[str, str](), begin
+        for role, count in groups.items():
+            columns[role], at = f"{UNNAMED}[{at}:{at + count}]", at + count
+        before = [i for i in range(begin) if are_numbers([values[i]])]
+        if not before:
+            return reading_of(columns, time_unit="10Hz", **how)
+        is_stamp = before[:2] == [0, 1] and all(map(str.isdigit, values[:2]))
+        if is_stamp and len(values[0]) == _NANOSECONDS > len(values[1]):
+            return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1", **columns}, **how)
+        return reading_of({TIME: f"{UNNAMED}{before[-1]}", **columns}, **how)
+
+    if not len(row):
+        return []
+    for count in (16, 12):
+        for begin in range(width - count + 1):
+            matrices = row[:, begin : begin + count].reshape(-1, count // 4, 4)
+            turned = {"rows": matrices, "columns": matrices.transpose(0, 2, 1)}
+            for order in turned if count == 16 else ("rows",):
+                if _are_rotations(turned[order][:, :3, :3]):
+                    return [meaning(begin, {"matrix": order}, matrix=count)]
+    for begin in range(width - len(POSE_ROLES) + 1):
+        norms = np.linalg.norm(row[:, begin + 3 : begin + 7], axis=1)
+        if (np.abs(norms - 1.0) < _UNIT_NORM).all():
+            return [meaning(begin, {}, position=3, quaternion=4)]
+    if width in (6, 7) and np.isfinite(row).all():
+        return [meaning(width - 6, how, position=3, rotation=3) for how in _ANGLES_OR_VECTOR]
+    return []
+
+
+def _are_rotations(matrices: Array) -> bool:
+    errors = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3))
+    return bool((errors < _UNIT_NORM).all() and (np.linalg.det(matrices) > 0).all())
+
+
+def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) -> str | None:
+    """What the columns seem to be, and the command that reads them so; None if nothing fits."""
+    reading, about_time, about_rate = _with_time(columns, reading, rows)
+    lower = {*map(str.lower, columns.names), *columns.plain}
+    for system, names, meant in KNOWN:
+        one = meant.with_(reading)
+        if lower.issuperset(names) and not _fault(columns, one):
+            return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
+    fault = _fault(columns, reading)
+    if fault is None:
+        return f"{about_time}: read them by {reading.command(path)}{about_rate}"
+    if isinstance(fault, OpenReading):
+        what, ways = _three_numbers(str(fault).split(", "), columns, rows)
+        readings = [one for way in ways if not _fault(columns, one := reading.with_(way))]
+        if readings:
+            commands = " or ".join(one.command(path) for one in readings)
+            orders = f". {_ORDERS}" if any(one.euler for one in readings) else ""
+            return f"its rotations are {fault}, {what}: read them by {commands}{about_rate}{orders}"
+        if not what:
+            unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
+            return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
+    matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
+    bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+    counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
+    parts = [(base, many) for base, many in counted if many in _LISTS]
+    pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
+    for some in chain(([part] for part in parts), pairs):
+        one = reading
+        for base, many in some:
+            is_turn = len(some) > 1 and many == 3 and _TURNING.search(base) is not None
+            stated, meant = _VECTOR if is_turn else _LISTS[many]
+            one = meant.with_(reading_of(stated.format(base))).with_(one)
+        if not _fault(columns, one):
+            return f"if its columns are meant so, read them by {_commands(one, path)}{about_rate}"
+    return None
+
+
+def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[str, list[TableReading]]:
+    """What the rotation in columns with these names may be by them and by the first values, in words, and how
+    it is read: numbers in radians are no larger than a turn."""
+    places = [i for i, name in enumerate(columns.names) if name in names]
+    units = [unit for i in places if (unit := ANGLE_UNITS.get(columns.units[i], ""))]
+    values = np.array([numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)])
+    is_far = not units and np.abs(np.nan_to_num(values)).max(initial=0.0) > 2.0 * np.pi
+    if any(map(NAMED_VECTOR.search, names)):
+        if is_far:
+            return "", []
+        return "a rotation vector", [reading_of(rotation_vector=True)]
+    order = "XYZ" if any(map(_OPENSIM.match, names)) else "xyz"
+    units = units[:1] or (["deg"] if is_far else ["deg", "rad"])
+    angles = [reading_of(euler=f"{order}:{unit}") for unit in units]
+    if are_named_angles(names) or order == "XYZ" or is_far:
+        return "three angles", angles
+    vector = reading_of(rotation_vector=True)
+    what = "three numbers, angles or a rotation vector"
+    if len(angles) > 1 and len(values):  # no larger than a turn in radians: hardly degrees
+        return what, [vector, *angles[::-1]]
+    return what, [angles[0], vector]
+
+
+def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[TableReading, str, str]:
+    """A reading with a time, if no column is one by its name: what seems to be the time in words, and what to
+    say of a rate in it."""
+    time, _ = columns.time(reading, columns.find(reading)[TIME])
+    if time is not None or reading.time_unit is not None:
+        return reading, "", ""
+    numbered = any(map(FRAME.fullmatch, columns.plain))
+    like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
+    if like is not None and not numbered:
+        return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
+    if columns.names[0] == f"{UNNAMED}0" and not numbered:  # the index of a DataFrame
+        first = numbers([row[0] for row in rows()])
+        if len(first) > 1 and (np.diff(first) > 0.0).all() and (first != np.round(first)).any():
+            found = reading.with_(reading_of({TIME: columns.names[0]}))
+            return found, "if its first column, which has no name, is the time", ""
+    about = "its times are numbers of frames" if numbered else "it has no times"
+    rate = f", with the rate of your {'frames' if numbered else 'rows'} instead of {_A_RATE}"
+    return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
+
+
+def _commands(reading: TableReading, path: str) -> str:
+    """The command of a reading, and, where it has a group of four values, with the real part first."""
+    columns, command = dict(reading.columns), reading.command(path)
+    if (group := columns.pop("quaternion", None)) is None:
+        return command
+    first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
+    return f"{command} or, with the real part first, {first.command(path)}"
+
+
+def _fault(columns: Columns, reading: TableReading) -> Exception | None:
+    """Why columns cannot be read so; None if they can."""
+    try:
+        layout(columns, reading)
+    except (UnreadableRecording, ChoiceError) as error:
+        return error
+    return None
