@@ -17,7 +17,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
-from contact_tracker.joints.evidence import Joint, find_joint, joint_of
+from contact_tracker.joints.evidence import FittedJoint, Joint, find_joint, joint_of
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
@@ -163,27 +163,60 @@ def jumping(play_m: float, angle: Array, rng: np.random.Generator) -> Array:
     return play_m / 0.1 * np.sign(angle)[:, None] * axis / np.linalg.norm(axis)
 
 
+def backlash(play_m: float, angle: Array, rng: np.random.Generator) -> Array:
+    """The axis lies on the other side after a turn back of 10 deg."""
+    side, sides = 0.0, []
+    for step in np.diff(angle, prepend=angle[:1]):
+        side = float(np.clip(side + step / np.radians(5.0), -1.0, 1.0))
+        sides.append(side)
+    return play_m / 0.1 * np.array(sides)[:, None] * rng.normal(size=2) / np.sqrt(2.0)
+
+
+def joint_of_ticks(window: Window) -> FittedJoint | None:
+    return find_joint(window, scales_of(load_model()), [], 1, load_model().systematic)
+
+
 @pytest.mark.parametrize(
-    ("tilting", "play_m", "turns_rad"), [(with_play, 2e-3, 0.4), (with_play, 5e-3, 0.4), (jumping, 5e-3, 0.1)]
+    ("tilting", "play_m", "turns_rad", "arm_m"),
+    [
+        (with_play, 2e-3, 0.4, 0.15),
+        (with_play, 5e-3, 0.4, 0.15),
+        (jumping, 5e-3, 0.1, 0.15),
+        (jumping, 5e-3, 0.05, 0.15),
+        (backlash, 5e-3, 0.15, 0.3),
+    ],
 )
 @pytest.mark.parametrize("seed", range(3))
 def test_a_hinge_with_play_is_a_hinge(
-    tilting: Callable[..., Array], play_m: float, turns_rad: float, seed: int
+    tilting: Callable[..., Array], play_m: float, turns_rad: float, arm_m: float, seed: int
 ) -> None:
-    """Such errors are no freedom of a ball joint. They may look like a small pitch."""
+    """Such errors follow the angle: they are no freedom of a ball joint. They may look like a small pitch."""
     rng = np.random.default_rng(seed)
     angle = turns_rad * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0)[:, 0]
     turn = Rotation.from_rotvec(np.column_stack([tilting(play_m, angle, rng), np.zeros(2000)]))
     turn = turn * Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0])
-    found = find_joint(
-        ticks_of(turn, np.zeros((2000, 3)), 0.15, rng),
-        scales_of(load_model()),
-        [],
-        1,
-        load_model().systematic,
-    )
+    found = joint_of_ticks(ticks_of(turn, np.zeros((2000, 3)), arm_m, rng))
+    assert found is not None
     assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
     assert abs(found.frames.pitch_m) < 0.005
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_ball_joint_needs_no_second_turn_that_moves_far(seed: int) -> None:
+    """Of its two turns, about as large, that about the arm of a metre does not move the object's origin."""
+    rng = np.random.default_rng(seed)
+    turn = 0.15 * band_limited(rng, np.arange(2000) / 200.0, 2, 1.0) @ [[0.6, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(turn), np.zeros((2000, 3)), 1.0, rng))
+    assert found is not None
+    assert found.model.kind is JointKind.BALL
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_turn_and_a_slide_of_their_own_are_no_screw(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turn, slide = band_limited(rng, np.arange(2000) / 200.0, 2, 1.0).T[:, :, None] * [0.0, 0.0, 1.0]
+    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(0.4 * turn), 0.03 * slide, 0.1, rng))
+    assert found is None
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -192,7 +225,8 @@ def test_a_lid_with_markers_on_its_axis_is_a_screw(seed: int) -> None:
     rng = np.random.default_rng(seed)
     angle = 0.5 * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0) * [0.0, 0.0, 1.0]
     window = ticks_of(Rotation.from_rotvec(angle), 0.64e-3 * angle, 0.0, rng)
-    found = find_joint(window, scales_of(load_model()), [], 1, load_model().systematic)
+    found = joint_of_ticks(window)
+    assert found is not None
     assert found.model.kind is JointKind.SCREW
     assert found.frames.pitch_m == pytest.approx(0.64e-3, abs=1e-4)
 

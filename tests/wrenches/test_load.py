@@ -40,6 +40,18 @@ def test_a_contact_misclassified_as_free_is_an_outlier() -> None:
     np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.3)
 
 
+@pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EF])
+@pytest.mark.parametrize("seed", [2, 3])
+def test_as_many_ticks_of_contact_are_outliers(contact: Contact, seed: int) -> None:
+    """An estimate that starts at one of their forces ends at the few ticks that agree with it."""
+    made = pressed(contact, seed, noise=True, bias=True)
+    touch, free = int(np.flatnonzero(~made.is_free)[0]), np.zeros(len(made.tick_ns), bool)
+    free[5:20] = free[touch + 5 : touch + 15] = free[touch + 30 : touch + 40] = True
+    load = load_of(made, free)
+    assert load is not None
+    assert load.mass_kg == pytest.approx(MASS_KG, rel=0.02)
+
+
 def test_without_free_motion_there_is_no_load() -> None:
     made = pressed(Contact.FV)
     assert load_of(made, np.zeros(len(made.tick_ns), bool)) is None
@@ -153,7 +165,5 @@ def test_wrenches_that_explain_more_free_motion_otherwise_are_not_used() -> None
     free, other = np.flatnonzero(is_free), np.flatnonzero(~is_free)
     is_free[free[int(0.3 * len(free)) :]], is_free[other[:40]] = False, True
     wrong = about_parent(made.wrenches, made.poses)
-    load = estimate_load(average(made.poses, wrong, made.tick_ns), is_free, is_free.astype(float))
-    assert not load.doubt
-    with pytest.raises(NoLoad, match="explain less of the free motion as they are"):
+    with pytest.raises(NoLoad, match="They fit in the frame of the poses"):
         require_load(made.poses, wrong, made.tick_ns, is_free, is_free.astype(float))

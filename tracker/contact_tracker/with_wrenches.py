@@ -116,10 +116,9 @@ def require_load(
         (estimate_load(average(poses, other, stamp_ns), is_free, p_free), what)
         for what, other in _other_readings(poses, wrenches)
     )
-    # wrong ones may fit the forces of some ticks, but fewer than the right one, and less well
-    fits = [(one.ticks / one.scale, what) for one, what in others if one is not None and not one.doubt]
+    fits = [(one.fit, what) for one, what in others if one is not None and not one.doubt]
     best, what = max(fits, default=(0.0, ""))
-    if best > (1.0 if load.doubt else FITS_BETTER) * load.ticks / load.scale:
+    if best > (1.0 if load.doubt else FITS_BETTER) * load.fit:
         less = "they explain less of the free motion as they are than otherwise"
         raise NoLoad(f"{load.doubt or less}. They fit {what}")
     if not load.doubt:

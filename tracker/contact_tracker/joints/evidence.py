@@ -15,11 +15,14 @@ from contact_tracker.geometry.linalg import adapted
 from contact_tracker.geometry.task_frame import TaskFrame, joint_frame
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives
+from contact_tracker.joints.misfit import MOST_PLAY, course_functions, misfit_log_likelihood
 from contact_tracker.joints.models import (
+    ANGLE,
     BODY_POINT,
     BODY_TURN,
     JOINT_MODELS,
     PITCH,
+    S_Z,
     WORLD_POINT,
     WORLD_TURN,
     JointFrames,
@@ -37,10 +40,6 @@ MOST_DIRECTIONS: Final = 3
 LEAST_TICKS: Final = 20
 LEAST_ACTIVITY: Final = 10.0
 """Least number of ticks with motion: smooth motion of a hand may follow a joint by chance for a while."""
-MOST_PLAY: Final = 100.0
-"""Joints have play and markers bend: the errors of a joint of one degree of freedom may be up to this many
-times the noise, and so may those of contacts where the motion has one. Of 48 simulated hinges whose axis
-jumps from side to side, by 5 mm over 0.1 m, 14 are named ball; with 64 times 27, without play 46."""
 FITS: Final = 2
 """Fits of a joint with play: with the noise alone, and with the play that the first fit shows."""
 STEPS: Final = 12
@@ -85,14 +84,7 @@ def find_joint(
     used = used_directions(window)
     if not 0 < used <= MOST_DIRECTIONS:
         return None
-    # motion of one degree of freedom shows no other freedom of a ball joint; more of them may be play
-    some = [
-        one
-        for one in JOINT_MODELS
-        if one.kind.constraints >= constraints and (used > 1 or one.kind is not JointKind.BALL)
-    ]
-    most_play = MOST_PLAY if used == 1 else 1.0
-    fits = [_fit(model, window, scales, 1.0 if model.kind is JointKind.BALL else MOST_PLAY) for model in some]
+    fits = [_fit(model, window, scales) for model in JOINT_MODELS if model.kind.constraints >= constraints]
     free = min((one.free for one in fits), default=np.inf)
     fitted = [_evident(one, window, scales, free) for one in fits]
     if errors.are_given:
@@ -100,7 +92,12 @@ def find_joint(
     best = max(fitted, key=lambda one: one.log_evidence, default=None)
     if best is None or best.log_evidence <= SURE_NATS:
         return None
-    rivals = [0.0, *(contact_evidence(one, window, scales, most_play, free) for one in contacts)]
+    ways = [one for one in zip(fitted, fits, strict=True) if one[1].course is not None]
+    along = max(ways, key=lambda one: one[0].log_evidence)[1]
+    if best.model is along.model and _is_cylindrical(along, window, scales, free):
+        return None
+    course = along.course if used == 1 else None
+    rivals = [0.0, *(contact_evidence(one, window, scales, course, free) for one in contacts)]
     if best.log_evidence - max(rivals) <= SURE_NATS:
         return None
     rivals += [one.log_evidence for one in fitted if one is not best]
@@ -109,24 +106,39 @@ def find_joint(
 
 
 class _Fit(NamedTuple):
-    """A joint at its greatest likelihood, and the quadratic form ``free`` of its residuals under free
-    motion."""
+    """A joint at its greatest likelihood; the functions ``course`` (W, M) as which its errors may follow its
+    motion; the quadratic form ``free`` of its residuals under free motion."""
 
     model: JointModel
     frames: JointFrames
     residual: Residual
     play: Array
+    course: Array | None
     free: float
 
 
-def _fit(model: JointModel, window: Window, scales: EvidenceParameters, most_play: float) -> _Fit:
-    noise_sd = _noise_sd(window)
+def _fit(model: JointModel, window: Window, scales: EvidenceParameters) -> _Fit:
+    noise_sd, course = _noise_sd(window), None
     frames, play = model.start(window.zeta), np.eye(len(model.rows))
-    for _ in range(FITS if most_play > 1.0 else 1):
+    for _ in range(FITS if model.has_play else 1):
         frames = _minimise(model, frames, window, scales, play)
         residual = model.residual(frames, window.zeta)
-        play = _play(_whitened(residual, noise_sd, scales).residual, most_play)
-    return _Fit(model, frames, residual, play, _against_free(residual, window, scales)[2])
+        if model.has_play:
+            play = _play(_whitened(residual, noise_sd, scales).residual)
+    if model.has_play:
+        course = scales.innovations(course_functions(model.travelled(frames, window.zeta)))
+    return _Fit(model, frames, residual, play, course, _against_free(residual, window, scales)[2])
+
+
+def _is_cylindrical(fit: _Fit, window: Window, scales: EvidenceParameters, free: float) -> bool:
+    """Whether an object rather turns about and slides along an axis than moves in this joint.
+
+    If the evidence is against the constraint between both, there is none.
+    """
+    across = [row not in (S_Z, ANGLE) for row in fit.model.rows]
+    without = Residual(*(part[:, across] for part in fit.residual))
+    loose, tight = (_log_ratio(one, window, scales, fit.course, free) for one in (without, fit.residual))
+    return scales.likelihood_exponent * (loose - tight) > SURE_NATS
 
 
 def _evident(fit: _Fit, window: Window, scales: EvidenceParameters, free: float) -> FittedJoint:
@@ -135,7 +147,7 @@ def _evident(fit: _Fit, window: Window, scales: EvidenceParameters, free: float)
     hessian = _whitened(fit.residual, _noise_sd(window), scales, fit.play).normal()[0]
     scaled = np.eye(len(hessian)) + hessian * deviation[:, None] * deviation
     complexity = 0.5 * float(np.linalg.slogdet(scaled)[1])
-    evidence = _log_ratio(fit.residual, window, scales, fit.play, free) - complexity
+    evidence = _log_ratio(fit.residual, window, scales, fit.course, free) - complexity
     evidence -= 0.5 * (fit.frames.pitch_m / PITCH_M) ** 2  # a slider is also a screw of a far too large pitch
     covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
     return FittedJoint(fit.model, fit.frames, covariance, scales.likelihood_exponent * evidence, fit.play)
@@ -206,19 +218,21 @@ def contact_evidence(
     contact: KnownContact,
     window: Window,
     scales: EvidenceParameters,
-    most_play: float = 1.0,
+    course: Array | None = None,
     free: float = np.inf,
 ) -> float:
     """Log evidence of a contact against the same free motion as for joints, with play as these have it;
-    ``free`` is as of ``_log_ratio``."""
+    ``course`` and ``free`` are as of ``_log_ratio``."""
     motion, c = ConditionalMotion.of(window, scales), contact.c
     value = window.zeta @ c.T
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
-    play = _play(_whitened(residual, _noise_sd(window), scales).residual, most_play)
-    factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
+    factor = 1.0
+    if course is not None:
+        play = _play(_whitened(residual, _noise_sd(window), scales).residual)
+        factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
     gain = float(motion.evidence(c).gain.mean())
     cost = elements_complexity(contact.model, contact.x, motion, window, scales, gain, factor)
-    return scales.likelihood_exponent * (_log_ratio(residual, window, scales, play, free) - cost)
+    return scales.likelihood_exponent * (_log_ratio(residual, window, scales, course, free) - cost)
 
 
 def _noise_sd(window: Window) -> Array:
@@ -269,11 +283,11 @@ def _whitened(
     return _Whitened(white[..., 0], white[..., 1:])
 
 
-def _play(white: Array, most: float) -> Array:
+def _play(white: Array) -> Array:
     """Symmetric matrix (K, K): the standard deviation of whitened residuals (W, K) in each of their principal
-    directions, at least 1 and at most ``most``."""
+    directions, at least 1."""
     variance, axes = np.linalg.eigh(white.T @ white / len(white))
-    return np.asarray((axes * np.clip(np.sqrt(np.maximum(variance, 0.0)), 1.0, most)) @ axes.T)
+    return np.asarray((axes * np.clip(np.sqrt(np.maximum(variance, 0.0)), 1.0, MOST_PLAY)) @ axes.T)
 
 
 def _against_free(
@@ -291,20 +305,18 @@ def _against_free(
 
 
 def _log_ratio(
-    residual: Residual, window: Window, scales: EvidenceParameters, play: Array, free: float
+    residual: Residual, window: Window, scales: EvidenceParameters, course: Array | None, free: float
 ) -> float:
-    """Log-likelihood ratio of the residuals, with their ``play`` (K, K), against free motion (T44).
+    """Log-likelihood ratio of the residuals, whose errors may follow the ``course`` (W, M) of the motion,
+    against free motion (T44).
 
     The quadratic form of free motion is at most ``free``, the least of all joints that are compared: free
-    motion is the same for all, and one that fits badly must not gain by its own misfit. The entries of the
-    covariance that the play adds are estimated from as many ticks; each costs half a log of these.
+    motion is the same for all, and one that fits badly must not gain by its own misfit.
     """
     white, gain, of_free = _against_free(residual, window, scales)
-    of_joint = float(np.square(np.linalg.solve(play, white.T)).sum())
-    wide = int((np.linalg.eigvalsh(play) > 1.0 + JITTER).sum())
-    ticks = len(white)
-    cost = ticks * float(np.linalg.slogdet(play)[1]) + 0.25 * wide * (wide + 1) * float(np.log(ticks))
-    return gain - cost - 0.5 * (of_joint - min(of_free, free, white.size))  # it can follow smooth motion
+    noise_alone = -0.5 * float(np.square(white).sum())
+    of_joint = noise_alone if course is None else misfit_log_likelihood(white, course)
+    return gain + of_joint + 0.5 * min(of_free, free, white.size)  # it can follow smooth motion
 
 
 _FREE: Final = {JointKind.SLIDER: "vz", JointKind.BALL: "wx wy wz"}

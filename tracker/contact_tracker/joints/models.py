@@ -98,6 +98,15 @@ class JointModel:
         whole[self.free] = step
         return frames.moved(whole)
 
+    def travelled(self, frames: JointFrames, zeta: Array) -> Array:
+        """How far (W,) it has moved: an angle (rad), of a slider a distance (m)."""
+        return _coordinates(frames, zeta)[0][:, S_Z if self.kind is JointKind.SLIDER else ANGLE]
+
+    @property
+    def has_play(self) -> bool:
+        """Whether its errors may follow its motion, which has one degree of freedom."""
+        return self.kind is not JointKind.BALL
+
     def residual(self, frames: JointFrames, zeta: Array) -> Residual:
         """Residuals of ticks with mean lifted poses ``zeta`` (W, 25)."""
         value, by_pose, by_x = _coordinates(frames, zeta)
