@@ -28,7 +28,7 @@ from contact_tracker.outputs.text import describe, table
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.tracking.contact_filter import ContactFilter, forward, ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.simulate import Scenario, simulate
@@ -347,8 +347,8 @@ def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digit
     np.testing.assert_allclose(found / np.outer(sd, sd), true / np.outer(sd, sd), atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", [10, 11])
-def test_a_smooth_carry_is_no_contact_with_something_new(seed):
+@pytest.mark.parametrize(("seed", "lag_s"), [(10, 0.0), (11, 0.0), (11, 0.5)])
+def test_a_smooth_carry_is_no_contact_with_something_new(seed, lag_s):
     """A new vertex and a new plane can be chosen so that they agree with it: that is not their evidence."""
     rng, count, still = np.random.default_rng(seed), 150, 150
     s = np.linspace(0.0, 1.0, count)
@@ -360,6 +360,10 @@ def test_a_smooth_carry_is_no_contact_with_something_new(seed):
     noise = Rotation.from_rotvec(rng.normal(scale=1.5e-3, size=(len(s), 3)))
     position_m += rng.normal(scale=2e-4, size=position_m.shape)
     poses = Poses(np.arange(len(s)) * 10_000_000, position_m, (noise * turn).as_quat())
-    labels = [one.belief.contact for one in forward(ticks_of([poses], MODEL), ContactFilter.start(MODEL))]
+    online, labels = ContactFilter.start(MODEL, lag_s), set[Contact]()
+    for tick in ticks_of([poses], MODEL):
+        online.update(tick)
+        if online.reported is not None:
+            labels.add(online.reported.contact)
     assert Contact.FREE in labels
     assert not {one for one in labels if one.codimension == 1}

@@ -83,9 +83,8 @@ def _had_begun(belief: Belief, stamp_ns: int) -> bool:
 def lagged_belief(state: FilterState, row: int) -> Belief:
     """The belief about the tick of ``recent[row]``, given all data until now."""
     then = state.recent[row]
-    weight = np.exp(state.log_state_weight - state.log_state_weight.max())
     back = row - len(state.recent)
-    probability = np.einsum("j,js->s", weight, state.lag_history[:, back])
+    probability = np.einsum("j,js->s", state_shares(state), state.lag_history[:, back])
     probability = ambiguity.tempered(probability / probability.sum(), state.model.certainty.posterior_power)
     contact = STATES[int(np.argmax(probability))]
     same = [one for one in state.recent[row:] if one.contact is contact]
@@ -109,17 +108,22 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
 
 
 def label_posterior(state: FilterState) -> Array:
-    """The posterior (7,) by the weights of the states, the most probable of which is the label: one that may
-    agree with the motion by chance shares its probability with the first that does not."""
+    """The posterior (7,) of the states, the most probable of which is the label."""
+    return ambiguity.tempered(state_shares(state), state.model.certainty.posterior_power)
+
+
+def state_shares(state: FilterState) -> Array:
+    """Shares (7,) of the states in their weight. The greatest that may agree with the motion by chance are
+    divided between them and the first that does not."""
     weight = np.exp(state.log_state_weight - state.log_state_weight.max())
-    probability = ambiguity.tempered(weight, state.model.certainty.posterior_power)
     by_chance = list[Contact]()
-    for column in np.argsort(-probability):
+    for column in np.argsort(-weight):
         label = STATES[int(column)]
         if not may_agree_by_chance(state, label):
-            return ambiguity.shared_with(probability, label, by_chance)
+            break
         by_chance.append(label)
-    return probability
+    shared = ambiguity.shared_with(weight, label, by_chance)
+    return np.asarray(shared / shared.sum())
 
 
 def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
