@@ -21,6 +21,7 @@ from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording.table_layouts import quaternions
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.simulate import simulate
 from short_recordings import MODEL, needs_kernels, shipped
 from smooth_motion import moving, slid_and_tilted, smooth
 
@@ -222,6 +223,11 @@ def test_a_mistake_is_found_where_noise_hides_most_of_it() -> None:
 
 def test_free_motion_is_no_mistake() -> None:
     assert mistake_in(moving(np.random.default_rng(0), 60.0, 100.0, *SIGMA)) == ""
+
+
+def test_a_screw_is_no_mistake() -> None:
+    """No contact explains it, so that other readings may do so by chance."""
+    assert not mistake_in(simulate("screw", 0).poses)
 
 
 @pytest.mark.parametrize("seed", [0, 4, 7, 9])

@@ -27,7 +27,9 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.rotation import matrices
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.motion.free_motion import can_be_compared
+from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.window import Window, used_directions
 
 Array = NDArray[np.float64]
 
@@ -64,7 +66,7 @@ def explain(
     readings: Sequence[Reading],
 ) -> Explained | None:
     """How well contacts explain a window in each reading, the first being that of poses as they are; None
-    without motion.
+    without motion. Motion of one degree of freedom is no evidence: it may be that of a screw.
 
     Two faces, and a vertex on a face in the world or in the body, stand for all six contacts: one of them
     holds in all but an edge on an edge. For a vertex p and a normal n the residual is n (R p + t) less its
@@ -84,10 +86,10 @@ def explain(
     variance += np.square([model.noise.floor_position_m, model.noise.floor_rotation_rad])
     given, position_m = Given(poses), poses.position_m - poses.position_m.mean(axis=0)
     turn = matrices(given.quat_xyzw[middle])
-    spread = [
-        (np.add.reduceat(one, at) / per_tick[:, None]).var(axis=0).sum()
-        for one in (position_m[middle], turn.reshape(-1, 9))
+    means = [
+        np.add.reduceat(one, at) / per_tick[:, None] for one in (position_m[middle], turn.reshape(-1, 9))
     ]
+    spread = [one.var(axis=0).sum() for one in means]
     if spread[0] < 3.0 * MOVED**2 * variance[0] or spread[1] < 6.0 * MOVED**2 * variance[1]:
         return None
     turns = [read_turns(reading, given) for reading in readings]
@@ -105,6 +107,10 @@ def explain(
     # the mean of a unit vector that turns is shorter than it
     length = np.linalg.norm(features[0, :, :9].mean(axis=0).reshape(3, 3), 2)
     varies = shifts[1] > MOVED**2 * variance[0], 1.0 - length**2 > 2.0 * MOVED**2 * variance[1]
+    rows = np.tile(variance, (TICKS, 1))
+    moving = Window(np.arange(TICKS), lift(means[1].reshape(-1, 3, 3), means[0]), rows, rows / _ROUNDING)
+    if used_directions(moving) == 1:
+        nats = np.zeros_like(nats)
     # stretched orientations are not rewarded: free motion is stretched as well
     return Explained(np.maximum(nats + np.minimum(log_volume, 0.0), 0.0), misfit, not any(varies))
 
