@@ -28,12 +28,11 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import ContactFilter, forward, ticks_of
+from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.fixed_windows import FRAMES
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
+from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
 
 Array = NDArray[np.float64]
@@ -51,11 +50,11 @@ LONGEST_TICKS: Final = 100
 
 
 class Ticks(NamedTuple):
-    """The ``window`` of all T ticks of a recording; ``frames`` (T,) in each, ``start_ns`` and ``stamp_ns``
-    (T,) of their first and last frame; ``scales`` of the tracker's fits."""
+    """The ``window`` of all T ticks of a recording, whether each ``has_frames`` (T,), ``start_ns`` and
+    ``stamp_ns`` (T,) of their first and last frame; ``scales`` of the tracker's fits."""
 
     window: Window
-    frames: Ints
+    has_frames: NDArray[np.bool_]
     start_ns: Ints
     stamp_ns: Ints
     scales: EvidenceParameters
@@ -63,15 +62,13 @@ class Ticks(NamedTuple):
     @classmethod
     def of(cls, poses: Poses, model: Model) -> "Ticks":
         """The ticks of at least one pose."""
-        one = ContactFilter.start(model)
-        seen = RecordedPass.over(forward(ticks_of(batches(poses), model), one, Detail.WEIGHTS))
-        stamp_ns = np.array([belief.stamp_ns for belief in seen.beliefs], np.int64)
-        frames, start_ns = np.array(seen.frames, np.int64), np.array(seen.start_ns, np.int64)
-        return cls(seen.window(model), frames, start_ns, stamp_ns, scales_of(model))
+        ticks = list(ticks_of(batches(poses), model))
+        values = np.array([(tick.count, tick.start_ns, tick.stamp_ns) for tick in ticks], np.int64)
+        return cls(window_of(ticks, model), values[:, 0] > 0, values[:, 1], values[:, 2], scales_of(model))
 
     def within(self, start_ns: int, end_ns: int) -> Window | None:
         """The ticks of a span (both included); None if there are too few."""
-        inside = (self.start_ns >= start_ns) & (self.stamp_ns <= end_ns) & (self.frames > 0)
+        inside = (self.start_ns >= start_ns) & (self.stamp_ns <= end_ns) & self.has_frames
         return self.window.pick(inside) if inside.sum() >= FEWEST else None
 
 
@@ -141,7 +138,7 @@ def segment_cost(ticks: Ticks, grid: list[int]) -> Any:
 
     @cache
     def cost(start: int, end: int) -> float:
-        window = ticks.window.pick(np.flatnonzero(ticks.frames[grid[start] : grid[end]]) + grid[start])
+        window = ticks.window.pick(np.flatnonzero(ticks.has_frames[grid[start] : grid[end]]) + grid[start])
         if grid[end] - grid[start] > LONGEST_TICKS:
             return float(np.inf)
         if len(window) < FEWEST:

@@ -52,10 +52,10 @@ from contact_tracker_lab.calibration.transitions import (
     Chain,
     EstimatedStates,
     KnownStates,
-    labels,
     learn_transitions,
 )
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number, table
 
 Ints = NDArray[np.int64]
@@ -144,11 +144,10 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
     """
     poses, truth, damage = source.read()
     observed = observe(poses, model)
-    assert observed is not None
     chain: Chain | None = None
     score, label = None, np.full(len(observed.activity), UNKNOWN, np.int64)
     if truth is not None and source.use_truth:
-        label = labels(observed.middle_ns, truth)
+        label = scoring(observed.middle_ns, truth).truth.astype(np.int64)
         chain = KnownStates(label, np.array([max(a, REST_EXPOSURE) for a in observed.activity]))
     labelled = chain is not None
     if score_it or chain is None:
