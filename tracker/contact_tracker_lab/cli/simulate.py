@@ -55,10 +55,10 @@ def _when(further: "Further") -> str:
 
 
 def _list(seed: int) -> int:
-    from contact_tracker_lab.simulate import SCENARIOS
+    from contact_tracker_lab.simulate import SCENARIOS, named_scenario
 
-    for name, scenario in SCENARIOS.items():
-        made = scenario(seed)
+    for name in SCENARIOS:
+        made = named_scenario(name, seed)
         contacts = " ".join(phase.contact.value for phase in made.phases)
         if made.further is not None:
             contacts += f" + {made.further.contact.value}{_when(made.further)}"
