@@ -28,7 +28,7 @@ from contact_tracker.recording import need_truth, open_log
 from contact_tracker_lab.benchmark import bic, fixed_windows, others, tracked
 from contact_tracker_lab.benchmark.fixed_windows import Recorded, Windows
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
-from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores, total
+from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores
 from contact_tracker_lab.evaluation.metrics import quantile
 from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number
@@ -156,7 +156,10 @@ def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
     for method in methods:
         by_set = [accuracy(method, some) for some in found.values()]
         scored = [one for one in everything if method in one.scores]
-        whole, seconds = total([one.scores[method] for one in scored]), sum(one.seconds for one in scored)
+        whole, seconds = (
+            reduce(add, (one.scores[method] for one in scored)),
+            sum(one.seconds for one in scored),
+        )
         cpu_s = [one.cpu_s[method] for one in scored if method in one.cpu_s]
         rows.append(
             [
@@ -165,7 +168,7 @@ def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
                 *by_set,
                 *([number(whole.main.accuracy())] if len(found) > 1 else []),
                 *details(method, whole),
-                number(reduce(add, cpu_s) / seconds, 3) if cpu_s else "-",
+                number(sum(cpu_s) / sum(one.seconds for one in scored), 3) if cpu_s else "-",
             ]
         )
     sets = (*found, TOTAL) if len(found) > 1 else tuple(found)
@@ -173,19 +176,18 @@ def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
 
 
 def accuracy(method: Method, found: Sequence[Measured]) -> str:
-    """Over the recordings of a set; ``-`` where the method was not applied to all."""
-    if not all(method in one.scores for one in found):
-        scored = [one.scores[method] for one in found if method in one.scores]
-        return number(total(scored).main.accuracy()) + "*" if scored else "-"
-    return number(total([one.scores[method] for one in found]).main.accuracy())
+    """Over the recordings of a set; with ``*`` where the method was not applied to all, ``-`` to none."""
+    scored = [one.scores[method] for one in found if method in one.scores]
+    if not scored:
+        return "-"
+    return number(reduce(add, scored).main.accuracy()) + "*" * (len(scored) < len(found))
 
 
 def details(method: Method, whole: Score) -> list[str]:
     """The further figures of a row but its CPU time."""
     main = whole.main
-    low, high = map(number, whole.phases.accuracy())
-    delay_s = main.delay_s
-    waits = "-" if method.wait_s == OFFLINE else number(quantile(delay_s, 0.5) + method.wait_s, 2)
+    low, high = map(number, whole.band())
+    waits = "-" if method.wait_s == OFFLINE else number(quantile(main.delay_s, 0.5) + method.wait_s, 2)
     uncertain = (main.log_loss, main.calibration_error, main.sure_wrong)
     return [
         low if low == high else f"{low}-{high}",

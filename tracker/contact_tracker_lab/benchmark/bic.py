@@ -19,6 +19,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
@@ -163,7 +164,7 @@ def _posteriors(spans: list[tuple[int, int]], ticks: Ticks, samples: int | None 
     the whole model, by default those of each span."""
     windows = [ticks.within(*span) for span in spans]
     some = [window for window in windows if window is not None]
-    found = [from_criteria(criteria_of(window, ticks.scales, samples)) for window in some]
+    found = [softmax(criteria_of(window, ticks.scales, samples)) for window in some]
     has_ticks = np.array([window is not None for window in windows], bool)
     row = np.where(has_ticks, np.cumsum(has_ticks) - 1, -1)
     return np.array(found).reshape(-1, len(STATES)), row.astype(np.int64)
@@ -184,8 +185,3 @@ def criteria(chi_sq: Array, parameters: Array, ticks: int, samples: int | None =
     """BIC (7,) of the states, the higher the better."""
     freedom = np.array([6 - Contact(state).codimension for state in STATES])
     return np.asarray(-0.5 * chi_sq - 0.5 * (parameters + ticks * freedom) * np.log(samples or ticks))
-
-
-def from_criteria(bic: Array) -> Array:
-    weight = np.exp(bic - bic.max())
-    return np.asarray(weight / weight.sum())

@@ -10,8 +10,8 @@ The HMM: ``contact_tracker.hmm`` over fixed windows instead of hypotheses with w
 calibrated on the tuning split of the set: emissions are normal densities of the log of the six minima, with
 mean and covariance by true state; states that do not occur there are impossible; the rate of leaving is that
 of the split, the distribution of the next state that of the lattice. Windows overlap, so emissions have an
-exponent: for labels the one with the highest accuracy, for probabilities the one with the least log-loss. The
-label of a window is that of its middle if the lag allows it, else of the latest frame that is due.
+exponent: for labels the one with the highest accuracy, for probabilities the one with the least log-loss.
+Offline the label of a window is that of its middle, online that of its last frame.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.hmm import fixed_lag
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import STATES
@@ -65,13 +64,13 @@ class Windows:
             found.stamp_ns, found.normalised, log_minimum, round(FRAMES * frame_s * 0.5e9), step * frame_s
         )
 
-    def delay_ns(self, wait_s: float) -> int:
-        """Time before its end of the frame that a window labels, with the lag ``wait_s``."""
-        return round(min(self.half_ns, wait_s * 1e9))
+    def labelled_ns(self, wait_s: float) -> Ints:
+        """Stamps (W,) of the frames that windows label, offline or without a lag."""
+        return self.end_ns - (self.half_ns if wait_s == OFFLINE else 0)
 
     def ticks(self, stamp_ns: Ints, wait_s: float) -> Ints:
         """Window (N,) that labels each frame; -1 for none."""
-        labelled_ns = self.end_ns - self.delay_ns(wait_s)
+        labelled_ns = self.labelled_ns(wait_s)
         if wait_s == OFFLINE and len(labelled_ns):
             return np.searchsorted((labelled_ns[1:] + labelled_ns[:-1]) // 2, stamp_ns).astype(np.int64)
         return tick_in_force(stamp_ns, labelled_ns)
@@ -86,8 +85,7 @@ class Recorded(NamedTuple):
     def truth(self, wait_s: float) -> Ints:
         """True state (W,) of the frame that each window labels, -1 where it is not identifiable."""
         stamp_ns = self.scored.stamp_ns
-        labelled_ns = self.windows.end_ns - self.windows.delay_ns(wait_s)
-        frame = np.clip(np.searchsorted(stamp_ns, labelled_ns), 0, len(stamp_ns) - 1)
+        frame = np.searchsorted(stamp_ns, self.windows.labelled_ns(wait_s)).clip(0, len(stamp_ns) - 1)
         is_identifiable = self.scored.subsets[Subset.IDENTIFIABLE][frame]
         return np.where(is_identifiable, self.scored.truth[frame], -1)
 
@@ -181,14 +179,12 @@ def _answer(
 ) -> Answer:
     if not len(log_density):
         return _nothing(recorded)
-    windows, stamp_ns = recorded.windows, recorded.scored.stamp_ns
-    tick = windows.ticks(stamp_ns, wait_s)
+    tick = recorded.windows.ticks(recorded.scored.stamp_ns, wait_s)
     probability = np.zeros((len(log_density), len(STATES)))
     if wait_s == OFFLINE:
         probability[:, states], label = smoothed(log_density, *chain)
         return Answer(tick, states[label], probability)
-    lag_s = wait_s - windows.delay_ns(wait_s) * 1e-9
-    probability[:, states] = filtered(log_density, *chain, int(lag_s / windows.step_s + 1e-9))
+    probability[:, states] = filtered(log_density, *chain)
     return Answer.most_probable(tick, probability)
 
 
@@ -205,23 +201,14 @@ def smoothed(log_density: Array, log_initial: Array, log_transition: Array) -> t
     return hmm.smooth(trellis, log_initial, each)[0], label
 
 
-def filtered(log_density: Array, log_initial: Array, log_transition: Array, lag: int = 0) -> Array:
-    """Posterior (W, S) of each window given those up to ``lag`` later."""
-    count, states = log_density.shape
-    posterior = np.zeros((count, states))
-    past, left = np.zeros((states, lag + 1, states)), log_initial
+def filtered(log_density: Array, log_initial: Array, log_transition: Array) -> Array:
+    """Posterior (W, S) of each window given those until then."""
+    before, posterior = log_initial, np.zeros_like(log_density)
     for now, density in enumerate(log_density):
-        if now:
-            past, left = (
-                fixed_lag.inherited(past, left, log_transition),
-                hmm.birth_log_weights(left, log_transition),
-            )
-        past = np.stack([fixed_lag.grown(past[s], s) for s in range(states)])
-        left = left + density
-        left = left - hmm.log_sum_exp(left)
-        known = np.einsum("j,jls->ls", np.exp(left), past)
-        first = max(0, now - lag)  # rows that are not final yet are written again
-        posterior[first : now + 1] = known[lag - (now - first) :]
+        left = before + density
+        left -= hmm.log_sum_exp(left)
+        posterior[now] = np.exp(left)
+        before = hmm.birth_log_weights(left, log_transition)
     return posterior
 
 
