@@ -140,10 +140,9 @@ def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], N
 def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
     """The origin of the file as comment lines, without dates and absolute paths."""
     names = " ".join(Path(study.name).name for study in found.studies)
-    keys = ", ".join(learned.key for learned in found.plan.wanted)
     texts = (
         f"Made by contact-tracker {__version__}; docs/models.md says what each parameter does.",
-        f"Learned: {keys}. The rest is that of {found.plan.start.name}.",
+        f"Learned: {', '.join(found.plan.wanted)}. The rest is that of {found.plan.start.name}.",
         f"From {len(found.studies)} recordings, {sum(s.labelled for s in found.studies)} with truth: {names}",
     )
     lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False)]
