@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.errors import UsageError
+from contact_tracker.formations.conditional import coefficients
 from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
-from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import lift, perturbations
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
@@ -64,6 +64,11 @@ class Touch(NamedTuple):
             return np.concatenate([point, *on_plane])
         direction = self.feature.span[0]
         return np.concatenate([direction, point - direction * (direction @ point), *on_plane])
+
+    @property
+    def c(self) -> Array:
+        """Coefficients (K, 25) of the residuals on the whole lifted pose."""
+        return coefficients(self.model, self.x)
 
     def geometry(self, body: Rigid, world: Rigid) -> ContactGeometry:
         """The touching elements, transformed by ``body`` and ``world``."""
@@ -162,7 +167,8 @@ def _motion(
         return None
     if not apart.any():
         return _project(on_first, [(first, None), (second, None)])
-    free = _residual(second, on_first)
+    zeta = second.model.lifted(lift(on_first.rotation, on_first.translation))
+    free = zeta @ second.model.family.rows(second.x).T
     free[:, -1] = _SOFT_M * np.logaddexp(0.0, free[:, -1] / _SOFT_M)
     gap = apart[:, None] * free
     return _project(on_first, [(first, None), (second, gap)])
@@ -175,16 +181,10 @@ def _separation(further: Further, time_s: Array) -> Array:
     return np.asarray(np.broadcast_to(np.maximum(before, after), time_s.shape), float)
 
 
-def _residual(touch: Touch, pose: Rigid) -> Array:
-    """(N, K)"""
-    zeta = touch.model.lifted(lift(pose.rotation, pose.translation))
-    return np.asarray(zeta @ touch.model.family.rows(touch.x).T)
-
-
 def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | None:
     """Project to poses (N,) whose residuals are zero or as given (N, K); None if that fails for some."""
     weight = np.repeat([1.0, _LEVER_M], 3)
-    rows = [_coefficients(touch) for touch, _ in touches]
+    rows = [touch.c for touch, _ in touches]
     goals = np.concatenate(
         [
             np.zeros((len(pose.translation), len(row))) if goal is None else goal
@@ -205,12 +205,6 @@ def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | 
         rotation = rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
         place = place + step[:, 3:]
     return Rigid(rotation, place) if np.abs(miss).max() < _EXACT else None
-
-
-def _coefficients(touch: Touch) -> Array:
-    """Coefficients (K, 25) of the residuals on the whole lifted pose."""
-    every = touch.model.lifted(np.eye(lifted_pose.SIZE)).T
-    return np.asarray(touch.model.family.rows(touch.x) @ every)
 
 
 def _is_outside(object: Polyhedron, pose: Rigid) -> bool:

@@ -55,10 +55,9 @@ def measure_wrenches(
     body : from the frame of ``object`` to the body's.
     """
     time_s = np.arange(len(stamp_ns)) / rate_hz
-    rotation = np.concatenate([path.pose.rotation for path in paths])
-    translation = np.concatenate([path.pose.translation for path in paths])
-    origin = rotation @ body.inverse().translation + translation
-    masses = np.einsum("nij,vj->nvi", rotation, object.vertices) + translation[:, None]
+    pose = Rigid.join([path.pose for path in paths])
+    origin = pose.rotation @ body.inverse().translation + pose.translation
+    masses = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
     pushes = MASS_KG / len(object.vertices) * (_second_derivative(masses, rate_hz) - GRAVITY_M_S2)
     contact_force = _contact_force(rng, time_s, rate_hz, legs, paths)
     pressed = np.concatenate(
@@ -67,7 +66,7 @@ def measure_wrenches(
     force = pushes.sum(axis=1) - contact_force
     moment = np.cross(masses - origin[:, None], pushes).sum(axis=1)
     moment -= np.cross(pressed - origin, contact_force)
-    axes = rotation @ body.rotation.T
+    axes = pose.rotation @ body.rotation.T
     force_n, moment_nm = (
         np.einsum("nji,nj->ni", axes, values)
         + rng.normal(0.0, noise, values.shape)
