@@ -156,10 +156,7 @@ def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
     for method in methods:
         by_set = [accuracy(method, some) for some in found.values()]
         scored = [one for one in everything if method in one.scores]
-        whole, seconds = (
-            reduce(add, (one.scores[method] for one in scored)),
-            sum(one.seconds for one in scored),
-        )
+        whole = reduce(add, (one.scores[method] for one in scored))
         cpu_s = [one.cpu_s[method] for one in scored if method in one.cpu_s]
         rows.append(
             [

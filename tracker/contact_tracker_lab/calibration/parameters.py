@@ -1,5 +1,6 @@
 """The parameters that calibration learns: their table, values by key, direct search, and a model as TOML."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from enum import StrEnum
@@ -148,11 +149,8 @@ def _table(table: Any, name: str) -> list[str]:
 
 
 def _entry(key: str, kind: Any, value: Any) -> list[str]:
-    if kind is str:
-        escaped = _printable(value).replace("\\", "\\\\").replace('"', '\\"')
-        return [f'{key} = "{escaped}"']
-    if kind is bool:
-        return [f"{key} = {str(value).lower()}"]
+    if kind in (str, bool):  # written in TOML as in JSON
+        return [f"{key} = {json.dumps(_printable(value) if kind is str else value, ensure_ascii=False)}"]
     if kind == ByState:
         return [f"{key} = {_inline(value)}"]
     if kind == ByChange:

@@ -41,8 +41,10 @@ class Answering:
     read_as : how poses were read, as the user asked.
     """
 
-    def __init__(self, model: Model, known_map: Map = EMPTY_MAP, read_as: ReadAs = AS_GIVEN) -> None:
-        self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
+    def __init__(
+        self, model: Model, known_map: Map = EMPTY_MAP, read_as: ReadAs = AS_GIVEN, lag_s: float = 0.0
+    ) -> None:
+        self._tracker = Tracker.start(model, lag_s, known_map, read_as)
         self._parts: list[Beliefs] = []
         self._arrival_ns = array("q")
 
@@ -63,9 +65,11 @@ class Answering:
             self._arrival_ns.extend([time_ns or beliefs[-1].stamp_ns] * len(beliefs))
 
 
-def answers_to(poses: Iterable[Pose], model: Model, known_map: Map = EMPTY_MAP) -> Answers:
+def answers_to(
+    poses: Iterable[Pose], model: Model, known_map: Map = EMPTY_MAP, lag_s: float = 0.0
+) -> Answers:
     """The answers to ``poses`` as measured, which pass the gate one by one."""
-    gate, answering = PoseGate(), Answering(model, known_map)
+    gate, answering = PoseGate(), Answering(model, known_map, lag_s=lag_s)
 
     def arrivals() -> Iterator[Arrival]:
         yield from map(gate.arrive, poses)

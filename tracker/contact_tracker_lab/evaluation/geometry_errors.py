@@ -18,6 +18,7 @@ from scipy.special import erfcinv, gammaincc
 
 from contact_tracker.errors import NoTruth
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.vectors import angle_of_lines, sphere_tangent
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
@@ -68,7 +69,7 @@ def angle_rad(found: Element, true: Element) -> float:
     """Angle of normals or directions, 0 to pi/2; nan for points, which have none."""
     match found, true:
         case (Plane(normal=a), Plane(normal=b)) | (Line(direction=a), Line(direction=b)):
-            return float(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b)))
+            return angle_of_lines(a, b)
     return float("nan")
 
 
@@ -94,7 +95,7 @@ def deviation(found: Element, true: Element, place: Array) -> Deviation:
 
 def normal_deviation(found: Plane, true: Plane) -> Deviation:
     """As ``deviation``, of the normal alone: where the offset cannot be determined (f-f)."""
-    tangent = _tangent(found.normal)
+    tangent = sphere_tangent(found.normal)
     covariance = None if found.covariance is None else found.covariance[:3, :3]
     return _deviation(covariance, tangent.T, tangent.T @ _turn(found.normal, true.normal))
 
@@ -117,14 +118,14 @@ def error_at(found: Element, true: Element, place: Array) -> Array:
 def _plane_error(found: Plane, true: Plane, place: Array) -> tuple[Array, Array]:
     sign = np.sign(found.normal @ true.normal) or 1.0
     offset = sign * (true.offset_m - true.normal @ place) - (found.offset_m - found.normal @ place)
-    tangent = _tangent(found.normal)
+    tangent = sphere_tangent(found.normal)
     basis = np.zeros((4, 3))
     basis[:3, :2], basis[3, 2] = tangent, 1.0
     return np.append(tangent.T @ _turn(found.normal, true.normal), offset), basis
 
 
 def _line_error(found: Line, true: Line) -> tuple[Array, Array]:
-    tangent = _tangent(found.direction)
+    tangent = sphere_tangent(found.direction)
     basis = np.zeros((6, 4))
     basis[:3, :2], basis[3:, 2:] = tangent, tangent
     moved = nearest(true, found.point_m) - found.point_m
@@ -137,11 +138,6 @@ def _turn(found: Array, true: Array) -> Array:
     across = true - (found @ true) * found
     sine = np.linalg.norm(across)
     return across * (np.arctan2(sine, found @ true) / sine) if sine > 0 else across
-
-
-def _tangent(direction: Array) -> Array:
-    """Two orthonormal columns (3, 2) perpendicular to ``direction``."""
-    return np.linalg.svd(direction[None])[2][1:].T
 
 
 def _deviation(covariance: Array | None, to_tangent: Array, error: Array) -> Deviation:
@@ -330,13 +326,10 @@ def _compare_faces(found: tuple[Plane, Plane], true: tuple[Plane, Plane], poses:
 
     distances_mm = float("nan"), 1e3 * abs(height_m(*found) - height_m(*true))
     return [
-        ElementError(
-            Contact.FF,
-            side,
-            "plane",
-            float(np.degrees(angle_rad(face, true_face))),
-            distance_mm,
-            normal_deviation(face, true_face),
+        replace(
+            _element_error(Contact.FF, side, face, true_face, np.zeros(3)),
+            distance_mm=distance_mm,
+            deviation=normal_deviation(face, true_face),
         )
         for side, face, true_face, distance_mm in zip(SIDES, found, true, distances_mm, strict=True)
     ]

@@ -176,14 +176,17 @@ def _belief_cells(tally: Tally) -> list[str]:
     return [number(value) for value in values]
 
 
+def _median_and_most(values: Array) -> list[str]:
+    """The median and the quantile of 90 %."""
+    return [number(quantile(values, q), 2) for q in (0.5, 0.9)]
+
+
 def _change_cells(tally: Tally) -> list[str]:
     return [
         str(len(tally.into)),
-        number(quantile(tally.boundary_s, 0.5), 2),
-        number(quantile(tally.boundary_s, 0.9), 2),
+        *_median_and_most(tally.boundary_s),
         number(tally.missed_share, 2),
-        number(quantile(tally.delay_s, 0.5), 2),
-        number(quantile(tally.delay_s, 0.9), 2),
+        *_median_and_most(tally.delay_s),
         number(tally.never_share, 2),
     ]
 
@@ -201,10 +204,8 @@ def _further_cells(score: FurtherScore) -> list[str]:
 def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str]:
     return [
         f"{errors.found_segments}/{errors.true_segments}" if with_found else "",
-        number(quantile(errors.angle_deg, 0.5), 2),
-        number(quantile(errors.angle_deg, 0.9), 2),
-        number(quantile(errors.distance_mm, 0.5), 2),
-        number(quantile(errors.distance_mm, 0.9), 2),
+        *_median_and_most(errors.angle_deg),
+        *_median_and_most(errors.distance_mm),
         number(errors.within_3_sd, 2),
     ]
 

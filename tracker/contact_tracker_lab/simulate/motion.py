@@ -75,7 +75,7 @@ def _touch(leg: Leg, hand: Hand) -> Path:
     """Motion of all coordinates of the chart: from the start anchor by random motion to the end anchor."""
     chart, start, end, rng, time_s = leg.chart, leg.start, leg.end, hand.rng, hand.time_s
     slide = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)
-    drifts = drift(time_s, SETTLE_S)[:, None], drift(time_s - leg.duration_s, SETTLE_S)[:, None]
+    drifts = drift(time_s)[:, None], drift(time_s - leg.duration_s)[:, None]
 
     def turned(feature: Feature, first: Array, last: Array) -> Array:
         centre = sample_normal(rng, feature, unit(first + last))
@@ -115,9 +115,9 @@ def _spin(leg: Leg, hand: Hand, weights: Weights) -> Array:
         middle = np.copysign(np.clip(abs(middle), *_CROSSING), middle)
     wave = within(hand.amplitude_rad * hand.waves(1), room)[:, 0]
     return np.asarray(
-        weights[0] * (first + leg.start.spin_rate * drift(time_s, SETTLE_S))
+        weights[0] * (first + leg.start.spin_rate * drift(time_s))
         + weights[1] * (middle + wave)
-        + weights[2] * (last + leg.end.spin_rate * drift(time_s - leg.duration_s, SETTLE_S)),
+        + weights[2] * (last + leg.end.spin_rate * drift(time_s - leg.duration_s)),
         float,
     )
 
@@ -188,7 +188,7 @@ def _free_motion(leg: Leg, hand: Hand) -> Path:
 
 def _coast(chart: Chart, anchor: Anchor, time_s: Array) -> Path:
     """Motion with the velocity of ``anchor`` at time 0, which decays before and after."""
-    lasting = drift(time_s, SETTLE_S)
+    lasting = drift(time_s)
     spin = chart.spin(anchor.rotation, anchor.normal, anchor.object_normal) + anchor.spin_rate * lasting
     still = np.zeros((len(time_s), 1))
     return _path(
@@ -249,7 +249,6 @@ def blend(time_s: Array, duration_s: float, ramp_s: float) -> tuple[Array, Array
     return start, 1.0 - start - end, end
 
 
-def drift(time_s: Array, settle_s: float) -> Array:
-    """Displacement (N,) per unit of speed at time 0; the speed decays within ``settle_s`` before and
-    after."""
-    return np.asarray(settle_s * np.tanh(time_s / settle_s), float)
+def drift(time_s: Array) -> Array:
+    """Displacement (N,) per unit of speed at time 0; the speed decays before and after."""
+    return np.asarray(SETTLE_S * np.tanh(time_s / SETTLE_S), float)

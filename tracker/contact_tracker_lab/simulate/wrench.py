@@ -81,12 +81,8 @@ def _contact_force(
 ) -> Array:
     """(N, 3) of the surroundings on the object, at the touching point, in the scene."""
     normal = np.concatenate([contact_normals(leg, path) for leg, path in zip(legs, paths, strict=True)])
-    is_touching = np.concatenate(
-        [
-            np.full(len(path.touch_scene), leg.contact is not Contact.FREE)
-            for leg, path in zip(legs, paths, strict=True)
-        ]
-    )
+    touches = [leg.contact is not Contact.FREE for leg in legs]
+    is_touching = np.repeat(touches, [len(path.touch_scene) for path in paths])
     along, *across = band_limited(rng, time_s, 4, _BANDWIDTH_HZ).T
     friction = np.stack(across, axis=1)
     friction -= np.einsum("ni,ni->n", friction, normal)[:, None] * normal
