@@ -106,10 +106,9 @@ def on_true_segments(_: Poses, scored: Scoring, ticks: Ticks) -> dict[Method, An
     first = np.flatnonzero(begins)
     last = np.append(first[1:], len(run)) - 1
     is_known = scored.truth[first] != UNSCORED
-    spans = [(int(scored.stamp_ns[a]), int(scored.stamp_ns[b])) for a, b in zip(first, last, strict=True)]
-    probability, row = _posteriors(
-        [s if known else (1, 0) for s, known in zip(spans, is_known, strict=True)], ticks
-    )
+    bounds = zip(scored.stamp_ns[first].tolist(), scored.stamp_ns[last].tolist(), strict=True)
+    spans = [span if known else (1, 0) for span, known in zip(bounds, is_known, strict=True)]
+    probability, row = _posteriors(spans, ticks)
     return {Method(SEGMENTS, OFFLINE): Answer.most_probable(row[run], probability)}
 
 

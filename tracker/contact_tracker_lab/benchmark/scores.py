@@ -82,8 +82,8 @@ class Score:
         phase = np.unique(every[taken], return_inverse=True)[1]
         right = np.append(answer.label, -1)[answer.tick[taken]] == clear.truth[taken]
         seconds = clear.seconds[taken]
-        phase_s = np.stack([np.bincount(phase, seconds), np.bincount(phase, seconds * right)], axis=1)
-        return cls(tally(clear, *answer), phase_s)
+        phase_s = np.array([np.bincount(phase, some) for some in (seconds, seconds * right)], float)
+        return cls(tally(clear, *answer), phase_s.T)
 
     def band(self) -> tuple[float, float]:
         """The ``BAND`` of the share of the time in which the label was right; nan without phases."""

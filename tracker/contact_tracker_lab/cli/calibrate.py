@@ -6,6 +6,7 @@ import shlex
 import textwrap
 from collections.abc import Callable
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -71,16 +72,9 @@ def run(args: argparse.Namespace) -> int:
     sources = _sources(args)
     plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
     with progress("calibrate", "recordings") as set_done:
-        done = 0
-
-        def count() -> None:
-            nonlocal done
-            done += 1
-            set_done(done)
-
-        found = calibrate(
-            plan, partial(run_all, processes=args.processes, done=count, prepare=take_over_warnings)
-        )
+        done = partial(next, map(set_done, count(1)))
+        run_jobs = partial(run_all, processes=args.processes, done=done, prepare=take_over_warnings)
+        found = calibrate(plan, run_jobs)
     _write(found, args, check)
     show(to_text(found))
     if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:

@@ -2,10 +2,10 @@
 
 from array import array
 from collections.abc import Iterable, Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from itertools import pairwise, permutations
 from operator import add
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +106,7 @@ class FurtherScore:
     false_s: float = 0.0
 
     def __add__(self, other: "FurtherScore") -> "FurtherScore":
-        return FurtherScore(*map(add, astuple(self), astuple(other)))
+        return FurtherScore(*map(add, vars(self).values(), vars(other).values()))
 
     @property
     def right(self) -> float:
@@ -208,14 +208,9 @@ class Evaluation:
     further_online: FurtherScore
 
     def __add__(self, other: "Evaluation") -> "Evaluation":
-        return Evaluation(
-            self.offline + other.offline,
-            self.online + other.online,
-            None if self.arrival is None or other.arrival is None else self.arrival + other.arrival,
-            self.geometry + other.geometry,
-            self.further_offline + other.further_offline,
-            self.further_online + other.further_online,
-        )
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        sums: list[Any] = [None if None in pair else add(*pair) for pair in pairs]
+        return Evaluation(*sums)
 
 
 def evaluate(

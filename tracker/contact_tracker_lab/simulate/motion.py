@@ -139,12 +139,8 @@ def _singular(leg: Leg, hand: Hand) -> Path:
 def _rotation_about_axis(leg: Leg, hand: Hand, wave: Array) -> Path:
     """Rotation by ``wave`` (N, 1) about the normal, or about an axis within one of the features."""
     at, chart = leg.start, leg.chart
-    tilts = [
-        (chart.object, at.object_normal, direction) for direction in chart.object.tangents(at.object_normal)
-    ]
-    tilts += [
-        (chart.environment, at.normal, direction) for direction in chart.environment.tangents(at.normal)
-    ]
+    sides = (chart.object, at.object_normal), (chart.environment, at.normal)
+    tilts = [(*side, direction) for side in sides for direction in side[0].tangents(side[1])]
     choice = int(hand.rng.integers(0 if leg.motion == "tilt" else -1, len(tilts)))
     if choice < 0:
         axis = at.normal

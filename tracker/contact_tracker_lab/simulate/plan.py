@@ -326,12 +326,11 @@ def _leg(
 ) -> Leg:
     distance, angle = start.distance_to(end)
     shortest_s = max(distance / _TRAVEL_M_S, angle / _TURN_RAD_S)
-    if phase and phase.contact is not Contact.FREE:
-        seconds = max(phase.duration_s, shortest_s)
-        return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)
-    lift = 0.03 + 0.4 * (distance + angle * radius)
-    if phase:
-        seconds = max(phase.duration_s, shortest_s)
-        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift + 0.15)
-    seconds = max(0.6, 6.5 * lift, shortest_s)
-    return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift, wander=0.0)
+    lift_m = 0.03 + 0.4 * (distance + angle * radius)
+    if phase is None:
+        seconds = max(0.6, 6.5 * lift_m, shortest_s)
+        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift_m, wander=0.0)
+    seconds = max(phase.duration_s, shortest_s)
+    if phase.contact is Contact.FREE:
+        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift_m + 0.15)
+    return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)

@@ -283,7 +283,7 @@ _OTHERS: Final = (
         name="pressed",
     ),
 )
-_FIXED: Final = {one.name: one for one in _OTHERS} | FORMATIONS | JOINTS
+_FIXED: Final = {one.name: one for one in (*_OTHERS, *FORMATIONS.values(), *JOINTS.values())}
 SCENARIOS: Final = (*(one.name for one in _OTHERS), _RANDOM, *FORMATIONS, *JOINTS)
 """Names of scenarios."""
 

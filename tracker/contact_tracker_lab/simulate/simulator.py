@@ -144,8 +144,8 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
         on_table, on_wall = (touch.geometry(body, world) for touch in touches)
         since_s, until_s = scenario.further.start_s or 0.0, scenario.further.end_s or duration_s
         rows = np.minimum(np.searchsorted(time_s, (0.0, duration_s, since_s, until_s)), len(time_s) - 1)
-        start_ns, end_ns, *span = stamp_ns[rows].tolist()
-        second = FurtherTruth(*span, scenario.further.contact, on_wall)
+        start_ns, end_ns, since_ns, until_ns = stamp_ns[rows].tolist()
+        second = FurtherTruth(since_ns, until_ns, scenario.further.contact, on_wall)
         contact = scenario.phases[0].contact
         truth = Truth((TruthInterval(start_ns, end_ns, contact, geometry=on_table, further=(second,)),))
         return Simulated(poses, truth, metadata)
@@ -165,27 +165,16 @@ def _intervals(
     legs: list[Leg], paths: list[Path], stamp_ns: NDArray[np.int64], body: Rigid, world: Rigid
 ) -> list[TruthInterval]:
     """Intervals of contacts; the pose between two legs counts to the more constrained contact."""
-    result = []
-    start = 0
-    frame = 0
-    for index, (leg, path) in enumerate(zip(legs, paths, strict=True)):
+    result, start, frame = list[TruthInterval](), 0, 0
+    for leg, path, after in zip(legs, paths, (*legs[1:], None), strict=True):
         frame += len(path.touch_scene)
-        after = legs[index + 1].contact if index + 1 < len(legs) else Contact.FF
-        loses = index + 1 < len(legs) and after.codimension < leg.contact.codimension
-        end = frame + 1 if loses else frame
+        end = frame + (after is not None and after.contact.codimension < leg.contact.codimension)
         geometry = None
         if leg.contact is not Contact.FREE:
             touch = path.touch_object.mean(axis=0), path.touch_scene.mean(axis=0)
             geometry = leg.chart.geometry(body, world, *touch)
-        row = TruthInterval(
-            int(stamp_ns[start]),
-            int(stamp_ns[end - 1]),
-            leg.contact,
-            leg.motion,
-            leg.motion != "normal",
-            geometry,
-        )
-        result.append(row)
+        span, is_singular = (int(stamp_ns[start]), int(stamp_ns[end - 1])), leg.motion != "normal"
+        result.append(TruthInterval(*span, leg.contact, leg.motion, is_singular, geometry))
         start = end
     return result
 
