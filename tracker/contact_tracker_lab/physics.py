@@ -209,13 +209,9 @@ def _moved_by_hand(
     normal = np.concatenate([contact_normals(leg, path) for leg, path in zip(legs, paths, strict=True)])
     lengths = [len(path.touch_scene) for path in paths]
     lets_go = made.scenario.name == "everyday"
-    press, held = (
-        press_share(np.repeat(which, lengths), HAND_HZ)
-        for which in (
-            [leg.contact is not Contact.FREE for leg in legs],
-            [not (lets_go and leg.motion == "rest") for leg in legs],
-        )
-    )
+    touches = [leg.contact is not Contact.FREE for leg in legs]
+    holds = [not (lets_go and leg.motion == "rest") for leg in legs]
+    press, held = (press_share(np.repeat(one, lengths), HAND_HZ) for one in (touches, holds))
     time_s = np.arange(len(touch)) / HAND_HZ
     shake = _tremor(rng, time_s)
     goal_r = goal.rotation @ Rotation.from_rotvec(TREMOR[1] * shake[:, :3]).as_matrix()

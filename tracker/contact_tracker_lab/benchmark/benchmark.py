@@ -16,7 +16,7 @@ import argparse
 import re
 import time
 from collections.abc import Mapping, Sequence
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -83,17 +83,15 @@ def measure(job: Job) -> Measured:
     if job.wants(others.STILL):
         labellings[Method(others.STILL, 0.0, False)] = others.answer_by_speed
     labellings |= dict(map(others.load_function, job.functions))
+    if job.earlier is not None and job.wants(tracked.WITH_MAP):
+        with_map = partial(tracked.answer_with_map, model=model, earlier=job.earlier)
+        labellings[Method(tracked.WITH_MAP, OFFLINE)] = with_map
+    if job.labels is not None:
+        of_file = partial(others.answer_from_labels, path=job.labels / f"{job.path.stem}.csv")
+        labellings[Method(job.labels.name, OFFLINE, False)] = of_file
     for method, answer in labellings.items():
         began_s = time.process_time()
         note({method: answer(poses)}, began_s)
-    if job.earlier is not None and job.wants(tracked.WITH_MAP):
-        began_s = time.process_time()
-        with_map = tracked.answer_with_map(poses, model, job.earlier)
-        note({Method(tracked.WITH_MAP, OFFLINE): with_map}, began_s)
-    if job.labels is not None:
-        path = job.labels / f"{job.path.stem}.csv"
-        began_s = time.process_time()
-        note({Method(job.labels.name, OFFLINE, False): others.answer_from_labels(poses, path)}, began_s)
     windows = None
     if job.wants(*WINDOWED):
         began_s = time.process_time()
