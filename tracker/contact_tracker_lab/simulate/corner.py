@@ -150,8 +150,7 @@ def _motion(
     calm: float,
 ) -> Rigid | None:
     """Poses that satisfy ``first`` always and ``second`` while it lasts; None if there are none."""
-    bandwidth = rng.uniform(*scenario.bandwidth_hz)
-    wave = band_limited(rng, time_s, 6, bandwidth)
+    wave = band_limited(rng, time_s, 6, rng.uniform(*scenario.bandwidth_hz))
     down, aside = base.T @ -TABLE, base.T @ -WALL
     room = _ROOM_SHARE * min(_room(first.feature, down), _room(second.feature, aside))
     turn = within(calm * scenario.amplitude_rad * wave[:, :3], room)
@@ -161,17 +160,15 @@ def _motion(
     place[:, 2] = -rotation[:, 2] @ first.feature.points.mean(axis=0)  # touching, up to the tilt
     away = place[:, 0] * apart + _AWAY_M * apart
     place[:, 0] = away - rotation[:, 0] @ second.feature.points.mean(axis=0)
-    start = Rigid(rotation, place)
-    on_first = _project(start, [(first, None)])
+    touching = np.zeros((len(time_s), len(first.c)))
+    on_first = _project(Rigid(rotation, place), first.c, touching)
     if on_first is None:
         return None
-    if not apart.any():
-        return _project(on_first, [(first, None), (second, None)])
     zeta = second.model.lifted(lift(on_first.rotation, on_first.translation))
     free = zeta @ second.model.family.rows(second.x).T
     free[:, -1] = _SOFT_M * np.logaddexp(0.0, free[:, -1] / _SOFT_M)
-    gap = apart[:, None] * free
-    return _project(on_first, [(first, None), (second, gap)])
+    goals = np.concatenate([touching, apart[:, None] * free], axis=1)
+    return _project(on_first, np.concatenate([first.c, second.c]), goals)
 
 
 def _separation(further: Further, time_s: Array) -> Array:
@@ -181,18 +178,10 @@ def _separation(further: Further, time_s: Array) -> Array:
     return np.asarray(np.broadcast_to(np.maximum(before, after), time_s.shape), float)
 
 
-def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | None:
-    """Project to poses (N,) whose residuals are zero or as given (N, K); None if that fails for some."""
-    weight = np.repeat([1.0, _LEVER_M], 3)
-    rows = [touch.c for touch, _ in touches]
-    goals = np.concatenate(
-        [
-            np.zeros((len(pose.translation), len(row))) if goal is None else goal
-            for row, (_, goal) in zip(rows, touches, strict=True)
-        ],
-        axis=1,
-    )
-    c, moves = np.concatenate(rows), perturbations()
+def _project(pose: Rigid, c: Array, goals: Array) -> Rigid | None:
+    """Project to poses (N,) whose residuals, of coefficients c (K, 25), are ``goals`` (N, K); None if that
+    fails for some."""
+    weight, moves = np.repeat([1.0, _LEVER_M], 3), perturbations()
     rotation, place = pose.rotation, pose.translation
     for _ in range(_STEPS):
         zeta = lift(rotation, place)
