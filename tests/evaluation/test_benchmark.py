@@ -15,9 +15,9 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker_lab.benchmark import benchmark, bic, fixed_windows, others, tracked
-from contact_tracker_lab.benchmark.fixed_windows import Emission, Recorded, Windows
+from contact_tracker_lab.benchmark.fixed_windows import Emission, Windows
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score
-from contact_tracker_lab.evaluation.scoring import Subset, scoring
+from contact_tracker_lab.evaluation.scoring import Scoring, Subset, scoring
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
@@ -73,34 +73,37 @@ def stamps(seconds: float, every_s: float = 0.01) -> np.ndarray:
     return np.arange(0, round(seconds * SECOND), round(every_s * SECOND), dtype=np.int64)
 
 
-def windows_at(end_s: list[float], half_s: float, log_minimum: np.ndarray | None = None) -> Windows:
+def windows_at(
+    end_s: list[float], half_s: float, scored: Scoring, log_minimum: np.ndarray | None = None
+) -> Windows:
     values = np.zeros((len(end_s), 6)) if log_minimum is None else log_minimum
     end_ns = np.array([round(s * SECOND) for s in end_s], np.int64)
-    return Windows(end_ns, np.exp(values), values, round(half_s * SECOND), 0.1)
+    return Windows(scored, end_ns, np.exp(values), values, round(half_s * SECOND), 0.1)
 
 
 def test_each_frame_is_labelled_by_the_right_window() -> None:
-    windows, frame = windows_at([5.0, 6.0, 7.0], 2.5), stamps(8.0, 0.5)
+    frame = stamps(8.0, 0.5)
+    windows = windows_at([5.0, 6.0, 7.0], 2.5, scoring(frame, truth_of(("f-f", 8.0))))
     by_second = {s: i for i, s in enumerate((frame / SECOND).tolist())}
-    online, offline = (windows.ticks(frame, wait_s) for wait_s in (0.0, OFFLINE))
+    online, offline = map(windows.ticks, (0.0, OFFLINE))
     assert [online[by_second[s]] for s in (4.5, 5.0, 5.5, 7.5)] == [-1, 0, 0, 2]
     # offline, the one whose middle (2.5, 3.5 or 4.5 s) is nearest
     assert [offline[by_second[s]] for s in (0.0, 2.5, 3.5, 4.5, 7.5)] == [0, 0, 1, 2, 2]
 
 
-def recorded_windows(seed: int, noise: float) -> Recorded:
+def recorded_windows(seed: int, noise: float) -> Windows:
     """8 s of f-f, e-f and free; each state has its own level of the minima."""
     rng = np.random.default_rng(seed)
     scored = scoring(stamps(8.0), truth_of(("f-f", 3.0), ("e-f", 2.0), ("free", 3.0)))
     end_s = np.arange(10, 80) / 10
     level = scored.truth[np.searchsorted(scored.stamp_ns, np.round((end_s - 0.5) * SECOND))]
     values = level[:, None] / 2.0 + noise * rng.normal(size=(len(end_s), 6))
-    return Recorded(windows_at(end_s.tolist(), 0.5, values), scored)
+    return windows_at(end_s.tolist(), 0.5, scored, values)
 
 
 def test_an_hmm_that_learned_on_some_recordings_is_right_on_others() -> None:
     tuning, test = ([recorded_windows(seed, 0.1) for seed in seeds] for seeds in ((0, 1), (2, 3)))
-    short = Recorded(windows_at([], 0.5), scoring(stamps(0.5), truth_of(("f-f", 0.5))))
+    short = windows_at([], 0.5, scoring(stamps(0.5), truth_of(("f-f", 0.5))))
     *scores, nothing = fixed_windows.hmm_scores([*test, short], tuning, MODEL)
     for by_method in scores:
         offline = by_method[Method(fixed_windows.HMM, OFFLINE)].main
@@ -156,7 +159,7 @@ def test_a_short_recording_by_every_method() -> None:
     scored, ticks = scoring(poses.stamp_ns, simulated.truth), bic.Ticks.of(poses, MODEL)
     answers = {
         **{method: label(poses) for method, label in tracked.methods(MODEL).items()},
-        **fixed_windows.smallest_answers(Windows.of(poses), poses.stamp_ns),
+        **fixed_windows.smallest_answers(Windows.of(poses, scored)),
         **bic.on_windows(poses, scored, ticks),
         **bic.between_change_points(poses, scored, ticks),
         **bic.on_true_segments(poses, scored, ticks),

@@ -26,7 +26,7 @@ from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker_lab.benchmark import bic, fixed_windows, others, tracked
-from contact_tracker_lab.benchmark.fixed_windows import Recorded, Windows
+from contact_tracker_lab.benchmark.fixed_windows import Windows
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores
 from contact_tracker_lab.evaluation.metrics import quantile
@@ -59,12 +59,12 @@ class Job(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Results on one recording: ``scores`` and CPU time by method; ``recorded`` is the input of the method
+    """Results on one recording: ``scores`` and CPU time by method; ``windows`` are the input of the method
     that is calibrated on the tuning split; ``seconds`` of motion."""
 
     scores: Scores
     cpu_s: dict[Method, float]
-    recorded: Recorded | None
+    windows: Windows | None
     seconds: float
 
 
@@ -95,8 +95,8 @@ def measure(job: Job) -> Measured:
     windows = None
     if job.wants(*WINDOWED):
         began_s = time.process_time()
-        windows = Windows.of(poses)
-        note(fixed_windows.smallest_answers(windows, poses.stamp_ns), began_s)
+        windows = Windows.of(poses, scored)
+        note(fixed_windows.smallest_answers(windows), began_s)
     if job.wants(*BY_CRITERION):
         began_s = time.process_time()
         ticks = bic.Ticks.of(poses, model)
@@ -107,7 +107,7 @@ def measure(job: Job) -> Measured:
     return Measured(
         {method: Score.of(answer, scored) for method, answer in answers.items()},
         cpu_s,
-        None if windows is None else Recorded(windows, scored),
+        windows,
         float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9,
     )
 
@@ -136,8 +136,8 @@ def with_hmm(
     """The results, with those of the HMM that is calibrated on the tuning split of each set."""
     model, more = load_model(model_name), dict[str, list[Measured]]()
     for name, some in found.items():
-        learned = [one.recorded for one in tuning.get(name, []) if one.recorded is not None]
-        recorded = [one.recorded for one in some if one.recorded is not None]
+        learned = [one.windows for one in tuning.get(name, []) if one.windows is not None]
+        recorded = [one.windows for one in some if one.windows is not None]
         if not learned or len(recorded) < len(some):
             more[name] = some
             continue

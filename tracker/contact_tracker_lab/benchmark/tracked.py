@@ -44,9 +44,9 @@ def answer_online(poses: Poses, model: Model) -> Answer:
     return _answer(tick_in_force(poses.stamp_ns, found.arrival_ns), found.beliefs)
 
 
-def answer_with_lag(poses: Poses, model: Model, lag_s: float = LAG_S) -> Answer:
+def answer_with_lag(poses: Poses, model: Model) -> Answer:
     """What ``live --lag`` says about each frame, so much later."""
-    found = answers_to(poses, model, lag_s=lag_s).beliefs
+    found = answers_to(poses, model, lag_s=LAG_S).beliefs
     return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found)
 
 

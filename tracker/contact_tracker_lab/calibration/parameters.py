@@ -84,9 +84,9 @@ def with_value(model: Any, key: str, value: Any) -> Any:
     return replace(model, **{name: with_value(getattr(model, name), rest, value) if rest else value})
 
 
-def rounded(value: float, digits: int = 3) -> float:
+def rounded(value: float) -> float:
     """Round to the significant digits of the file, so that the file has exactly the learned value."""
-    return float(f"{value:.{digits}g}")
+    return float(f"{value:.3g}")
 
 
 class Searched(NamedTuple):

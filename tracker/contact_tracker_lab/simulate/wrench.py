@@ -58,7 +58,9 @@ def measure_wrenches(
     pose = Rigid.join([path.pose for path in paths])
     origin = pose.rotation @ body.inverse().translation + pose.translation
     masses = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
-    pushes = MASS_KG / len(object.vertices) * (_second_derivative(masses, rate_hz) - GRAVITY_M_S2)
+    velocity = np.gradient(masses, axis=0, edge_order=2)
+    acceleration = np.gradient(velocity, axis=0, edge_order=2) * rate_hz**2
+    pushes = MASS_KG / len(object.vertices) * (acceleration - GRAVITY_M_S2)
     contact_force = _contact_force(rng, time_s, rate_hz, legs, paths)
     pressed = np.concatenate(
         [_pressed_points(rng, leg, path, rate_hz) for leg, path in zip(legs, paths, strict=True)]
@@ -137,9 +139,3 @@ def press_share(is_touching: NDArray[np.bool_], rate_hz: float) -> Array:
         begin, middle, end = blend(np.arange(len(rows)) / rate_hz, duration_s, _PRESS_RAMP_S)
         share[rows] = middle + begin * (rows[0] == 0) + end * (rows[-1] == len(is_touching) - 1)
     return share
-
-
-def _second_derivative(values: Array, rate_hz: float) -> Array:
-    return np.asarray(
-        np.gradient(np.gradient(values, axis=0, edge_order=2), axis=0, edge_order=2) * rate_hz**2, float
-    )
