@@ -162,8 +162,7 @@ def _posteriors(spans: list[tuple[int, int]], ticks: Ticks, samples: int | None 
     """Posterior (P, 7) of the spans with enough ticks, and the row of each span (-1: none); ``samples`` of
     the whole model, by default those of each span."""
     windows = [ticks.within(*span) for span in spans]
-    some = [window for window in windows if window is not None]
-    found = [softmax(criteria_of(window, ticks.scales, samples)) for window in some]
+    found = [softmax(criteria_of(one, ticks.scales, samples)) for one in windows if one is not None]
     has_ticks = np.array([window is not None for window in windows], bool)
     row = np.where(has_ticks, np.cumsum(has_ticks) - 1, -1)
     return np.array(found).reshape(-1, len(STATES)), row.astype(np.int64)
