@@ -132,7 +132,9 @@ def _scores(
     values = np.concatenate([np.zeros((0, 6)), *(r.log_minimum for r in tuning)])
     truth = np.concatenate([np.zeros(0, np.int64), *(r.truth(wait_s) for r in tuning)])
     if not (truth >= 0).any():
-        return [Score.of(_nothing(r), r.scored) for r in recordings]
+        no_label = truth[:0]
+        nothing = [Answer.certain(np.full(len(r.scored.stamp_ns), -1), no_label) for r in recordings]
+        return [Score.of(answer, r.scored) for answer, r in zip(nothing, recordings, strict=True)]
     emission = Emission.fit(values[truth >= 0], truth[truth >= 0])
 
     def answer(recorded: Windows, exponent: float) -> Answer:
@@ -170,11 +172,9 @@ def _chain(recordings: Sequence[Windows], model: Model, states: Ints, step_s: fl
 def _answer(
     recorded: Windows, states: Ints, log_density: Array, chain: tuple[Array, Array], wait_s: float
 ) -> Answer:
-    if not len(log_density):
-        return _nothing(recorded)
     tick = recorded.ticks(wait_s)
     probability = np.zeros((len(log_density), len(STATES)))
-    if wait_s == OFFLINE:
+    if wait_s == OFFLINE and len(log_density):
         probability[:, states], label = smoothed(log_density, *chain)
         return Answer(tick, states[label], probability)
     probability[:, states] = filtered(log_density, *chain)
@@ -203,8 +203,3 @@ def filtered(log_density: Array, log_initial: Array, log_transition: Array) -> A
         posterior[now] = np.exp(left)
         before = hmm.birth_log_weights(left, log_transition)
     return posterior
-
-
-def _nothing(recorded: Windows) -> Answer:
-    frames = len(recorded.scored.stamp_ns)
-    return Answer(np.full(frames, -1), np.zeros(0, np.int64), np.zeros((0, len(STATES))))
