@@ -266,12 +266,12 @@ class WrenchEvidence:
         """Rows of the ticks with wrenches, without the first and the last of this time."""
         first, end = self.wrenches.ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
         rows = np.arange(first + 1, end - 1)
-        return rows[self.wrenches.is_measured[rows]]
+        return rows[self.wrenches.ticks.is_measured[rows]]
 
     @cached_property
     def _typical_square(self) -> float:
         """Typical squared contact force: the median of all ticks (N^2)."""
-        measured = self.wrenches.force_n[self.wrenches.is_measured]
+        measured = self.wrenches.force_n[self.wrenches.ticks.is_measured]
         return float(np.median(dot(measured, measured))) + FREE_SD_N**2
 
     def _against_free(self, rows: NDArray[np.int64]) -> float:

@@ -90,8 +90,7 @@ def move_in_corner(
     """
     for attempt in range(_TRIES):
         first, second, base = _choose(rng, object, scenario.phases[0].contact, further.contact)
-        calm = 0.97**attempt
-        pose = _motion(rng, first, second, base, scenario, further, time_s, calm)
+        pose = _motion(rng, first, second, base, scenario, further, time_s, 0.97**attempt)
         if pose is not None and _is_outside(object, pose):
             return pose, first, second
     raise UsageError(f"scenario: a {scenario.object} cannot be moved like that between table and wall")
