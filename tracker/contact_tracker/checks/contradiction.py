@@ -98,9 +98,7 @@ class Contradiction(Check):
         nothing counts while the object rests; where noise is filtered, it is taken for motion at rest as
         well, and nothing is found.
         """
-        if stream.best is None:
-            return self
-        if self.is_settled:
+        if stream.best is None or self.is_settled:
             return self
         if not (stream.map.lists_elements or stream.map.states):
             return replace(self, is_settled=True)

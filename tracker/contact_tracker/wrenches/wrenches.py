@@ -185,9 +185,8 @@ def _means(values: Array, rows: NDArray[np.int64]) -> Array:
     """Means (T, D) of the rows (N, D) between bounds; zero without rows."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - _middle(values), axis=0)])
     count = np.diff(rows)[:, None]
-    return np.asarray(
-        np.where(count, np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values), 0.0)
-    )
+    mean = np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values)
+    return np.asarray(np.where(count, mean, 0.0))
 
 
 def _middle(values: Array) -> Array:
