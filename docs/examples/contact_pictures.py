@@ -66,7 +66,7 @@ def draw_contact(contact: Contact) -> Figure:
     of_scene = feature_of(scene.surroundings, contact.value[2], np.array([0.0, 0.0, 1.0]))
     normal = tilted(of_scene, scene.tilt if contact.value[0] == "f" else (0.0, 0.0))
     object_normal = tilted(of_object, scene.tilt)
-    chart = Chart.of(contact, of_object, of_scene)
+    chart = Chart(contact, of_object, of_scene)
     rotation = chart.rotation(normal[None], object_normal[None], np.radians([scene.spin_deg]))[0]
     shift = of_scene.points.mean(axis=0) - rotation @ of_object.points.mean(axis=0)
     placed = convex(CUBE.vertices @ rotation.T + shift)

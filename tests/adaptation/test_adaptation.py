@@ -204,10 +204,11 @@ def test_of_filters_side_by_side_the_reported_belief_has_its_elements() -> None:
 
 def test_evidence_is_that_of_all_paths() -> None:
     """As by smoothing over all hypotheses, except for those that were pruned."""
-    whole = RecordedPass.over(forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL))
+    whole = RecordedPass()
+    for last in forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL):
+        whole.note(last)
     steps = np.array([tick_transitions(MODEL, exposed).log_transition for exposed in whole.exposure])
     _, expected = hmm.smooth(whole.trellis, log_initial(MODEL), steps)
-    *_, last = forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL)
     assert last.state.log_evidence == pytest.approx(expected, abs=0.05)
 
 

@@ -17,12 +17,11 @@ from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.observability import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.motion.poses import Poses, batches
-from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
-from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
+from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.evaluation.bound import cramer_rao, errors
 from contact_tracker_lab.evaluation.geometry_errors import Deviation, geometry_errors
 from contact_tracker_lab.simulate import Scenario, simulate
@@ -174,17 +173,7 @@ def fitted_geometry(poses: Poses, contact: Contact, model: Model | None = None) 
     """The geometry that the offline tracker fits to a segment of these poses with this label."""
     model = load_model() if model is None else model
     closed = list(ticks_of(batches(poses), model))
-    noise = closed[-1].noise
-    counts = np.array([float(tick.count) for tick in closed])
-    window = Window(
-        np.arange(len(closed)),
-        np.array([tick.zeta for tick in closed]),
-        tick_variances(noise, counts, model),
-        np.array(
-            [[tick.innovation_excess.position_m2, tick.innovation_excess.rotation_rad2] for tick in closed]
-        ),
-        tick_anisotropy(noise, counts, model),
-    )
+    window = window_of(closed, model)
     kind, scales = CONTACT_MODELS[contact.column], scales_of(model)
     fitted, information = refine(fit_window(kind, window, scales), kind, window, scales)
     return contact_geometry(fitted, 0, kind, scales, window, closed[0].origins, model.systematic, information)

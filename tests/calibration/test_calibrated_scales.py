@@ -180,21 +180,20 @@ def test_parameters_change_only_for_a_lower_loss_and_within_range():
 
 
 def test_the_table_names_parameters_of_the_model():
-    assert len({learned.key for learned in LEARNED}) == len(LEARNED)
-    for learned in LEARNED:
-        value = value_of(MODEL, learned.key)
-        kind = {How.COUNTS: TransitionCounts, How.CONTACTS: tuple}.get(learned.how, float)
+    for key, how in LEARNED.items():
+        value = value_of(MODEL, key)
+        kind = {How.COUNTS: TransitionCounts, How.CONTACTS: tuple}.get(how, float)
         assert isinstance(value, kind)
-        assert with_value(MODEL, learned.key, value) == MODEL
+        assert with_value(MODEL, key, value) == MODEL
     assert with_value(MODEL, "tick_s", 0.2).tick_s == 0.2
 
 
 def test_parameters_are_chosen_by_key_or_by_table():
-    assert {learned.how for learned in select([])} == set(How) - {How.SEARCH, How.CONTACTS}
-    keys = [learned.key for learned in select(["transitions", "geometry.reach_m"])]
+    assert set(select([]).values()) == set(How) - {How.SEARCH, How.CONTACTS}
+    keys = list(select(["transitions", "geometry.reach_m"]))
     assert keys == ["transitions.counts", "geometry.reach_m"]
     tables = {f.name for f in fields(Model) if is_dataclass(f.type)}
-    assert {learned.key.partition(".")[0] for learned in select(sorted(tables & {"noise", "motion"}))} == {
+    assert {key.partition(".")[0] for key in select(sorted(tables & {"noise", "motion"}))} == {
         "noise",
         "motion",
     }

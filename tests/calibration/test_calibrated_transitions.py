@@ -24,11 +24,11 @@ from contact_tracker_lab.calibration.transitions import (
     EstimatedStates,
     KnownStates,
     count,
-    labels,
     learn_transitions,
     log_prior,
     runs,
 )
+from contact_tracker_lab.evaluation.scoring import scoring
 
 
 def chains(rng, model, count_, ticks, silence=0.0):
@@ -202,8 +202,8 @@ def test_ticks_take_their_label_from_the_truth_in_their_middle():
             TruthInterval(50, 60, Contact.EE),
         )
     )
-    found = labels(np.array([-5, 0, 9, 15, 20, 29, 30, 49, 50, 61]), truth)
+    found = scoring(np.array([-5, 0, 9, 15, 20, 29, 30, 49, 50, 61]), truth).truth
     assert found.tolist() == [-1, 0, 0, -1, 6, 6, -1, -1, 5, -1]
     assert runs(found) == [(0, 1, 3), (6, 4, 6), (5, 8, 9)]
     assert runs(np.zeros(0, np.int64)) == []
-    assert labels(np.array([3]), Truth(())).tolist() == [-1]
+    assert scoring(np.array([3]), Truth(())).truth.tolist() == [-1]

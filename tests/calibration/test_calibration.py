@@ -154,8 +154,8 @@ def test_without_truth_beliefs_are_learned_from(
 def test_a_search_lowers_the_loss_of_its_recordings(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("contact_tracker_lab.calibration.parameters.EVALUATIONS", 2)
     names = sorted(map(str, logs.glob("*.mcap")))[:1]
-    parameter = next(learned for learned in select(["motion", "geometry"]) if learned.how is How.SEARCH)
-    found = calibrate(Plan((Source(names[0]),), MODEL, (parameter,), 0), run_all)
+    parameter = next(key for key, how in select(["motion", "geometry"]).items() if how is How.SEARCH)
+    found = calibrate(Plan((Source(names[0]),), MODEL, {parameter: How.SEARCH}, 0), run_all)
     (searched,) = found.learned.searched
     assert searched.after <= searched.before
     assert len(searched.tried) > 2

@@ -13,7 +13,7 @@ import contact_tracker
 from checked_stream import stream_of
 from contact_tracker.checks import conventions
 from contact_tracker.checks.conventions import Conventions
-from contact_tracker.checks.readings import Given, angles_in, read_turns, readings_of
+from contact_tracker.checks.readings import Given, angles_in, readings_of
 from contact_tracker.config.table_reading import TableReading
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
@@ -340,5 +340,5 @@ def test_each_order_of_quaternions_undoes_its_mistake() -> None:
     orders = [one for one in readings_of() if one.text.startswith("quaternions")]
     for order, sign in (([3, 0, 1, 2], 1.0), ([1, 2, 3, 0], 1.0), ([0, 1, 2, 3], -1.0)):
         stored = with_quaternions(clean, order, sign)
-        read = [read_turns(one, Given(stored)).quat_xyzw for one in orders]
+        read = [one.turns(Given(stored)).quat_xyzw for one in orders]
         assert sum(np.array_equal(one, clean.quat_xyzw) for one in read) == 1

@@ -11,9 +11,9 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.recording import need_truth
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab import physics
+from contact_tracker_lab.simulate.motion import move
 from contact_tracker_lab.simulate.plan import Rigid, plan
 from contact_tracker_lab.simulate.scenarios import Phase, Scenario, convex, object_shape, surroundings_shape
-from contact_tracker_lab.simulate.simulator import travel
 from contact_tracker_lab.simulate.touching import Touch, intervals, touch_at
 
 BOX, BLOCK = object_shape("box"), surroundings_shape("block")
@@ -25,7 +25,7 @@ def test_features_that_touch_are_found_in_poses_that_keep_them(contact: Contact)
     rng = np.random.default_rng(5)
     scenario = Scenario((Phase(contact, 4.0),), object="box", surroundings="block")
     leg = plan(rng, scenario.phases, BOX, BLOCK, 0.0)[0]
-    path = travel(rng, leg, 10, scenario)
+    path = move(rng, leg, 10.0 / leg.duration_s, scenario)
     for rotation, translation in zip(path.pose.rotation, path.pose.translation, strict=True):
         touch = touch_at(BOX, [BLOCK], rotation, translation)
         assert touch.contact is contact

@@ -14,7 +14,7 @@ from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
+from contact_tracker_lab.calibration.recorded_pass import window_of
 from pose_filter import forward
 from restricted_motions import MOTIONS, poses_of
 from short_recordings import MODEL, needs_kernels
@@ -35,7 +35,7 @@ def test_a_rolling_disc_is_not_surely_free():
 def test_curved_motion_is_tested_before_wrenches_decide(monkeypatch):
     monkeypatch.setattr(segment_fit, "curved_probabilities", lambda window, *_: np.full(len(window), 0.99))
     poses = gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 3.0))
-    window = RecordedPass.over(list(forward(poses, MODEL))).window(MODEL)
+    window = window_of([one.tick for one in forward(poses, MODEL)], MODEL)
 
     def fitted(*nats):
         """With this log evidence of wrenches by state."""

@@ -20,7 +20,7 @@ from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
+from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
@@ -67,13 +67,12 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
 
 def test_every_tick_has_the_noise_that_is_known_at_the_end():
     """The model's prior, 0.5 mm, is not used for the first ticks."""
-    ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
-    seen, noise = RecordedPass.over(ticks), ticks[-1].tick.noise
-    deviation_m, _ = np.sqrt(seen.window(MODEL).variance).T
-    frames = np.sqrt(seen.frames)
-    per_tick = np.hypot(noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
+    first, *_, last = ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
+    deviation_m, _ = np.sqrt(window_of([one.tick for one in ticks], MODEL).variance).T
+    frames = np.sqrt([one.tick.count for one in ticks])
+    per_tick = np.hypot(last.tick.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
     np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
-    assert np.sqrt(seen.newest[0].variance[0, 0]) > 1.05 * per_tick[0]
+    assert np.sqrt(first.state.window.variance[-1, 0]) > 1.05 * per_tick[0]
 
 
 @each_recording
@@ -249,8 +248,7 @@ def test_worker_processes_give_the_same_result(monkeypatch):
 
 
 def test_of_a_very_long_segment_the_moving_parts_are_fitted(monkeypatch):
-    seen = RecordedPass.over(ticks_seen())
-    window = seen.window(MODEL).cut(0, 35)
+    window = window_of([one.tick for one in ticks_seen()], MODEL).cut(0, 35)
     rest = replace(window, innovation_excess=np.full_like(window.innovation_excess, 1e-12))
     long = Window.join([rest, window, rest])
     long = replace(long, index=np.arange(len(long)))

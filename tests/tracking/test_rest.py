@@ -19,7 +19,6 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.offline_smoother import end_at_rest, segment
 from contact_tracker.tracking.transition_model import REST_EXPOSURE
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from pose_filter import after as after_tick
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
@@ -82,7 +81,7 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
 def test_time_at_rest_counts_once_the_object_moves_on():
     ticks = seen(5.0)
     activity = [float(one.state.window.motion_ratio[-1]) for one in ticks]
-    exposed = RecordedPass.over(ticks).exposure
+    exposed = np.array([one.state.hazard_exposure for one in ticks])
     waited = still(ticks)
     assert exposed[waited[-1] + 1] > len(waited) * REST_EXPOSURE
     np.testing.assert_allclose(exposed.sum(), np.maximum(activity, REST_EXPOSURE).sum())

@@ -6,7 +6,7 @@ from operator import is_not
 from typing import Final, Self
 
 from contact_tracker.adaptation.filter_bank import FilterBank, mixed_with_uniform
-from contact_tracker.adaptation.report import Report, map_findings, map_use, report_of
+from contact_tracker.adaptation.report import Report, report_of
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import INSPECTED, TRACKED, Checks
 from contact_tracker.config.parameters import Model
@@ -249,13 +249,5 @@ class Tracker:
         return self._report(is_end=False)
 
     def _report(self, is_end: bool) -> Report | None:
-        filters, best = self.filters, self.best
-        if best is None or filters.grid is None or filters.grid.stream is None:
-            return None
-        found = *self.checks.findings(self.stream._replace(is_end=is_end)), *map_findings(best.map)
-        frames = filters.filters[0].state.window.frames
-        assert frames is not None
-        report = report_of(
-            filters.model, best.model, self.is_decided, filters.grid.stream.noise, frames, found
-        )
-        return report._replace(map_use=map_use(best.map), point_m=tuple(filters.body_m.tolist()))
+        found = self.checks.findings(self.stream._replace(is_end=is_end))
+        return report_of(self.filters, self.is_decided, found)

@@ -36,6 +36,7 @@ from contact_tracker.recording import write_recording
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.evaluation.tables import table
 from contact_tracker_lab.simulate.motion import Path as HandPath
+from contact_tracker_lab.simulate.motion import move
 from contact_tracker_lab.simulate.plan import Leg, Rigid, plan
 from contact_tracker_lab.simulate.scenarios import (
     SURROUNDINGS,
@@ -51,7 +52,6 @@ from contact_tracker_lab.simulate.simulator import (
     moved_vertices,
     random_frame,
     stamps,
-    travel,
 )
 from contact_tracker_lab.simulate.touching import intervals, touch_at
 from contact_tracker_lab.simulate.wrench import MASS_KG, PRESS_N, contact_normals, press_share
@@ -151,7 +151,7 @@ def simulate_physics(made: Made) -> Simulated:
     body, world = random_frame(frames, 0.06), random_frame(frames, 1.0)
     rng = np.random.default_rng([made.seed, 3])
     legs = _planned(rng, made)
-    paths = [travel(rng, leg, round(leg.duration_s * HAND_HZ), scenario) for leg in legs]
+    paths = [move(rng, leg, HAND_HZ, scenario) for leg in legs]
     every = round(HAND_HZ / scenario.rate_hz)
     pose = _moved_by_hand(rng, made, legs, paths)
     pose = Rigid(pose.rotation[::every], pose.translation[::every])
@@ -204,23 +204,18 @@ def _moved_by_hand(
     engine = _engine()
     model = engine.MjModel.from_xml_string(_scene_xml(made))
     data = engine.MjData(model)
-    goal_r = np.concatenate([path.pose.rotation for path in paths])
-    goal_p = np.concatenate([path.pose.translation for path in paths])
+    goal = Rigid.join([path.pose for path in paths])
     touch = np.concatenate([path.touch_object for path in paths])
     normal = np.concatenate([contact_normals(leg, path) for leg, path in zip(legs, paths, strict=True)])
     lengths = [len(path.touch_scene) for path in paths]
     lets_go = made.scenario.name == "everyday"
-    press, held = (
-        press_share(np.repeat(which, lengths), HAND_HZ)
-        for which in (
-            [leg.contact is not Contact.FREE for leg in legs],
-            [not (lets_go and leg.motion == "rest") for leg in legs],
-        )
-    )
-    time_s = np.arange(len(goal_p)) / HAND_HZ
+    touches = [leg.contact is not Contact.FREE for leg in legs]
+    holds = [not (lets_go and leg.motion == "rest") for leg in legs]
+    press, held = (press_share(np.repeat(one, lengths), HAND_HZ) for one in (touches, holds))
+    time_s = np.arange(len(touch)) / HAND_HZ
     shake = _tremor(rng, time_s)
-    goal_r = goal_r @ Rotation.from_rotvec(TREMOR[1] * shake[:, :3]).as_matrix()
-    goal_p = goal_p + TREMOR[0] * shake[:, 3:]
+    goal_r = goal.rotation @ Rotation.from_rotvec(TREMOR[1] * shake[:, :3]).as_matrix()
+    goal_p = goal.translation + TREMOR[0] * shake[:, 3:]
     speed = np.gradient(goal_p, axis=0) * HAND_HZ
     turn = np.zeros_like(goal_p)
     turn[1:] = Rotation.from_matrix(goal_r[1:] @ np.swapaxes(goal_r[:-1], 1, 2)).as_rotvec() * HAND_HZ

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from math import sqrt
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,15 +121,8 @@ def with_other_ticks(model: Model, now: Model, latest_ns: NDArray[np.int64]) -> 
     return other if can_be_compared(other) else None
 
 
-class Candidate(NamedTuple):
-    """A model with its log prior odds (nats) against the first."""
-
-    model: Model
-    log_prior: float
-
-
-def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
-    """The model, and copies with other noise.
+def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
+    """The model, and copies with other noise, each with its log prior odds (nats) against the first.
 
     Averaging reduces filtered noise less than white noise, by an unknown factor. A filter has the same effect
     on position and orientation, so the ratio of their noise is that of the frames. In slow streams the noise
@@ -139,7 +132,7 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
     ----------
     poses : the first of the stream.
     """
-    unchanged = Candidate(model, 0.0)
+    unchanged = model, 0.0
     if not model.noise.estimated or not can_be_compared(model):
         return (unchanged,)
     sigma = np.array(estimate_noise(poses))
@@ -162,8 +155,8 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
     ]
     return (
         unchanged,
-        *(Candidate(one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)),
-        *(Candidate(one, LOG_PRIOR_WANDER) for one in correlated),
+        *((one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)),
+        *((one, LOG_PRIOR_WANDER) for one in correlated),
     )
 
 

@@ -68,11 +68,8 @@ class TickEvidence(NamedTuple):
 def tick_evidence(before: FilterState, after: FilterState) -> TickEvidence:
     """The evidence of the tick between two states."""
     weight = np.exp(after.log_state_weight - after.log_state_weight.max())
-    window = after.window
-    gain, free_variance = (
-        after.log_evidence - before.log_evidence,
-        window.innovation_excess[-1] + window.variance[-1],
-    )
+    gain, window = after.log_evidence - before.log_evidence, after.window
+    free_variance = window.innovation_excess[-1] + window.variance[-1]
     return TickEvidence(gain, weight / weight.sum(), free_variance, window.latest_motion_ratio)
 
 
@@ -399,10 +396,10 @@ class FilterBank:
         if self.period_s is None and self.map is None:
             self.body_m = independent_point(self.pending)
         chosen = candidates(self.filters[0].state.model, self.pending.of_point(self.body_m))
-        self.log_weight = self.log_prior = np.array([one.log_prior for one in chosen])
+        self.log_weight = self.log_prior = np.array([log_prior for _, log_prior in chosen])
         assert self.grid is not None
         begin_ns = self.grid.begin_ns
-        self._begin([one.model for one in chosen], detail)  # the beliefs were reported already
+        self._begin([model for model, _ in chosen], detail)  # the beliefs were reported already
         for _ in range(2):  # also of ticks that were closed early, or empty
             self._update(self.grid.pass_time(begin_ns), detail)
         self.pending = None

@@ -3,15 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.adaptation.filter_bank import FilterBank
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.world_map import GrowingMap
-from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.tick_averaging import white_variances
-
-Array = NDArray[np.float64]
 
 
 class Report(NamedTuple):
@@ -50,19 +47,18 @@ def map_findings(world: GrowingMap) -> tuple[Finding, ...]:
     return (Finding("map", text, False),)
 
 
-def report_of(
-    model: Model,
-    chosen: Model,
-    is_decided: bool,
-    estimate: NoiseEstimate,
-    frames: Array,
-    findings: tuple[Finding, ...],
-) -> Report:
-    """The report, given the estimated noise of a pose, and the ``frames`` in each of the latest ticks."""
-    typical = float(np.median(frames)) if len(frames) else 1.0
+def report_of(filters: FilterBank, is_decided: bool, findings: tuple[Finding, ...]) -> Report | None:
+    """The report of a stream, and of its map; None before the second pose."""
+    best = filters.best
+    if best is None or filters.grid is None or filters.grid.stream is None:
+        return None
+    frames, chosen, estimate = filters.filters[0].state.window.frames, best.model, filters.grid.stream.noise
+    typical = 1.0 if frames is None or not len(frames) else float(np.median(frames))
     variance = white_variances(estimate, np.array(typical), chosen)
     tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
     share = chosen.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
     lasting = chosen.noise.wander_position_m, chosen.noise.wander_rotation_rad
-    return Report(model, chosen, is_decided, noise, tick, lasting, typical, findings)
+    figures = noise, tick, lasting, typical
+    found, point_m = (*findings, *map_findings(best.map)), tuple(filters.body_m.tolist())
+    return Report(filters.model, chosen, is_decided, *figures, found, point_m, map_use=map_use(best.map))

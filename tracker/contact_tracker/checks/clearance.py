@@ -235,10 +235,8 @@ class Impacts(Check):
     def is_likely(self, stream: Stream) -> bool:
         if stream.model.tick_s <= LONGEST_TICK_S:
             return False
-        is_too_early = (
-            bool(stream.map.listed_object and stream.map.listed_environment) and not stream.inspection.blocks
-        )
-        return is_too_early or self.is_near
+        may_touch = bool(stream.map.listed_object and stream.map.listed_environment)
+        return self.is_near or (may_touch and not stream.inspection.blocks)  # none was inspected yet
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         tick_s = stream.model.tick_s

@@ -5,10 +5,10 @@ or not at all. So a tracker without the map runs beside one with it; the differe
 the evidence against the map.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
 
 from contact_tracker.checks.check import Check, Stream, has_doubts
 from contact_tracker.config.parameters import Model
@@ -34,14 +34,6 @@ LONGEST_S: Final = 60.0
 """Seconds of motion after which the comparison ends: an error that is not detected by then is harmless."""
 
 
-class AfterTick(NamedTuple):
-    """``log_evidence`` of contacts against free motion (nats), seconds of motion so far, and the belief."""
-
-    log_evidence: float
-    moved_s: float
-    belief: Belief
-
-
 @dataclass(eq=False)
 class ReferenceFilter:
     """A filter with ticks of its own that runs for its evidence only, and the seconds of motion since its
@@ -60,16 +52,18 @@ class ReferenceFilter:
         """A copy that is updated without a change of this one."""
         return replace(self, grid=copy(self.grid), filter=copy(self.filter))
 
-    def update(self, poses: Poses, detail: Detail = Detail.WEIGHTS) -> list[AfterTick]:
-        """Update by poses; returns the evidence after each tick that they close, and a belief of this
-        ``detail``."""
-        after = list[AfterTick]()
+    @property
+    def log_evidence(self) -> float:
+        """Of contacts against free motion (nats)."""
+        return self.filter.state.log_evidence
+
+    def update(self, poses: Poses, detail: Detail = Detail.WEIGHTS) -> Iterator[Belief]:
+        """Update by poses, tick by tick as the beliefs of this ``detail`` are taken."""
         for tick in self.grid.add(poses):
             belief = self.filter.update(tick, detail, tests_curvature=False)
             state = self.filter.state
             self.moved_s += state.model.tick_s * state.window.latest_motion_ratio
-            after.append(AfterTick(state.log_evidence, self.moved_s, belief))
-        return after
+            yield belief
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +98,7 @@ class Contradiction(Check):
         nothing counts while the object rests; where noise is filtered, it is taken for motion at rest as
         well, and nothing is found.
         """
-        if stream.best is None:
-            return self
-        if self.is_settled:
+        if stream.best is None or self.is_settled:
             return self
         if not (stream.map.lists_elements or stream.map.states):
             return replace(self, is_settled=True)
@@ -122,18 +114,17 @@ class Contradiction(Check):
         assert stream.best is not None
         first = (self.with_map or ReferenceFilter.start(stream.best, stream.body_m, stream.map)).copied()
         second = (self.without_map or ReferenceFilter.start(stream.best, stream.body_m)).copied()
-        difference = second.filter.state.log_evidence - first.filter.state.log_evidence
-        with_map, without_map = first.update(poses), second.update(poses, Detail.SHARED)
+        difference = second.log_evidence - first.log_evidence
         lead, lost, is_found = self.lead, self.lost, self.is_found
-        for one, other in zip(with_map, without_map, strict=True):
-            before, difference = difference, other.log_evidence - one.log_evidence
+        for one, other in zip(first.update(poses), second.update(poses, Detail.SHARED), strict=True):
+            before, difference = difference, second.log_evidence - first.log_evidence
             is_counted = stream.is_chosen or not stream.is_at_rest
-            if is_counted and not _is_undecided(one.belief, other.belief):
+            if is_counted and not _is_undecided(one, other):
                 lead += difference - before
                 lost = max(lost + difference - before, 0.0)
             may_be_found = stream.is_chosen or not stream.inspection.filtered
             is_found = may_be_found and (is_found or _refutes(lead, lost, stream.map))
-            if stream.is_chosen and (is_found or other.moved_s > LONGEST_S):
+            if stream.is_chosen and (is_found or second.moved_s > LONGEST_S):
                 return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
         return Contradiction(first, second, lead, lost, is_found=is_found)
 

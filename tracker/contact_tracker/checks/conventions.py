@@ -19,7 +19,6 @@ from contact_tracker.checks.readings import (
     UNITS,
     Given,
     Reading,
-    read_turns,
     readings_of,
     with_delay,
 )
@@ -92,7 +91,7 @@ def explain(
     spread = [one.var(axis=0).sum() for one in means]
     if spread[0] < 3.0 * MOVED**2 * variance[0] or spread[1] < 6.0 * MOVED**2 * variance[1]:
         return None
-    turns = [read_turns(reading, given) for reading in readings]
+    turns = [reading.turns(given) for reading in readings]
     axes = np.array([np.eye(3) if reading.axes is None else reading.axes for reading in readings])
     turn = matrices(np.array([one.quat_xyzw[middle] for one in turns]))
     moved = position_m[middle] @ np.swapaxes(axes, 1, 2)

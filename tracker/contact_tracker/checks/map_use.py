@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from contact_tracker.checks.check import Check, Stream
 from contact_tracker.checks.clearance import CHECK
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, canonical, shifted
+from contact_tracker.geometry.vectors import angle_of_lines
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.elements import distance_of_planes_m, mahalanobis
 from contact_tracker.map.map import Map, NamedElement
@@ -71,12 +72,12 @@ def difference(first: Element, second: Element) -> Difference:
         case Plane(), Plane() if sigmas == inf:  # opposite normals
             return Difference(inf, pi, inf)
         case Plane(), Plane():
-            angle = _angle_rad(first.normal, second.normal)
+            angle = angle_of_lines(first.normal, second.normal)
             return Difference(sigmas, angle, distance_of_planes_m(first, second))
         case Line(direction, point_m), Line():
             off = second.point_m - point_m
             off = off - second.direction * (second.direction @ off)
-            return Difference(sigmas, _angle_rad(direction, second.direction), float(np.linalg.norm(off)))
+            return Difference(sigmas, angle_of_lines(direction, second.direction), float(np.linalg.norm(off)))
         case Point(), Point():
             return Difference(sigmas, 0.0, float(np.linalg.norm(second.point_m - first.point_m)))
     raise TypeError(f"{type(first).__name__} and {type(second).__name__}")
@@ -89,11 +90,6 @@ def _normal_alone(element: Element) -> Element:
     covariance = np.eye(4)
     covariance[:3, :3] = element.covariance[:3, :3]
     return replace(element, offset_m=0.0, covariance=covariance)
-
-
-def _angle_rad(first: Array, second: Array) -> float:
-    """Angle of two directions without regard to their senses."""
-    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), abs(first @ second)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -129,6 +129,10 @@ class Given:
         return Numbers(vector, _log_sinc(angle[:, 0]))
 
 
+def _as_given(given: Given) -> Turns:
+    return Turns(given.quat_xyzw, np.zeros(len(given.time_s)))
+
+
 class Reading(NamedTuple):
     """One reading.
 
@@ -136,26 +140,16 @@ class Reading(NamedTuple):
     ----------
     text : what is likely wrong, and what to do.
     axes : (3, 3) by which positions are multiplied.
-    turns : the orientations; None leaves them as they are.
+    turns : the orientations.
     delay_ms : of orientations against positions.
     turn_scale : by which turns, and the noise of orientations, are larger.
     """
 
     text: str
     axes: Array | None = None
-    turns: Callable[[Given], Turns] | None = None
+    turns: Callable[[Given], Turns] = _as_given
     delay_ms: float = 0.0
     turn_scale: float = 1.0
-
-
-def read_turns(reading: Reading, given: Given) -> Turns:
-    """The orientations in a reading."""
-    if reading.turns is not None:
-        return reading.turns(given)
-    zero = np.zeros(len(given.time_s))
-    if reading.delay_ms:
-        return Turns(_later(given, 1e-3 * reading.delay_ms), zero)
-    return Turns(given.quat_xyzw, zero)
 
 
 def with_delay(delay_ms: float) -> Reading:
@@ -165,11 +159,12 @@ def with_delay(delay_ms: float) -> Reading:
     return Reading(
         f"orientations are {abs(delay_ms):.0f} ms {late} than positions: interpolate them, with their times "
         f"{sign} {abs(delay_ms):.0f} ms, at the times of positions",
+        turns=partial(_later, 1e-3 * delay_ms),
         delay_ms=delay_ms,
     )
 
 
-def _later(given: Given, delay_s: float) -> Array:
+def _later(delay_s: float, given: Given) -> Turns:
     """Orientations of the time ``delay_s`` after each pose; at the ends the last and the first."""
     time_s = given.time_s
     wanted = np.clip(time_s + delay_s, 0.0, time_s[-1])
@@ -178,7 +173,8 @@ def _later(given: Given, delay_s: float) -> Array:
     first, second = given.quat_xyzw[before], given.quat_xyzw[before + 1]
     nearer = np.where((first * second).sum(axis=1, keepdims=True) < 0.0, -second, second)
     between = first * (1.0 - share) + nearer * share
-    return np.asarray(between / np.linalg.norm(between, axis=1, keepdims=True))
+    quat = between / np.linalg.norm(between, axis=1, keepdims=True)
+    return Turns(quat, np.zeros(len(quat)))
 
 
 def _log(volume: Array) -> Array:
@@ -192,8 +188,8 @@ def _log_sinc(angle: Array) -> Array:
 
 def _by_angles(angles: Angles, made_of: Angles | None, folds: bool, given: Given) -> Turns:
     """Rotations by the numbers of ``made_of`` as other angles."""
-    parts = (given.about(made_of, axis, place, folds) for axis, place in zip(*angles, strict=True))
-    first, second, third = parts
+    turns = zip(*angles, strict=True)
+    first, second, third = (given.about(made_of, axis, place, folds) for axis, place in turns)
     numbers = given.numbers(made_of, folds)
     middle = numbers.values[:, angles.places[1]]
     volume = np.sin(middle) if angles.is_proper else np.cos(middle)

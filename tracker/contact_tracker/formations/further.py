@@ -348,18 +348,8 @@ def elements_complexity(
     ticks = max(float(window.motion_ratio.sum()), 1.0)
     share = scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * gain / family.ROWS)
     given = slopes[:, :, 0].T @ slopes[:, :, 0]
-    return float(
-        complexity(
-            family,
-            x[None],
-            x[None],
-            anchors,
-            hessian[None],
-            given[None],
-            np.full((1, family.ROWS), min(share, 1.0)),
-            prior,
-        )[0]
-    )
+    at, shares = (x[None], x[None], anchors), np.full((1, family.ROWS), min(share, 1.0))
+    return float(complexity(family, *at, hessian[None], given[None], shares, prior)[0])
 
 
 def evaluate(segment: FormationTicks, motion: ConditionalMotion, known: KnownContact) -> Candidate | None:

@@ -165,25 +165,25 @@ def _evaluated(
     candidate = evaluate(ticks, motion, one.elements)
     if candidate is None or candidate.presence.log_odds <= 0.0:
         return one._replace(is_present=False), ()
-    last = candidate.presence.runs[-1]
+    runs, log_odds = candidate.presence
+    last = runs[-1]
     if last.end < len(motion):
-        return one._replace(is_present=False, log_odds=candidate.presence.log_odds), candidate.presence.runs
+        return one._replace(is_present=False, log_odds=log_odds), runs
     begins = int(ticks.window.index[last.first])
     since = min(one.since, begins) if one.is_present else begins
-    log_odds = (
-        max(candidate.presence.log_odds, one.log_odds) if one.is_present else candidate.presence.log_odds
-    )
+    if one.is_present:
+        log_odds = max(log_odds, one.log_odds)
     now = one._replace(is_present=one.is_present or log_odds > SURE_NATS, log_odds=log_odds, since=since)
     newest = int(ticks.window.index[-1])
     if now.is_present and newest >= one.refit_at:
         refined = refine(ticks, motion, candidate, last)
         if refined is None:  # it keeps the elements that it has
-            return now._replace(refit_at=_refit_at(newest, last)), candidate.presence.runs
+            return now._replace(refit_at=_refit_at(newest, last)), runs
         geometry = ticks.geometry_of(refined)
         if geometry is None:
-            return now._replace(is_present=False), candidate.presence.runs
+            return now._replace(is_present=False), runs
         now = now._replace(elements=refined.known, geometry=geometry, refit_at=_refit_at(newest, last))
-    return now, candidate.presence.runs
+    return now, runs
 
 
 def _refit_at(newest: int, run: Run) -> int:
@@ -225,12 +225,9 @@ def _continue_search(
         best = best_of([refine(ticks, motion, one, one.presence.runs[-1]) or one])
     if best is None:
         # a contact that is present now may be reported once it has lasted longer
-        search_interval = (
-            SEARCH_INTERVAL_TICKS
-            if candidates
-            else min(2.0 * state.search_interval, MAX_SEARCH_INTERVAL_TICKS)
-        )
-        return state._replace(proposals=(), search_interval=search_interval, is_open=False)
+        doubled = min(2.0 * state.search_interval, MAX_SEARCH_INTERVAL_TICKS)
+        interval = SEARCH_INTERVAL_TICKS if candidates else doubled
+        return state._replace(proposals=(), search_interval=interval, is_open=False)
     if state.searches_all:
         return _accept(state, best, candidates, ticks, motion, first)
     return _queue_all_kinds(state, best, ticks)
@@ -241,12 +238,8 @@ def _search_next_kinds(
 ) -> FormationState:
     """The state after a search for the next queued kinds in ``run``."""
     some, queue = state.queue[:KINDS_PER_TICK], state.queue[KINDS_PER_TICK:]
-    new = (
-        one.known
-        for kind in some
-        for one in [search_span(ticks, motion, CONTACT_MODELS[kind.column], run)]
-        if one is not None
-    )
+    found = (search_span(ticks, motion, CONTACT_MODELS[kind.column], run) for kind in some)
+    new = [one.known for one in found if one is not None]
     return state._replace(queue=queue, proposals=(*state.proposals, *new))
 
 
@@ -260,8 +253,9 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
         for run in known.presence.runs if known is not None else ():
             motion = motion.keeping(other.elements.c, *run)
     own = evaluate(ticks, motion, one.elements)
+    ended = state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
     if own is None or not one.is_present or not _is_now(own.presence, motion):
-        return state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
+        return ended
     run = own.presence.runs[-1]
     state = _search_next_kinds(state, ticks, motion, run)
     if state.queue:
@@ -274,7 +268,7 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
         refined = refine(ticks, motion, best, best.presence.runs[-1])
         geometry = None if refined is None else ticks.geometry_of(refined)
         if refined is None or geometry is None:
-            return state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
+            return ended
         best = refined
         one = one._replace(elements=best.known, geometry=geometry)
     present = [first.c, *(other.elements.c for other in others if other.is_present)]
@@ -284,7 +278,7 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
     tracked[state.reclassified] = one._replace(
         inseparable=inseparable_kinds(ticks, motion, best, candidates, run, new)
     )
-    return state._replace(tracked=tuple(tracked), proposals=(), searches_all=False, reclassified=-1)
+    return ended._replace(tracked=tuple(tracked))
 
 
 def _queue_all_kinds(state: FormationState, best: Candidate, ticks: FormationTicks) -> FormationState:

@@ -41,6 +41,11 @@ def cross_matrix(v: Array) -> Array:
     return out
 
 
+def angle_of_lines(first: Array, second: Array) -> float:
+    """Angle (rad) of two unit vectors (3,) without regard to their senses, 0 to pi/2."""
+    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), abs(first @ second)))
+
+
 def sphere_tangent(n: Array) -> Array:
     """Two orthonormal directions (..., 3, 2) normal to unit vectors n (..., 3).
 

@@ -52,15 +52,18 @@ JITTER: Final = 1e-9
 
 
 class FittedJoint(NamedTuple):
-    """A joint at its greatest likelihood: ``covariance`` (P, P) of its free parameters, ``log_evidence``
-    against free motion (nats), ``play`` (K, K) of its constraints, and of the most probable joint the
-    ``log_odds`` (nats) against all other explanations, other joints included."""
+    """A joint at its greatest likelihood: its ``residual``, the ``play`` (K, K) of its constraints, and the
+    functions ``course`` (W, M) as which its errors may follow its motion; ``covariance`` (P, P) of its free
+    parameters, ``log_evidence`` against free motion (nats), and of the most probable joint the ``log_odds``
+    (nats) against all other explanations, other joints included."""
 
     model: JointModel
     frames: JointFrames
-    covariance: Array
-    log_evidence: float
+    residual: Residual
     play: Array
+    course: Array | None
+    covariance: Array = np.zeros((0, 0))
+    log_evidence: float = 0.0
     log_odds: float = 0.0
 
 
@@ -85,15 +88,14 @@ def find_joint(
     if not 0 < used <= MOST_DIRECTIONS:
         return None
     fits = [_fit(model, window, scales) for model in JOINT_MODELS if model.kind.constraints >= constraints]
-    free = min((one.free for one in fits), default=np.inf)
+    free = min((_against_free(one.residual, window, scales)[2] for one in fits), default=np.inf)
     fitted = [_evident(one, window, scales, free) for one in fits]
     if errors.are_given:
         fitted = _with_shifted_hinge(fitted, window, scales, errors)
     best = max(fitted, key=lambda one: one.log_evidence, default=None)
     if best is None or best.log_evidence <= SURE_NATS:
         return None
-    ways = [one for one in zip(fitted, fits, strict=True) if one[1].course is not None]
-    along = max(ways, key=lambda one: one[0].log_evidence)[1]
+    along = max((one for one in fitted if one.course is not None), key=lambda one: one.log_evidence)
     if best.model is along.model and _is_cylindrical(along, window, scales, free):
         return None
     course = along.course if used == 1 else None
@@ -105,19 +107,8 @@ def find_joint(
     return _with_systematic_errors(best, window, scales, errors)._replace(log_odds=log_odds)
 
 
-class _Fit(NamedTuple):
-    """A joint at its greatest likelihood; the functions ``course`` (W, M) as which its errors may follow its
-    motion; the quadratic form ``free`` of its residuals under free motion."""
-
-    model: JointModel
-    frames: JointFrames
-    residual: Residual
-    play: Array
-    course: Array | None
-    free: float
-
-
-def _fit(model: JointModel, window: Window, scales: EvidenceParameters) -> _Fit:
+def _fit(model: JointModel, window: Window, scales: EvidenceParameters) -> FittedJoint:
+    """The joint without its covariance and evidence."""
     noise_sd, course = _noise_sd(window), None
     frames, play = model.start(window.zeta), np.eye(len(model.rows))
     for _ in range(FITS if model.has_play else 1):
@@ -127,10 +118,10 @@ def _fit(model: JointModel, window: Window, scales: EvidenceParameters) -> _Fit:
             play = _play(_whitened(residual, noise_sd, scales).residual)
     if model.has_play:
         course = scales.innovations(course_functions(model.travelled(frames, window.zeta)))
-    return _Fit(model, frames, residual, play, course, _against_free(residual, window, scales)[2])
+    return FittedJoint(model, frames, residual, play, course)
 
 
-def _is_cylindrical(fit: _Fit, window: Window, scales: EvidenceParameters, free: float) -> bool:
+def _is_cylindrical(fit: FittedJoint, window: Window, scales: EvidenceParameters, free: float) -> bool:
     """Whether an object rather turns about and slides along an axis than moves in this joint.
 
     If the evidence is against the constraint between both, there is none.
@@ -141,7 +132,7 @@ def _is_cylindrical(fit: _Fit, window: Window, scales: EvidenceParameters, free:
     return scales.likelihood_exponent * (loose - tight) > SURE_NATS
 
 
-def _evident(fit: _Fit, window: Window, scales: EvidenceParameters, free: float) -> FittedJoint:
+def _evident(fit: FittedJoint, window: Window, scales: EvidenceParameters, free: float) -> FittedJoint:
     """The joint with its evidence; ``free`` is the quadratic form of free motion, at most."""
     deviation = _deviations(scales)[fit.model.free]
     hessian = _whitened(fit.residual, _noise_sd(window), scales, fit.play).normal()[0]
@@ -150,7 +141,7 @@ def _evident(fit: _Fit, window: Window, scales: EvidenceParameters, free: float)
     evidence = _log_ratio(fit.residual, window, scales, fit.course, free) - complexity
     evidence -= 0.5 * (fit.frames.pitch_m / PITCH_M) ** 2  # a slider is also a screw of a far too large pitch
     covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
-    return FittedJoint(fit.model, fit.frames, covariance, scales.likelihood_exponent * evidence, fit.play)
+    return fit._replace(covariance=covariance, log_evidence=scales.likelihood_exponent * evidence)
 
 
 def _with_systematic_errors(

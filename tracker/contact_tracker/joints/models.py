@@ -82,15 +82,13 @@ class JointModel:
     """One ``kind`` of joint.
 
     ``rows`` are the coordinates that it keeps at zero, of ``S_X`` to ``ANGLE``; ``free`` are its parameters
-    among the 13 of ``JointFrames.moved``. If it is ``pitched``, the translation along the axis follows the
-    angle.
+    among the 13 of ``JointFrames.moved``.
     """
 
     kind: JointKind
     rows: tuple[int, ...]
     free: NDArray[np.int64]
     start: Callable[[Array], JointFrames]
-    pitched: bool = False
 
     def moved(self, frames: JointFrames, step: Array) -> JointFrames:
         """The frames after a ``step`` (P,) of the free parameters."""
@@ -110,7 +108,7 @@ class JointModel:
     def residual(self, frames: JointFrames, zeta: Array) -> Residual:
         """Residuals of ticks with mean lifted poses ``zeta`` (W, 25)."""
         value, by_pose, by_x = _coordinates(frames, zeta)
-        if self.pitched:
+        if self.kind is JointKind.SCREW:  # the translation along the axis follows the angle
             value[:, S_Z] -= frames.pitch_m * value[:, ANGLE]
             by_pose[:, S_Z] -= frames.pitch_m * by_pose[:, ANGLE]
             by_x[:, S_Z] -= frames.pitch_m * by_x[:, ANGLE]
@@ -211,21 +209,16 @@ def _start_slider(zeta: Array) -> JointFrames:
 
 _AXES: Final = (*BODY_TURN[:2], *WORLD_TURN[:2])
 _PLACES: Final = (*BODY_POINT[:2], *WORLD_POINT)
+_BUT_ANGLE: Final = (S_X, S_Y, S_Z, TILT_X, TILT_Y)
 JOINT_MODELS: Final = (
-    JointModel(JointKind.HINGE, (S_X, S_Y, S_Z, TILT_X, TILT_Y), np.array([*_PLACES, *_AXES]), _start_hinge),
+    JointModel(JointKind.HINGE, _BUT_ANGLE, np.array([*_PLACES, *_AXES]), _start_hinge),
     JointModel(
         JointKind.SLIDER,
         (S_X, S_Y, TILT_X, TILT_Y, ANGLE),
         np.array([*WORLD_POINT[:2], *BODY_TURN, *WORLD_TURN[:2]]),
         _start_slider,
     ),
-    JointModel(
-        JointKind.SCREW,
-        (S_X, S_Y, S_Z, TILT_X, TILT_Y),
-        np.array([*_PLACES, *_AXES, PITCH]),
-        _start_screw,
-        pitched=True,
-    ),
+    JointModel(JointKind.SCREW, _BUT_ANGLE, np.array([*_PLACES, *_AXES, PITCH]), _start_screw),
     JointModel(JointKind.BALL, (S_X, S_Y, S_Z), np.array([*BODY_POINT, *WORLD_POINT]), _start_ball),
 )
 """Models in the order of ``JointKind``."""

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import Element, Line, Pair, Point, face_towards
+from contact_tracker.geometry.elements import Element, Line, Pair, Point, face_towards, shifted
 from contact_tracker.geometry.vectors import EYE, cross, cross_matrix, dot, sphere_tangent, unit
 from contact_tracker.states import STATES, Contact
 from contact_tracker.wrenches.load import ContactWrenches
@@ -34,6 +34,8 @@ REPEATED: Final = 0.1
 """Share of a tick's evidence on a direction that is independent: friction follows the motion."""
 PARALLEL_RAD: Final = float(np.radians(0.7))
 """Error of an orientation, including the compliance of a face (rad)."""
+EXPONENT: Final = 0.2
+"""Power of the likelihoods of wrenches, as consecutive ticks are correlated."""
 ANGLES: Final = 36
 REFINEMENTS: Final = 2
 
@@ -81,8 +83,8 @@ class LinesOfAction:
         of_moment = rotation @ self.common_nm + cross_matrix(about) @ of_force
         return LinesOfAction(force, moment + cross(about, force), self.variance_m2, of_force, of_moment)
 
-    def through_point(self) -> "PointFit":
-        """The point of the frame that all lines pass."""
+    def through_point(self) -> tuple[Point, float]:
+        """The point of the frame that all lines pass, and the log evidence that they do."""
         strength = np.linalg.norm(self.force_n, axis=1)
         across = cross_matrix(self.direction)
         design = across @ np.concatenate([cross_matrix(self.force_n) * REACH_M, self.common_nm], axis=2)
@@ -94,7 +96,8 @@ class LinesOfAction:
         best = np.linalg.solve(information, pull)
         squares = float(weight @ dot(target, target) - pull @ best)
         evidence = 2.0 * self.row_gain - 0.5 * squares - 0.5 * float(np.linalg.slogdet(information)[1])
-        return PointFit(-REACH_M * best[:3], REACH_M**2 * np.linalg.inv(information)[:3, :3], evidence)
+        covariance = REACH_M**2 / EXPONENT * np.linalg.inv(information)[:3, :3]
+        return Point(-REACH_M * best[:3], covariance), evidence
 
     def twist(self) -> float:
         """Log evidence that there is no moment about the lines themselves; at most zero, as with little
@@ -135,16 +138,6 @@ class LinesOfAction:
 
 
 @dataclass(frozen=True, eq=False)
-class PointFit:
-    """The point (3,) that lines of action pass, its covariance (3, 3), and the log ``evidence`` that they
-    do."""
-
-    point_m: Array
-    covariance_m2: Array
-    evidence: float
-
-
-@dataclass(frozen=True, eq=False)
 class LineFits:
     """Unit directions (N, 3) of lines normal to the mean force, whose direction is ``normal`` (3,), their log
     likelihoods (N,), the marginal ``evidence``, and the log evidence of one constraint at most."""
@@ -160,14 +153,14 @@ class LineFits:
         """(3,) the most likely direction."""
         return np.asarray(self.direction[self.log_likelihood.argmax()])
 
-    def angle_variance(self, exponent: float) -> float:
-        """Variance (rad^2) of the direction about the best one, with likelihoods to the power
-        ``exponent``."""
+    @property
+    def angle_variance(self) -> float:
+        """Variance (rad^2) of the direction about the best one."""
         side = np.cross(self.normal, self.best)
         angle = np.arctan2(self.direction @ side, self.direction @ self.best)
         angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi  # a line has no sense
         angle, first = np.unique(angle, return_index=True)
-        weight = np.exp(exponent * (self.log_likelihood[first] - self.log_likelihood.max()))
+        weight = np.exp(EXPONENT * (self.log_likelihood[first] - self.log_likelihood.max()))
         spacing = np.gradient(angle)  # angles are denser near the best one
         weight *= spacing
         return float(weight @ angle**2 / weight.sum() + spacing.min() ** 2 / 12.0)
@@ -216,8 +209,6 @@ def fixed_in_both(direction: Array, rotation: Array) -> float:
     return float(-0.5 * (REPEATED * count / CONE_RAD**2 - pull @ np.linalg.solve(information, pull)))
 
 
-EXPONENT: Final = 0.2
-"""Power of the likelihoods of wrenches, as consecutive ticks are correlated."""
 FEWEST_TICKS: Final = 3
 FREE_SD_N: Final = 0.5
 """Residual force of a free object (N): inertia in the tremor of a hand."""
@@ -275,12 +266,12 @@ class WrenchEvidence:
         """Rows of the ticks with wrenches, without the first and the last of this time."""
         first, end = self.wrenches.ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
         rows = np.arange(first + 1, end - 1)
-        return rows[self.wrenches.is_measured[rows]]
+        return rows[self.wrenches.ticks.is_measured[rows]]
 
     @cached_property
     def _typical_square(self) -> float:
         """Typical squared contact force: the median of all ticks (N^2)."""
-        measured = self.wrenches.force_n[self.wrenches.is_measured]
+        measured = self.wrenches.force_n[self.wrenches.ticks.is_measured]
         return float(np.median(dot(measured, measured))) + FREE_SD_N**2
 
     def _against_free(self, rows: NDArray[np.int64]) -> float:
@@ -317,20 +308,18 @@ class WrenchEvidence:
         world = body.in_world_frame(rotation, origin_m)
         of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)
         edge, ridge, twist = body.along_lines(), world.along_lines(), body.twist()
-        vertex, peak = body.through_point(), world.through_point()
+        (vertex, of_vertex), (peak, of_peak) = body.through_point(), world.through_point()
         mean = rotation.mean(axis=0)
         crossing = max(ridge.across(mean @ edge.best), edge.across(mean.T @ ridge.best))
         faces = body.direction.mean(axis=0), world.direction.mean(axis=0)
-        elements = acting_elements(
-            faces, (edge, ridge), (vertex, peak), (middle, origin_m.mean(axis=0)), EXPONENT
-        )
+        elements = acting_elements(faces, (edge, ridge), (vertex, peak), (middle, origin_m.mean(axis=0)))
         evidence = np.array(
             [
                 fixed_in_both(body.direction, rotation),
                 edge.evidence + of_world,
                 ridge.evidence + of_body,
-                vertex.evidence + twist + of_world,
-                peak.evidence + twist + of_body,
+                of_vertex + twist + of_world,
+                of_peak + twist + of_body,
                 edge.evidence + ridge.evidence + crossing + twist,
             ]
         )
@@ -347,9 +336,8 @@ MOST_RAD: Final = float(np.radians(20.0))
 def acting_elements(
     faces: tuple[Array, Array],
     lines: tuple[LineFits, LineFits],
-    points: tuple[PointFit, PointFit],
+    points: tuple[Point, Point],
     origins_m: tuple[Array, Array],
-    exponent: float,
 ) -> Mapping[Contact, Pair]:
     """The elements of the object (body frame) and of the surroundings (world frame) by contact; None for one
     that is not known.
@@ -358,13 +346,12 @@ def acting_elements(
     ----------
     faces : mean directions (3,) of the contact force on the object, in the body's and in the world's axes.
     lines, points : in frames with these axes, whose origins are at ``origins_m`` in the body and the world.
-    exponent : power of the likelihoods, as consecutive ticks are correlated.
     """
     ours, theirs = (
         {
             "f": face_towards(unit(face), FRICTION_RAD),
-            "e": _line(line, origin_m, exponent),
-            "v": _point(point, origin_m, exponent),
+            "e": _line(line, origin_m),
+            "v": shifted(point, origin_m),
         }
         for face, line, point, origin_m in zip((-faces[0], faces[1]), lines, points, origins_m, strict=True)
     )
@@ -375,8 +362,8 @@ def acting_elements(
     }
 
 
-def _line(fits: LineFits, origin_m: Array, exponent: float) -> Element | None:
-    variance = fits.angle_variance(exponent)
+def _line(fits: LineFits, origin_m: Array) -> Element | None:
+    variance = fits.angle_variance
     if variance > MOST_RAD**2:
         return None
     direction, normal, covariance = fits.best, fits.normal, np.zeros((6, 6))
@@ -384,7 +371,3 @@ def _line(fits: LineFits, origin_m: Array, exponent: float) -> Element | None:
     covariance[:3, :3] = variance * np.outer(side, side) + FRICTION_RAD**2 * np.outer(normal, normal)
     covariance[3:, 3:] = REACH_M**2 * (EYE - np.outer(direction, direction))
     return Line(direction, origin_m, covariance)
-
-
-def _point(fit: PointFit, origin_m: Array, exponent: float) -> Element:
-    return Point(origin_m + fit.point_m, fit.covariance_m2 / exponent)

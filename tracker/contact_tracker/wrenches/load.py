@@ -171,11 +171,6 @@ class ContactWrenches:
     force_by_load: Array
     moment_by_load: Array
 
-    @property
-    def is_measured(self) -> Bools:
-        """(T,) as of ``TickWrenches``."""
-        return self.ticks.is_measured
-
     def force_variance(self, rows: NDArray[np.int64]) -> Array:
         """(n,) variance per axis of some ticks, by noise and by the load's errors."""
         design, covariance = self.force_by_load[rows], self.load.force_covariance

@@ -79,15 +79,14 @@ def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
 
     Each takes the pose nearest in time; ``poses`` are in order of time, and there is one at least.
     """
-    nearest = _nearest(wrenches, poses)
-    moment = wrenches.moment_nm - cross(nearest.position_m, wrenches.force_n)
-    return _turned_to(nearest, Wrenches(wrenches.stamp_ns, wrenches.force_n, moment))
+    moment = wrenches.moment_nm - cross(_nearest(wrenches, poses).position_m, wrenches.force_n)
+    return turned_to_body(Wrenches(wrenches.stamp_ns, wrenches.force_n, moment), poses)
 
 
 def turned_to_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
     """Wrenches that are given about the body's origin in the axes of the world, in the body's own axes; as
     ``about_body``."""
-    return _turned_to(_nearest(wrenches, poses), wrenches)
+    return _turned(_nearest(wrenches, poses).rotation.swapaxes(1, 2), wrenches)
 
 
 def _nearest(wrenches: Wrenches, poses: Poses) -> Poses:
@@ -99,21 +98,18 @@ def _nearest(wrenches: Wrenches, poses: Poses) -> Poses:
     return poses[np.where(is_nearer, after, before)]
 
 
-def _turned_to(poses: Poses, wrenches: Wrenches) -> Wrenches:
-    """Wrenches in the axes of the bodies that have these poses, one for each."""
-    force_n, moment_nm = (
-        np.einsum("tji,tj->ti", poses.rotation, values) for values in (wrenches.force_n, wrenches.moment_nm)
-    )
-    return Wrenches(wrenches.stamp_ns, force_n, moment_nm)
+def _turned(rotation: Array, wrenches: Wrenches) -> Wrenches:
+    """Wrenches turned by a rotation (N, 3, 3) each."""
+    values = wrenches.force_n, wrenches.moment_nm
+    return Wrenches(wrenches.stamp_ns, *(np.einsum("tij,tj->ti", rotation, one) for one in values))
 
 
 def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
     """Wrenches in moving frames, transformed to the parent of these; ``frames`` (one for each wrench) are
     their poses in the parent."""
-    turned = frames.rotation
-    force_n = np.einsum("tij,tj->ti", turned, wrenches.force_n)
-    moment = np.einsum("tij,tj->ti", turned, wrenches.moment_nm)
-    return Wrenches(wrenches.stamp_ns, force_n, moment + cross(frames.position_m, force_n))
+    turned = _turned(frames.rotation, wrenches)
+    moment_nm = turned.moment_nm + cross(frames.position_m, turned.force_n)
+    return Wrenches(wrenches.stamp_ns, turned.force_n, moment_nm)
 
 
 Bools = NDArray[np.bool_]
@@ -189,9 +185,8 @@ def _means(values: Array, rows: NDArray[np.int64]) -> Array:
     """Means (T, D) of the rows (N, D) between bounds; zero without rows."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - _middle(values), axis=0)])
     count = np.diff(rows)[:, None]
-    return np.asarray(
-        np.where(count, np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values), 0.0)
-    )
+    mean = np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values)
+    return np.asarray(np.where(count, mean, 0.0))
 
 
 def _middle(values: Array) -> Array:

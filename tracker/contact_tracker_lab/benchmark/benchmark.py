@@ -16,7 +16,7 @@ import argparse
 import re
 import time
 from collections.abc import Mapping, Sequence
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -26,9 +26,9 @@ from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
 from contact_tracker_lab.benchmark import bic, fixed_windows, others, tracked
-from contact_tracker_lab.benchmark.fixed_windows import Recorded, Windows
+from contact_tracker_lab.benchmark.fixed_windows import Windows
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
-from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores, total
+from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores
 from contact_tracker_lab.evaluation.metrics import quantile
 from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number
@@ -59,12 +59,12 @@ class Job(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Results on one recording: ``scores`` and CPU time by method; ``recorded`` is the input of the method
+    """Results on one recording: ``scores`` and CPU time by method; ``windows`` are the input of the method
     that is calibrated on the tuning split; ``seconds`` of motion."""
 
     scores: Scores
     cpu_s: dict[Method, float]
-    recorded: Recorded | None
+    windows: Windows | None
     seconds: float
 
 
@@ -83,22 +83,20 @@ def measure(job: Job) -> Measured:
     if job.wants(others.STILL):
         labellings[Method(others.STILL, 0.0, False)] = others.answer_by_speed
     labellings |= dict(map(others.load_function, job.functions))
+    if job.earlier is not None and job.wants(tracked.WITH_MAP):
+        with_map = partial(tracked.answer_with_map, model=model, earlier=job.earlier)
+        labellings[Method(tracked.WITH_MAP, OFFLINE)] = with_map
+    if job.labels is not None:
+        of_file = partial(others.answer_from_labels, path=job.labels / f"{job.path.stem}.csv")
+        labellings[Method(job.labels.name, OFFLINE, False)] = of_file
     for method, answer in labellings.items():
         began_s = time.process_time()
         note({method: answer(poses)}, began_s)
-    if job.earlier is not None and job.wants(tracked.WITH_MAP):
-        began_s = time.process_time()
-        with_map = tracked.answer_with_map(poses, model, job.earlier)
-        note({Method(tracked.WITH_MAP, OFFLINE): with_map}, began_s)
-    if job.labels is not None:
-        path = job.labels / f"{job.path.stem}.csv"
-        began_s = time.process_time()
-        note({Method(job.labels.name, OFFLINE, False): others.answer_from_labels(poses, path)}, began_s)
     windows = None
     if job.wants(*WINDOWED):
         began_s = time.process_time()
-        windows = Windows.of(poses)
-        note(fixed_windows.smallest_answers(windows, poses.stamp_ns), began_s)
+        windows = Windows.of(poses, scored)
+        note(fixed_windows.smallest_answers(windows), began_s)
     if job.wants(*BY_CRITERION):
         began_s = time.process_time()
         ticks = bic.Ticks.of(poses, model)
@@ -109,7 +107,7 @@ def measure(job: Job) -> Measured:
     return Measured(
         {method: Score.of(answer, scored) for method, answer in answers.items()},
         cpu_s,
-        None if windows is None else Recorded(windows, scored),
+        windows,
         float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9,
     )
 
@@ -138,8 +136,8 @@ def with_hmm(
     """The results, with those of the HMM that is calibrated on the tuning split of each set."""
     model, more = load_model(model_name), dict[str, list[Measured]]()
     for name, some in found.items():
-        learned = [one.recorded for one in tuning.get(name, []) if one.recorded is not None]
-        recorded = [one.recorded for one in some if one.recorded is not None]
+        learned = [one.windows for one in tuning.get(name, []) if one.windows is not None]
+        recorded = [one.windows for one in some if one.windows is not None]
         if not learned or len(recorded) < len(some):
             more[name] = some
             continue
@@ -156,7 +154,7 @@ def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
     for method in methods:
         by_set = [accuracy(method, some) for some in found.values()]
         scored = [one for one in everything if method in one.scores]
-        whole, seconds = total([one.scores[method] for one in scored]), sum(one.seconds for one in scored)
+        whole = reduce(add, (one.scores[method] for one in scored))
         cpu_s = [one.cpu_s[method] for one in scored if method in one.cpu_s]
         rows.append(
             [
@@ -165,7 +163,7 @@ def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
                 *by_set,
                 *([number(whole.main.accuracy())] if len(found) > 1 else []),
                 *details(method, whole),
-                number(reduce(add, cpu_s) / seconds, 3) if cpu_s else "-",
+                number(sum(cpu_s) / sum(one.seconds for one in scored), 3) if cpu_s else "-",
             ]
         )
     sets = (*found, TOTAL) if len(found) > 1 else tuple(found)
@@ -173,19 +171,18 @@ def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
 
 
 def accuracy(method: Method, found: Sequence[Measured]) -> str:
-    """Over the recordings of a set; ``-`` where the method was not applied to all."""
-    if not all(method in one.scores for one in found):
-        scored = [one.scores[method] for one in found if method in one.scores]
-        return number(total(scored).main.accuracy()) + "*" if scored else "-"
-    return number(total([one.scores[method] for one in found]).main.accuracy())
+    """Over the recordings of a set; with ``*`` where the method was not applied to all, ``-`` to none."""
+    scored = [one.scores[method] for one in found if method in one.scores]
+    if not scored:
+        return "-"
+    return number(reduce(add, scored).main.accuracy()) + "*" * (len(scored) < len(found))
 
 
 def details(method: Method, whole: Score) -> list[str]:
     """The further figures of a row but its CPU time."""
     main = whole.main
-    low, high = map(number, whole.phases.accuracy())
-    delay_s = main.delay_s
-    waits = "-" if method.wait_s == OFFLINE else number(quantile(delay_s, 0.5) + method.wait_s, 2)
+    low, high = map(number, whole.band())
+    waits = "-" if method.wait_s == OFFLINE else number(quantile(main.delay_s, 0.5) + method.wait_s, 2)
     uncertain = (main.log_loss, main.calibration_error, main.sure_wrong)
     return [
         low if low == high else f"{low}-{high}",

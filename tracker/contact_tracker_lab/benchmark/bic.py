@@ -19,6 +19,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
@@ -28,12 +29,11 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import ContactFilter, forward, ticks_of
+from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.fixed_windows import FRAMES
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
+from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
 
 Array = NDArray[np.float64]
@@ -51,11 +51,11 @@ LONGEST_TICKS: Final = 100
 
 
 class Ticks(NamedTuple):
-    """The ``window`` of all T ticks of a recording; ``frames`` (T,) in each, ``start_ns`` and ``stamp_ns``
-    (T,) of their first and last frame; ``scales`` of the tracker's fits."""
+    """The ``window`` of all T ticks of a recording, whether each ``has_frames`` (T,), ``start_ns`` and
+    ``stamp_ns`` (T,) of their first and last frame; ``scales`` of the tracker's fits."""
 
     window: Window
-    frames: Ints
+    has_frames: NDArray[np.bool_]
     start_ns: Ints
     stamp_ns: Ints
     scales: EvidenceParameters
@@ -63,15 +63,13 @@ class Ticks(NamedTuple):
     @classmethod
     def of(cls, poses: Poses, model: Model) -> "Ticks":
         """The ticks of at least one pose."""
-        one = ContactFilter.start(model)
-        seen = RecordedPass.over(forward(ticks_of(batches(poses), model), one, Detail.WEIGHTS))
-        stamp_ns = np.array([belief.stamp_ns for belief in seen.beliefs], np.int64)
-        frames, start_ns = np.array(seen.frames, np.int64), np.array(seen.start_ns, np.int64)
-        return cls(seen.window(model), frames, start_ns, stamp_ns, scales_of(model))
+        ticks = list(ticks_of(batches(poses), model))
+        values = np.array([(tick.count, tick.start_ns, tick.stamp_ns) for tick in ticks], np.int64)
+        return cls(window_of(ticks, model), values[:, 0] > 0, values[:, 1], values[:, 2], scales_of(model))
 
     def within(self, start_ns: int, end_ns: int) -> Window | None:
         """The ticks of a span (both included); None if there are too few."""
-        inside = (self.start_ns >= start_ns) & (self.stamp_ns <= end_ns) & (self.frames > 0)
+        inside = (self.start_ns >= start_ns) & (self.stamp_ns <= end_ns) & self.has_frames
         return self.window.pick(inside) if inside.sum() >= FEWEST else None
 
 
@@ -108,10 +106,9 @@ def on_true_segments(_: Poses, scored: Scoring, ticks: Ticks) -> dict[Method, An
     first = np.flatnonzero(begins)
     last = np.append(first[1:], len(run)) - 1
     is_known = scored.truth[first] != UNSCORED
-    spans = [(int(scored.stamp_ns[a]), int(scored.stamp_ns[b])) for a, b in zip(first, last, strict=True)]
-    probability, row = _posteriors(
-        [s if known else (1, 0) for s, known in zip(spans, is_known, strict=True)], ticks
-    )
+    bounds = zip(scored.stamp_ns[first].tolist(), scored.stamp_ns[last].tolist(), strict=True)
+    spans = [span if known else (1, 0) for span, known in zip(bounds, is_known, strict=True)]
+    probability, row = _posteriors(spans, ticks)
     return {Method(SEGMENTS, OFFLINE): Answer.most_probable(row[run], probability)}
 
 
@@ -141,7 +138,7 @@ def segment_cost(ticks: Ticks, grid: list[int]) -> Any:
 
     @cache
     def cost(start: int, end: int) -> float:
-        window = ticks.window.pick(np.flatnonzero(ticks.frames[grid[start] : grid[end]]) + grid[start])
+        window = ticks.window.pick(np.flatnonzero(ticks.has_frames[grid[start] : grid[end]]) + grid[start])
         if grid[end] - grid[start] > LONGEST_TICKS:
             return float(np.inf)
         if len(window) < FEWEST:
@@ -165,8 +162,7 @@ def _posteriors(spans: list[tuple[int, int]], ticks: Ticks, samples: int | None 
     """Posterior (P, 7) of the spans with enough ticks, and the row of each span (-1: none); ``samples`` of
     the whole model, by default those of each span."""
     windows = [ticks.within(*span) for span in spans]
-    some = [window for window in windows if window is not None]
-    found = [from_criteria(criteria_of(window, ticks.scales, samples)) for window in some]
+    found = [softmax(criteria_of(one, ticks.scales, samples)) for one in windows if one is not None]
     has_ticks = np.array([window is not None for window in windows], bool)
     row = np.where(has_ticks, np.cumsum(has_ticks) - 1, -1)
     return np.array(found).reshape(-1, len(STATES)), row.astype(np.int64)
@@ -187,8 +183,3 @@ def criteria(chi_sq: Array, parameters: Array, ticks: int, samples: int | None =
     """BIC (7,) of the states, the higher the better."""
     freedom = np.array([6 - Contact(state).codimension for state in STATES])
     return np.asarray(-0.5 * chi_sq - 0.5 * (parameters + ticks * freedom) * np.log(samples or ticks))
-
-
-def from_criteria(bic: Array) -> Array:
-    weight = np.exp(bic - bic.max())
-    return np.asarray(weight / weight.sum())

@@ -10,8 +10,8 @@ The HMM: ``contact_tracker.hmm`` over fixed windows instead of hypotheses with w
 calibrated on the tuning split of the set: emissions are normal densities of the log of the six minima, with
 mean and covariance by true state; states that do not occur there are impossible; the rate of leaving is that
 of the split, the distribution of the next state that of the lattice. Windows overlap, so emissions have an
-exponent: for labels the one with the highest accuracy, for probabilities the one with the least log-loss. The
-label of a window is that of its middle if the lag allows it, else of the latest frame that is due.
+exponent: for labels the one with the highest accuracy, for probabilities the one with the least log-loss.
+Offline the label of a window is that of its middle, online that of its last frame.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.hmm import fixed_lag
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import STATES
@@ -46,9 +45,10 @@ LEAST_SD: Final = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """The W windows of a recording: ``end_ns`` (W,) last stamp, ``normalised`` and ``log_minimum`` (W, 6) of
-    the objectives, ``half_ns`` and ``step_s``."""
+    """The W windows of a recording, and its scoring: ``end_ns`` (W,) last stamp, ``normalised`` and
+    ``log_minimum`` (W, 6) of the objectives, ``half_ns`` and ``step_s``."""
 
+    scored: Scoring
     end_ns: Ints
     normalised: Array
     log_minimum: Array
@@ -56,47 +56,38 @@ class Windows:
     step_s: float
 
     @classmethod
-    def of(cls, poses: Poses) -> "Windows":
+    def of(cls, poses: Poses, scored: Scoring) -> "Windows":
         frame_s = float(np.median(np.diff(poses.stamp_ns))) * 1e-9 if len(poses) > 1 else STEP_S
         step = max(1, round(STEP_S / frame_s))
         found = curves(poses, FRAMES, step)
         log_minimum = 0.5 * np.log(np.maximum(found.minimum / FRAMES, np.finfo(float).tiny))
-        return cls(
-            found.stamp_ns, found.normalised, log_minimum, round(FRAMES * frame_s * 0.5e9), step * frame_s
-        )
+        half_ns = round(FRAMES * frame_s * 0.5e9)
+        return cls(scored, found.stamp_ns, found.normalised, log_minimum, half_ns, step * frame_s)
 
-    def delay_ns(self, wait_s: float) -> int:
-        """Time before its end of the frame that a window labels, with the lag ``wait_s``."""
-        return round(min(self.half_ns, wait_s * 1e9))
+    def labelled_ns(self, wait_s: float) -> Ints:
+        """Stamps (W,) of the frames that windows label, offline or without a lag."""
+        return self.end_ns - (self.half_ns if wait_s == OFFLINE else 0)
 
-    def ticks(self, stamp_ns: Ints, wait_s: float) -> Ints:
+    def ticks(self, wait_s: float) -> Ints:
         """Window (N,) that labels each frame; -1 for none."""
-        labelled_ns = self.end_ns - self.delay_ns(wait_s)
+        stamp_ns, labelled_ns = self.scored.stamp_ns, self.labelled_ns(wait_s)
         if wait_s == OFFLINE and len(labelled_ns):
             return np.searchsorted((labelled_ns[1:] + labelled_ns[:-1]) // 2, stamp_ns).astype(np.int64)
         return tick_in_force(stamp_ns, labelled_ns)
 
-
-class Recorded(NamedTuple):
-    """The windows of a recording, and its scoring."""
-
-    windows: Windows
-    scored: Scoring
-
     def truth(self, wait_s: float) -> Ints:
         """True state (W,) of the frame that each window labels, -1 where it is not identifiable."""
         stamp_ns = self.scored.stamp_ns
-        labelled_ns = self.windows.end_ns - self.windows.delay_ns(wait_s)
-        frame = np.clip(np.searchsorted(stamp_ns, labelled_ns), 0, len(stamp_ns) - 1)
+        frame = np.searchsorted(stamp_ns, self.labelled_ns(wait_s)).clip(0, len(stamp_ns) - 1)
         is_identifiable = self.scored.subsets[Subset.IDENTIFIABLE][frame]
         return np.where(is_identifiable, self.scored.truth[frame], -1)
 
 
-def smallest_answers(windows: Windows, stamp_ns: Ints) -> dict[Method, Answer]:
+def smallest_answers(windows: Windows) -> dict[Method, Answer]:
     """Labels by the smallest normalised objective: of the window around a frame, online of the last one."""
     label = windows.normalised.argmin(axis=1).astype(np.int64)
     return {
-        Method(SMALLEST, wait_s, False): Answer.certain(windows.ticks(stamp_ns, wait_s), label)
+        Method(SMALLEST, wait_s, False): Answer.certain(windows.ticks(wait_s), label)
         for wait_s in (OFFLINE, 0.0)
     }
 
@@ -125,7 +116,7 @@ class Emission(NamedTuple):
         return np.asarray(-0.5 * (square + np.linalg.slogdet(self.covariance)[1]))
 
 
-def hmm_scores(recordings: Sequence[Recorded], tuning: Sequence[Recorded], model: Model) -> list[Scores]:
+def hmm_scores(recordings: Sequence[Windows], tuning: Sequence[Windows], model: Model) -> list[Scores]:
     """The HMM on fixed windows, calibrated on the ``tuning`` recordings, scored on each of the others."""
     by_wait = {wait_s: _scores(recordings, tuning, model, wait_s) for wait_s in (OFFLINE, 0.0)}
     return [
@@ -134,19 +125,21 @@ def hmm_scores(recordings: Sequence[Recorded], tuning: Sequence[Recorded], model
 
 
 def _scores(
-    recordings: Sequence[Recorded], tuning: Sequence[Recorded], model: Model, wait_s: float
+    recordings: Sequence[Windows], tuning: Sequence[Windows], model: Model, wait_s: float
 ) -> list[Score]:
     """Scores with the labels of the exponent with the highest accuracy on the tuning split, and the
     probabilities of the one with the least log-loss."""
-    values = np.concatenate([np.zeros((0, 6)), *(r.windows.log_minimum for r in tuning)])
+    values = np.concatenate([np.zeros((0, 6)), *(r.log_minimum for r in tuning)])
     truth = np.concatenate([np.zeros(0, np.int64), *(r.truth(wait_s) for r in tuning)])
     if not (truth >= 0).any():
-        return [Score.of(_nothing(r), r.scored) for r in recordings]
+        no_label = truth[:0]
+        nothing = [Answer.certain(np.full(len(r.scored.stamp_ns), -1), no_label) for r in recordings]
+        return [Score.of(answer, r.scored) for answer, r in zip(nothing, recordings, strict=True)]
     emission = Emission.fit(values[truth >= 0], truth[truth >= 0])
 
-    def answer(recorded: Recorded, exponent: float) -> Answer:
-        chain = _chain(tuning, model, emission.states, recorded.windows.step_s)
-        log_density = exponent * emission.log_density(recorded.windows.log_minimum)
+    def answer(recorded: Windows, exponent: float) -> Answer:
+        chain = _chain(tuning, model, emission.states, recorded.step_s)
+        log_density = exponent * emission.log_density(recorded.log_minimum)
         return _answer(recorded, emission.states, log_density, chain, wait_s)
 
     right_s, loss_s = [], []
@@ -162,7 +155,7 @@ def _scores(
     ]
 
 
-def _chain(recordings: Sequence[Recorded], model: Model, states: Ints, step_s: float) -> tuple[Array, Array]:
+def _chain(recordings: Sequence[Windows], model: Model, states: Ints, step_s: float) -> tuple[Array, Array]:
     """Log initial (S,) and transition (S, S) probabilities over windows, from the changes in the set."""
     main = [r.scored.within(Subset.IDENTIFIABLE) for r in recordings]
     seconds = sum(float(m.seconds[m.subsets[Subset.ALL]].sum()) for m in main)
@@ -177,18 +170,14 @@ def _chain(recordings: Sequence[Recorded], model: Model, states: Ints, step_s: f
 
 
 def _answer(
-    recorded: Recorded, states: Ints, log_density: Array, chain: tuple[Array, Array], wait_s: float
+    recorded: Windows, states: Ints, log_density: Array, chain: tuple[Array, Array], wait_s: float
 ) -> Answer:
-    if not len(log_density):
-        return _nothing(recorded)
-    windows, stamp_ns = recorded.windows, recorded.scored.stamp_ns
-    tick = windows.ticks(stamp_ns, wait_s)
+    tick = recorded.ticks(wait_s)
     probability = np.zeros((len(log_density), len(STATES)))
-    if wait_s == OFFLINE:
+    if wait_s == OFFLINE and len(log_density):
         probability[:, states], label = smoothed(log_density, *chain)
         return Answer(tick, states[label], probability)
-    lag_s = wait_s - windows.delay_ns(wait_s) * 1e-9
-    probability[:, states] = filtered(log_density, *chain, int(lag_s / windows.step_s + 1e-9))
+    probability[:, states] = filtered(log_density, *chain)
     return Answer.most_probable(tick, probability)
 
 
@@ -205,26 +194,12 @@ def smoothed(log_density: Array, log_initial: Array, log_transition: Array) -> t
     return hmm.smooth(trellis, log_initial, each)[0], label
 
 
-def filtered(log_density: Array, log_initial: Array, log_transition: Array, lag: int = 0) -> Array:
-    """Posterior (W, S) of each window given those up to ``lag`` later."""
-    count, states = log_density.shape
-    posterior = np.zeros((count, states))
-    past, left = np.zeros((states, lag + 1, states)), log_initial
+def filtered(log_density: Array, log_initial: Array, log_transition: Array) -> Array:
+    """Posterior (W, S) of each window given those until then."""
+    before, posterior = log_initial, np.zeros_like(log_density)
     for now, density in enumerate(log_density):
-        if now:
-            past, left = (
-                fixed_lag.inherited(past, left, log_transition),
-                hmm.birth_log_weights(left, log_transition),
-            )
-        past = np.stack([fixed_lag.grown(past[s], s) for s in range(states)])
-        left = left + density
-        left = left - hmm.log_sum_exp(left)
-        known = np.einsum("j,jls->ls", np.exp(left), past)
-        first = max(0, now - lag)  # rows that are not final yet are written again
-        posterior[first : now + 1] = known[lag - (now - first) :]
+        left = before + density
+        left -= hmm.log_sum_exp(left)
+        posterior[now] = np.exp(left)
+        before = hmm.birth_log_weights(left, log_transition)
     return posterior
-
-
-def _nothing(recorded: Recorded) -> Answer:
-    frames = len(recorded.scored.stamp_ns)
-    return Answer(np.full(frames, -1), np.zeros(0, np.int64), np.zeros((0, len(STATES))))

@@ -5,10 +5,8 @@ phases are resampled, with replacement.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
-from operator import add
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -64,55 +62,39 @@ class Answer(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Phases:
-    """``label_s`` (Q, 2) of Q true phases: seconds, and those with the right label."""
-
-    label_s: Array
-
-    def __add__(self, other: "Phases") -> "Phases":
-        return Phases(np.concatenate([self.label_s, other.label_s]))
-
-    @classmethod
-    def of(cls, scored: Scoring, answer: Answer) -> "Phases":
-        """The phases of a recording, in each of which one state lasts."""
-        every = np.cumsum(np.append(0, np.diff(scored.truth) != 0))
-        taken = scored.subsets[Subset.ALL]
-        phase = np.unique(every[taken], return_inverse=True)[1]
-        right = np.append(answer.label, -1)[answer.tick[taken]] == scored.truth[taken]
-        label_s = np.zeros((int(phase.max(initial=-1)) + 1, 2))
-        np.add.at(
-            label_s, phase, scored.seconds[taken][:, None] * np.stack([np.ones(len(right)), right], axis=1)
-        )
-        return cls(label_s)
-
-    def accuracy(self) -> tuple[float, float]:
-        """The ``BAND`` of the share of the time in which the label was right; nan without phases."""
-        count = len(self.label_s)
-        if not count:
-            return math.nan, math.nan
-        drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), RESAMPLES)
-        seconds, right_s = (drawn @ self.label_s).T
-        known = seconds > 0
-        low, high = np.quantile(right_s[known] / seconds[known], BAND)
-        return float(low), float(high)
-
-
-class Score(NamedTuple):
-    """Tally and phases of the identifiable frames: not singular, nor at rest before any motion."""
+class Score:
+    """Of one recording or (``a + b``) of several, by its identifiable frames: not singular, nor at rest
+    before any motion. ``main`` is their tally, ``phase_s`` (Q, 2) has of their Q true phases the seconds, and
+    those with the right label."""
 
     main: Tally
-    phases: Phases
+    phase_s: Array
+
+    def __add__(self, other: "Score") -> "Score":
+        return Score(self.main + other.main, np.concatenate([self.phase_s, other.phase_s]))
 
     @classmethod
     def of(cls, answer: Answer, scored: Scoring) -> "Score":
         """Score an answer for all frames of a recording."""
         clear = scored.within(Subset.IDENTIFIABLE)
-        return cls(tally(clear, *answer), Phases.of(clear, answer))
+        taken = clear.subsets[Subset.ALL]
+        every = np.cumsum(np.append(0, np.diff(clear.truth) != 0))  # in each one state lasts
+        phase = np.unique(every[taken], return_inverse=True)[1]
+        right = np.append(answer.label, -1)[answer.tick[taken]] == clear.truth[taken]
+        seconds = clear.seconds[taken]
+        phase_s = np.array([np.bincount(phase, some) for some in (seconds, seconds * right)], float)
+        return cls(tally(clear, *answer), phase_s.T)
 
-
-def total(scores: Sequence[Score]) -> Score:
-    """The sum over at least one recording."""
-    return Score(reduce(add, (one.main for one in scores)), reduce(add, (one.phases for one in scores)))
+    def band(self) -> tuple[float, float]:
+        """The ``BAND`` of the share of the time in which the label was right; nan without phases."""
+        count = len(self.phase_s)
+        if not count:
+            return math.nan, math.nan
+        drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), RESAMPLES)
+        seconds, right_s = (drawn @ self.phase_s).T
+        known = seconds > 0
+        low, high = np.quantile(right_s[known] / seconds[known], BAND)
+        return float(low), float(high)
 
 
 Labelling = Callable[[Poses], Answer]

@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.elements import NOTHING_LEARNED
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Method
@@ -46,12 +44,9 @@ def answer_online(poses: Poses, model: Model) -> Answer:
     return _answer(tick_in_force(poses.stamp_ns, found.arrival_ns), found.beliefs)
 
 
-def answer_with_lag(poses: Poses, model: Model, lag_s: float = LAG_S) -> Answer:
+def answer_with_lag(poses: Poses, model: Model) -> Answer:
     """What ``live --lag`` says about each frame, so much later."""
-    tracker, gate = Tracker.start(model, lag_s), PoseGate()
-    parts = [tracker.update(gate.arrive(pose), Detail.SHARED) for pose in poses]
-    parts += [tracker.update(gate.end(), Detail.SHARED), tracker.finish()]
-    found = Beliefs.join([Beliefs.of(part) for part in parts if part])
+    found = answers_to(poses, model, lag_s=LAG_S).beliefs
     return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found)
 
 

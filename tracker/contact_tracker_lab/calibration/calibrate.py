@@ -1,6 +1,6 @@
 """Calibration on all recordings, cross-validation, and the report of both."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -30,7 +30,6 @@ from contact_tracker.tracking.transition_model import (
 )
 from contact_tracker_lab.calibration.parameters import (
     How,
-    Learned,
     Searched,
     coordinate_search,
     rounded,
@@ -52,10 +51,10 @@ from contact_tracker_lab.calibration.transitions import (
     Chain,
     EstimatedStates,
     KnownStates,
-    labels,
     learn_transitions,
 )
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number, table
 
 Ints = NDArray[np.int64]
@@ -144,11 +143,10 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
     """
     poses, truth, damage = source.read()
     observed = observe(poses, model)
-    assert observed is not None
     chain: Chain | None = None
     score, label = None, np.full(len(observed.activity), UNKNOWN, np.int64)
     if truth is not None and source.use_truth:
-        label = labels(observed.middle_ns, truth)
+        label = scoring(observed.middle_ns, truth).truth.astype(np.int64)
         chain = KnownStates(label, np.array([max(a, REST_EXPOSURE) for a in observed.activity]))
     labelled = chain is not None
     if score_it or chain is None:
@@ -197,12 +195,12 @@ class Plan:
 
     sources: tuple[Source, ...]
     start: Model
-    wanted: tuple[Learned, ...]
+    wanted: Mapping[str, How]
     folds: int
 
     def keys(self, how: How) -> list[str]:
         """What is learned in this way."""
-        return [learned.key for learned in self.wanted if learned.how is how]
+        return [key for key, way in self.wanted.items() if way is how]
 
 
 class LearnedModel(NamedTuple):
@@ -266,9 +264,9 @@ def calibrate(plan: Plan, run: Run) -> Calibration:
         is_worse = sum(one.after.log_evidence - one.before.log_evidence for one in held_out) < 0.0
         if any(study.labelled for study in studies) or not is_worse or not plan.wanted:
             break
-        harmful = [learned for learned in plan.wanted if learned.how in LEFT_OUT_FIRST] or list(plan.wanted)
-        left_out += tuple(learned.key for learned in harmful)
-        plan = replace(plan, wanted=tuple(learned for learned in plan.wanted if learned not in harmful))
+        harmful = [key for how in LEFT_OUT_FIRST for key in plan.keys(how)] or list(plan.wanted)
+        left_out += tuple(harmful)
+        plan = replace(plan, wanted={key: how for key, how in plan.wanted.items() if key not in harmful})
     learned = _learn(plan, studies, range(len(studies)), run)
     return Calibration(plan, tuple(studies), learned, tuple(held_out), left_out)
 
@@ -366,7 +364,7 @@ def _scalars(plan: Plan, learned: LearnedModel) -> str:
     residuals = {floor.key: floor.residuals for floor in learned.floors if floor.contacts == "all"}
     searched = {one.key: one for one in learned.searched}
     rows = []
-    for key, how in plan.wanted:
+    for key, how in plan.wanted.items():
         if how in (How.COUNTS, How.CONTACTS):
             continue
         origin = str(how)

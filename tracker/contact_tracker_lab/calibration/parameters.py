@@ -1,9 +1,11 @@
 """The parameters that calibration learns: their table, values by key, direct search, and a model as TOML."""
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from enum import StrEnum
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -35,31 +37,27 @@ class How(StrEnum):
 ONLY_IF_NAMED: Final = (How.SEARCH, How.CONTACTS)
 
 
-class Learned(NamedTuple):
-    """A parameter, by its key in the file."""
-
-    key: str
-    how: How
-
-
-LEARNED: Final = (
-    Learned("noise.sigma_position_m", How.STREAM),
-    Learned("noise.sigma_rotation_rad", How.STREAM),
-    Learned("noise.floor_position_m", How.RESIDUALS),
-    Learned("noise.floor_rotation_rad", How.RESIDUALS),
-    Learned("noise.contact_position_m", How.CONTACTS),
-    Learned("noise.contact_rotation_rad", How.CONTACTS),
-    Learned("transitions.counts", How.COUNTS),
-    Learned("motion.body_radius_m", How.SEARCH),
-    Learned("motion.prior_predictive_share", How.SEARCH),
-    Learned("motion.likelihood_exponent", How.SEARCH),
-    Learned("geometry.reach_m", How.SEARCH),
-    Learned("geometry.revisit_prior", How.SEARCH),
-    Learned("certainty.posterior_power", How.SEARCH),
+LEARNED: Final[Mapping[str, How]] = MappingProxyType(
+    {
+        "noise.sigma_position_m": How.STREAM,
+        "noise.sigma_rotation_rad": How.STREAM,
+        "noise.floor_position_m": How.RESIDUALS,
+        "noise.floor_rotation_rad": How.RESIDUALS,
+        "noise.contact_position_m": How.CONTACTS,
+        "noise.contact_rotation_rad": How.CONTACTS,
+        "transitions.counts": How.COUNTS,
+        "motion.body_radius_m": How.SEARCH,
+        "motion.prior_predictive_share": How.SEARCH,
+        "motion.likelihood_exponent": How.SEARCH,
+        "geometry.reach_m": How.SEARCH,
+        "geometry.revisit_prior": How.SEARCH,
+        "certainty.posterior_power": How.SEARCH,
+    }
 )
+"""How each parameter is learned, by its key in the file."""
 
 
-def select(only: Sequence[str]) -> tuple[Learned, ...]:
+def select(only: Sequence[str]) -> dict[str, How]:
     """The parameters named in ``only`` by key or by table; without names, those that need not be named.
 
     Raises
@@ -67,14 +65,12 @@ def select(only: Sequence[str]) -> tuple[Learned, ...]:
     UsageError
         A name is neither a key nor a table.
     """
-    names = {learned: {learned.key, learned.key.partition(".")[0]} for learned in LEARNED}
     for name in only:
-        if not any(name in own for own in names.values()):
-            known = ", ".join(learned.key for learned in LEARNED)
-            raise UsageError(f"{name} is not learned; what is: {known}, or their tables")
+        if name not in LEARNED and not any(key.startswith(f"{name}.") for key in LEARNED):
+            raise UsageError(f"{name} is not learned; what is: {', '.join(LEARNED)}, or their tables")
     if not only:
-        return tuple(learned for learned in LEARNED if learned.how not in ONLY_IF_NAMED)
-    return tuple(learned for learned, own in names.items() if own & set(only))
+        return {key: how for key, how in LEARNED.items() if how not in ONLY_IF_NAMED}
+    return {key: how for key, how in LEARNED.items() if {key, key.partition(".")[0]} & set(only)}
 
 
 def value_of(model: Model, key: str) -> Any:
@@ -88,9 +84,9 @@ def with_value(model: Any, key: str, value: Any) -> Any:
     return replace(model, **{name: with_value(getattr(model, name), rest, value) if rest else value})
 
 
-def rounded(value: float, digits: int = 3) -> float:
+def rounded(value: float) -> float:
     """Round to the significant digits of the file, so that the file has exactly the learned value."""
-    return float(f"{value:.{digits}g}")
+    return float(f"{value:.3g}")
 
 
 class Searched(NamedTuple):
@@ -153,11 +149,8 @@ def _table(table: Any, name: str) -> list[str]:
 
 
 def _entry(key: str, kind: Any, value: Any) -> list[str]:
-    if kind is str:
-        escaped = _printable(value).replace("\\", "\\\\").replace('"', '\\"')
-        return [f'{key} = "{escaped}"']
-    if kind is bool:
-        return [f"{key} = {str(value).lower()}"]
+    if kind in (str, bool):  # written in TOML as in JSON
+        return [f"{key} = {json.dumps(_printable(value) if kind is str else value, ensure_ascii=False)}"]
     if kind == ByState:
         return [f"{key} = {_inline(value)}"]
     if kind == ByChange:

@@ -1,7 +1,7 @@
-"""A record of a forward pass over a whole recording: its ticks, hypotheses and weights."""
+"""What is kept of a whole recording: its ticks as one window, and the hypotheses of a forward pass."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
-from contact_tracker.motion import tick_averaging
-from contact_tracker.motion.sensor_noise import NoiseEstimate
+from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window
-from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.transition_model import FREE
 
@@ -20,41 +18,32 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+def window_of(ticks: Sequence[Tick], model: Model) -> Window:
+    """All ticks of a recording, at least one, with the noise that is known at its end."""
+    noise, count = ticks[-1].noise, np.array([float(tick.count) for tick in ticks])
+    return Window(
+        np.arange(len(ticks)),
+        np.array([tick.zeta for tick in ticks]),
+        tick_variances(noise, count, model),
+        np.array([tick.innovation_excess for tick in ticks]),
+        tick_anisotropy(noise, count, model),
+        frames=count,
+    )
+
+
 @dataclass
 class RecordedPass:
-    """The ticks, hypotheses and weights of a forward pass, for recordings that are evaluated as a whole."""
+    """The hypotheses of a forward pass, for recordings that are evaluated as a whole."""
 
-    beliefs: list[Belief] = field(default_factory=list)
-    start_ns: list[int] = field(default_factory=list)
-    newest: list[Window] = field(default_factory=list)
-    frames: list[int] = field(default_factory=list)
     exposures: list[float] = field(default_factory=list)
-    change: list[Array] = field(default_factory=list)
-    entry: list[Array] = field(default_factory=list)
     alive: list[LiveHypotheses] = field(default_factory=list)
     numbers: list[Index] = field(default_factory=list)
-    noise: NoiseEstimate | None = None
-
-    @classmethod
-    def over(cls, results: Iterable[FilteredTick]) -> "RecordedPass":
-        """The record of all these ticks."""
-        whole = cls()
-        for result in results:
-            whole.note(result)
-        return whole
 
     def note(self, result: FilteredTick) -> None:
         """Append a tick."""
-        self.beliefs.append(result.belief)
-        self.start_ns.append(result.tick.start_ns)
-        self.newest.append(result.state.window.cut(-1))
-        self.frames.append(result.tick.count)
         self.exposures.append(result.state.hazard_exposure)
-        self.change.append(result.state.log_transition)
-        self.entry.append(result.state.log_birth_weight)
         self.alive.append(result.state.live_hypotheses)
         self.numbers.append(result.numbers)
-        self.noise = result.tick.noise
 
     @property
     def exposure(self) -> Array:
@@ -64,14 +53,6 @@ class RecordedPass:
         follow.
         """
         return np.array(self.exposures)
-
-    def window(self, model: Model) -> Window:
-        """All ticks, with variances from the final noise estimate."""
-        assert self.noise is not None
-        counts = np.array(self.frames, float)
-        variance = tick_averaging.tick_variances(self.noise, counts, model)
-        uneven = tick_averaging.tick_anisotropy(self.noise, counts, model)
-        return replace(Window.join(self.newest), variance=variance, position_anisotropy=uneven)
 
     @property
     def trellis(self) -> hmm.Trellis:

@@ -4,7 +4,7 @@ The floors of the noise explain residuals beyond the sensor's noise, of all cont
 single contacts beyond the floors.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Final, NamedTuple
@@ -18,13 +18,14 @@ from contact_tracker.config.parameters import ZERO, Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.evidence import residual_noise
-from contact_tracker.motion.poses import Pose, batches
+from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.tick_averaging import tick_variances
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.calibration.parameters import rounded, value_of, with_value
+from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.calibration.transitions import runs
 
 Array = NDArray[np.float64]
@@ -70,23 +71,17 @@ class Observed:
     sigma_rotation_rad: float
 
 
-def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
-    """Average poses into ticks as the tracker does; None without poses."""
-    closed = list(ticks_of(batches(poses), model))
-    if not closed:
-        return None
-    count = np.array([float(tick.count) for tick in closed])
-    sigma = np.array([closed[-1].noise.sigma_position_m, closed[-1].noise.sigma_rotation_rad])
-    window = Window(
-        np.arange(len(closed)),
-        np.array([tick.zeta for tick in closed]),
-        sigma**2 / np.maximum(count, 1.0)[:, None],
-        np.array([tick.innovation_excess for tick in closed]),
-    )
-    as_tracked = [tick_variances(tick.noise, n, model) for tick, n in zip(closed, count, strict=True)]
+def observe(poses: Poses, model: Model) -> Observed:
+    """Average poses (at least one) into ticks as the tracker does."""
+    ticks = list(ticks_of(batches(poses), model))
+    window, count = window_of(ticks, model), np.array([float(tick.count) for tick in ticks])
+    sigma = np.array([ticks[-1].noise.sigma_position_m, ticks[-1].noise.sigma_rotation_rad])
+    sensor = sigma**2 / np.maximum(count, 1.0)[:, None]
+    as_tracked = [tick_variances(tick.noise, n, model) for tick, n in zip(ticks, count, strict=True)]
     activity = replace(window, variance=np.array(as_tracked)).motion_ratio
-    middle = [(tick.start_ns + tick.stamp_ns) // 2 for tick in closed]
-    return Observed(np.array(middle, np.int64), window, activity, float(sigma[0]), float(sigma[1]))
+    middle = np.array([(tick.start_ns + tick.stamp_ns) // 2 for tick in ticks], np.int64)
+    window = replace(window, variance=sensor, position_anisotropy=None)
+    return Observed(middle, window, activity, float(sigma[0]), float(sigma[1]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model, TransitionCounts
-from contact_tracker.ground_truth import Truth
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import (
     FREE,
@@ -24,11 +23,12 @@ from contact_tracker.tracking.transition_model import (
     log_initial,
     tick_transitions,
 )
+from contact_tracker_lab.evaluation.scoring import UNSCORED
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-UNKNOWN: Final = -1
+UNKNOWN: Final = UNSCORED
 LONGEST_UNKNOWN_S: Final = 1.0
 """Longer intervals without truth separate the states before and after."""
 MOST_ROUNDS: Final = 50
@@ -145,18 +145,6 @@ def _with_survival(trellis: hmm.Trellis, exposure: Array, model: Model, sign: fl
 
 
 Chain = KnownStates | EstimatedStates
-
-
-def labels(middle_ns: Ints, truth: Truth) -> Ints:
-    """Column (T,) of the true state in the middle of each tick; ``UNKNOWN`` without truth."""
-    found = np.full(len(middle_ns), UNKNOWN, np.int64)
-    if truth.intervals:
-        index = truth.at(middle_ns)
-        ends = np.array([i.end_ns for i in truth.intervals], np.int64)
-        columns = [UNKNOWN if i.contact is None else STATES.index(i.contact) for i in truth.intervals]
-        inside = (index >= 0) & (middle_ns <= ends[index])
-        found[inside] = np.array(columns, np.int64)[index[inside]]
-    return found
 
 
 def runs(label: Ints) -> list[tuple[int, int, int]]:

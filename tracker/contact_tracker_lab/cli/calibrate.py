@@ -6,6 +6,7 @@ import shlex
 import textwrap
 from collections.abc import Callable
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -71,16 +72,9 @@ def run(args: argparse.Namespace) -> int:
     sources = _sources(args)
     plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
     with progress("calibrate", "recordings") as set_done:
-        done = 0
-
-        def count() -> None:
-            nonlocal done
-            done += 1
-            set_done(done)
-
-        found = calibrate(
-            plan, partial(run_all, processes=args.processes, done=count, prepare=take_over_warnings)
-        )
+        done = partial(next, map(set_done, count(1)))
+        run_jobs = partial(run_all, processes=args.processes, done=done, prepare=take_over_warnings)
+        found = calibrate(plan, run_jobs)
     _write(found, args, check)
     show(to_text(found))
     if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
@@ -140,10 +134,9 @@ def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], N
 def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
     """The origin of the file as comment lines, without dates and absolute paths."""
     names = " ".join(Path(study.name).name for study in found.studies)
-    keys = ", ".join(learned.key for learned in found.plan.wanted)
     texts = (
         f"Made by contact-tracker {__version__}; docs/models.md says what each parameter does.",
-        f"Learned: {keys}. The rest is that of {found.plan.start.name}.",
+        f"Learned: {', '.join(found.plan.wanted)}. The rest is that of {found.plan.start.name}.",
         f"From {len(found.studies)} recordings, {sum(s.labelled for s in found.studies)} with truth: {names}",
     )
     lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False)]

@@ -10,7 +10,6 @@ from contact_tracker.errors import DAMAGED, DONE, UsageError
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
-    from contact_tracker.ground_truth import Truth
     from contact_tracker.map.map import Map
     from contact_tracker_lab.evaluation.evaluate import Evaluation
 
@@ -60,26 +59,21 @@ def run(args: argparse.Namespace) -> int:
     return unusable[-1] if unusable else max(codes, default=DONE)
 
 
-def _truth(name: str, args: argparse.Namespace) -> "Truth":
-    """The truth in a recording, or the user's labels."""
-    from contact_tracker.recording import need_truth
-
-    if args.labels is None:
-        return need_truth(name, args.topic, args.frame, args.table)
-    return arguments.load_labels(args, name)
-
-
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", known_map: "Map"
 ) -> "tuple[Evaluation, bool]":
     from contact_tracker.motion.poses import Poses
     from contact_tracker.outputs.outcome import segmented
+    from contact_tracker.recording import need_truth
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.trajectory import Trajectory
     from contact_tracker_lab.evaluation import evaluate
     from contact_tracker_lab.evaluation.evaluate import Answering
 
-    truth = _truth(name, args)
+    if args.labels is None:
+        truth = need_truth(name, args.topic, args.frame, args.table)
+    else:
+        truth = arguments.load_labels(args, name)
     if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
         warn(
             f"{name}: elements are not compared: the truth has them in the recording's frame, not in that of "

@@ -22,10 +22,8 @@ EXAMPLE: Final = "contact-tracker simulate all_states --seed 7 -o all_states.mca
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", nargs="?", metavar="SCENARIO", help="a name out of --list")
     parser.add_argument("--list", action="store_true", help="list the scenarios and exit")
-    kind, text = (
-        partial(arguments.whole_number, least=0, most=2**64),
-        "seed of all that is random (default: %(default)s)",
-    )
+    kind = partial(arguments.whole_number, least=0, most=2**64)
+    text = "seed of all that is random (default: %(default)s)"
     parser.add_argument("--seed", type=kind, default=0, metavar="N", help=text)
     arguments.add_output(parser, (".mcap",), "write FILE.mcap")
 
@@ -55,10 +53,10 @@ def _when(further: "Further") -> str:
 
 
 def _list(seed: int) -> int:
-    from contact_tracker_lab.simulate import SCENARIOS
+    from contact_tracker_lab.simulate import SCENARIOS, named_scenario
 
-    for name, scenario in SCENARIOS.items():
-        made = scenario(seed)
+    for name in SCENARIOS:
+        made = named_scenario(name, seed)
         contacts = " ".join(phase.contact.value for phase in made.phases)
         if made.further is not None:
             contacts += f" + {made.further.contact.value}{_when(made.further)}"

@@ -108,11 +108,8 @@ def _information(
     noise = 0.0
     for axis in np.eye(3) * _STEP:
         for scale, shift, turn in ((sigma[0], axis, 0 * axis), (sigma[1], 0 * axis, axis)):
-            j = (
-                (residuals(x[None], shift, turn) - residuals(x[None], -shift, -turn))[0]
-                * scale
-                / (2.0 * _STEP)
-            )
+            change = residuals(x[None], shift, turn) - residuals(x[None], -shift, -turn)
+            j = change[0] * scale / (2.0 * _STEP)
             noise = noise + np.einsum("kn,ln->nkl", j, j)
     weighted = np.linalg.solve(noise, np.moveaxis(j_theta, -1, 0).swapaxes(1, 2))  # (N, K, P)
     return np.asarray(np.einsum("pkn,nkq->pq", j_theta, weighted))

@@ -2,10 +2,10 @@
 
 from array import array
 from collections.abc import Iterable, Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from itertools import pairwise, permutations
 from operator import add
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,10 @@ class Answering:
     read_as : how poses were read, as the user asked.
     """
 
-    def __init__(self, model: Model, known_map: Map = EMPTY_MAP, read_as: ReadAs = AS_GIVEN) -> None:
-        self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
+    def __init__(
+        self, model: Model, known_map: Map = EMPTY_MAP, read_as: ReadAs = AS_GIVEN, lag_s: float = 0.0
+    ) -> None:
+        self._tracker = Tracker.start(model, lag_s, known_map, read_as)
         self._parts: list[Beliefs] = []
         self._arrival_ns = array("q")
 
@@ -63,9 +65,11 @@ class Answering:
             self._arrival_ns.extend([time_ns or beliefs[-1].stamp_ns] * len(beliefs))
 
 
-def answers_to(poses: Iterable[Pose], model: Model, known_map: Map = EMPTY_MAP) -> Answers:
+def answers_to(
+    poses: Iterable[Pose], model: Model, known_map: Map = EMPTY_MAP, lag_s: float = 0.0
+) -> Answers:
     """The answers to ``poses`` as measured, which pass the gate one by one."""
-    gate, answering = PoseGate(), Answering(model, known_map)
+    gate, answering = PoseGate(), Answering(model, known_map, lag_s=lag_s)
 
     def arrivals() -> Iterator[Arrival]:
         yield from map(gate.arrive, poses)
@@ -102,7 +106,7 @@ class FurtherScore:
     false_s: float = 0.0
 
     def __add__(self, other: "FurtherScore") -> "FurtherScore":
-        return FurtherScore(*map(add, astuple(self), astuple(other)))
+        return FurtherScore(*map(add, vars(self).values(), vars(other).values()))
 
     @property
     def right(self) -> float:
@@ -204,14 +208,9 @@ class Evaluation:
     further_online: FurtherScore
 
     def __add__(self, other: "Evaluation") -> "Evaluation":
-        return Evaluation(
-            self.offline + other.offline,
-            self.online + other.online,
-            None if self.arrival is None or other.arrival is None else self.arrival + other.arrival,
-            self.geometry + other.geometry,
-            self.further_offline + other.further_offline,
-            self.further_online + other.further_online,
-        )
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        sums: list[Any] = [None if None in pair else add(*pair) for pair in pairs]
+        return Evaluation(*sums)
 
 
 def evaluate(

@@ -10,6 +10,7 @@ the same direction. They are those at a given place: far from the contact a smal
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import add
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.special import erfcinv, gammaincc
 
 from contact_tracker.errors import NoTruth
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.vectors import angle_of_lines, sphere_tangent
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
@@ -68,7 +70,7 @@ def angle_rad(found: Element, true: Element) -> float:
     """Angle of normals or directions, 0 to pi/2; nan for points, which have none."""
     match found, true:
         case (Plane(normal=a), Plane(normal=b)) | (Line(direction=a), Line(direction=b)):
-            return float(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b)))
+            return angle_of_lines(a, b)
     return float("nan")
 
 
@@ -78,23 +80,13 @@ def deviation(found: Element, true: Element, place: Array) -> Deviation:
     On the element's tangent space: 3 dimensions for planes and points, 4 for lines, fewer where the
     covariance is singular.
     """
-    match found, true:
-        case Plane(), Plane():
-            error, basis = _plane_error(found, true, place)
-            shift = np.eye(4)  # offset at `place`: h - n . place
-            shift[3, :3] = -place
-            return _deviation(found.covariance, basis.T @ shift, error)
-        case Line(), Line():
-            error, basis = _line_error(found, true)
-            return _deviation(found.covariance, basis.T, error)
-        case Point(), Point():
-            return _deviation(found.covariance, np.eye(3), true.point_m - found.point_m)
-    raise TypeError(f"{type(found).__name__} against {type(true).__name__}")
+    error, to_tangent = _error(found, true, place)
+    return _deviation(found.covariance, to_tangent, error)
 
 
 def normal_deviation(found: Plane, true: Plane) -> Deviation:
     """As ``deviation``, of the normal alone: where the offset cannot be determined (f-f)."""
-    tangent = _tangent(found.normal)
+    tangent = sphere_tangent(found.normal)
     covariance = None if found.covariance is None else found.covariance[:3, :3]
     return _deviation(covariance, tangent.T, tangent.T @ _turn(found.normal, true.normal))
 
@@ -104,31 +96,29 @@ def error_at(found: Element, true: Element, place: Array) -> Array:
 
     ``place`` lies on ``true``; shapes are (3,) for planes and points, (4,) for lines.
     """
+    at = Line(true.direction, place) if isinstance(true, Line) else true
+    return _error(at, found, place)[0]
+
+
+def _error(found: Element, true: Element, place: Array) -> tuple[Array, Array]:
+    """Error (d,) on the tangent space of ``found``, the offset of planes at ``place``, and its derivatives
+    (d, P) by the parameters of ``found``."""
     match found, true:
         case Plane(), Plane():
-            return _plane_error(true, found, place)[0]
+            sign = np.sign(found.normal @ true.normal) or 1.0
+            offset_m = sign * (true.offset_m - true.normal @ place) - (found.offset_m - found.normal @ place)
+            tangent = sphere_tangent(found.normal)
+            to_tangent = np.zeros((3, 4))
+            to_tangent[:2, :3], to_tangent[2] = tangent.T, [*-place, 1.0]
+            return np.append(tangent.T @ _turn(found.normal, true.normal), offset_m), to_tangent
         case Line(), Line():
-            return _line_error(Line(true.direction, place), found)[0]
+            tangent = sphere_tangent(found.direction)
+            moved_m = nearest(true, found.point_m) - found.point_m
+            error = tangent.T @ _turn(found.direction, true.direction), tangent.T @ moved_m
+            return np.concatenate(error), np.kron(np.eye(2), tangent.T).astype(float)
         case Point(), Point():
-            return found.point_m - true.point_m
+            return true.point_m - found.point_m, np.eye(3)
     raise TypeError(f"{type(found).__name__} against {type(true).__name__}")
-
-
-def _plane_error(found: Plane, true: Plane, place: Array) -> tuple[Array, Array]:
-    sign = np.sign(found.normal @ true.normal) or 1.0
-    offset = sign * (true.offset_m - true.normal @ place) - (found.offset_m - found.normal @ place)
-    tangent = _tangent(found.normal)
-    basis = np.zeros((4, 3))
-    basis[:3, :2], basis[3, 2] = tangent, 1.0
-    return np.append(tangent.T @ _turn(found.normal, true.normal), offset), basis
-
-
-def _line_error(found: Line, true: Line) -> tuple[Array, Array]:
-    tangent = _tangent(found.direction)
-    basis = np.zeros((6, 4))
-    basis[:3, :2], basis[3:, 2:] = tangent, tangent
-    moved = nearest(true, found.point_m) - found.point_m
-    return np.concatenate([tangent.T @ _turn(found.direction, true.direction), tangent.T @ moved]), basis
 
 
 def _turn(found: Array, true: Array) -> Array:
@@ -137,11 +127,6 @@ def _turn(found: Array, true: Array) -> Array:
     across = true - (found @ true) * found
     sine = np.linalg.norm(across)
     return across * (np.arctan2(sine, found @ true) / sine) if sine > 0 else across
-
-
-def _tangent(direction: Array) -> Array:
-    """Two orthonormal columns (3, 2) perpendicular to ``direction``."""
-    return np.linalg.svd(direction[None])[2][1:].T
 
 
 def _deviation(covariance: Array | None, to_tangent: Array, error: Array) -> Deviation:
@@ -186,11 +171,7 @@ class GeometryErrors:
     found_segments: int
 
     def __add__(self, other: "GeometryErrors") -> "GeometryErrors":
-        return GeometryErrors(
-            self.rows + other.rows,
-            self.true_segments + other.true_segments,
-            self.found_segments + other.found_segments,
-        )
+        return GeometryErrors(*map(add, vars(self).values(), vars(other).values()))
 
     def of_kind(self, *kinds: str) -> "GeometryErrors":
         """Only the errors of ``plane``, ``line`` or ``point``."""
@@ -330,13 +311,10 @@ def _compare_faces(found: tuple[Plane, Plane], true: tuple[Plane, Plane], poses:
 
     distances_mm = float("nan"), 1e3 * abs(height_m(*found) - height_m(*true))
     return [
-        ElementError(
-            Contact.FF,
-            side,
-            "plane",
-            float(np.degrees(angle_rad(face, true_face))),
-            distance_mm,
-            normal_deviation(face, true_face),
+        replace(
+            _element_error(Contact.FF, side, face, true_face, np.zeros(3)),
+            distance_mm=distance_mm,
+            deviation=normal_deviation(face, true_face),
         )
         for side, face, true_face, distance_mm in zip(SIDES, found, true, distances_mm, strict=True)
     ]

@@ -180,12 +180,11 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
     probability : (T, 7) posterior of each belief.
     """
     frame_label = np.append(label, NO_LABEL).astype(np.int8)[tick]
-    sums = _sums(scoring.part(slice(0, 0)), frame_label[:0], np.zeros((0, len(STATES))))
+    held = np.append(probability, np.full((1, len(STATES)), 1 / len(STATES)), axis=0)
+    sums = _sums(scoring.part(slice(0, 0)), frame_label[:0], held[:0])
     for begin in range(0, len(tick), _BATCH_FRAMES):  # posteriors of all frames at once would need memory
         frames = slice(begin, min(begin + _BATCH_FRAMES, len(tick)))
-        posterior, has_belief = np.full((len(tick[frames]), len(STATES)), 1 / len(STATES)), tick[frames] >= 0
-        posterior[has_belief] = probability[tick[frames][has_belief]]
-        sums += _sums(scoring.part(frames), frame_label[frames], posterior)
+        sums += _sums(scoring.part(frames), frame_label[frames], held[tick[frames]])
     right = np.column_stack([right_states(scoring.coarse), np.zeros(len(STATES) + len(scoring.coarse), bool)])
     changes = [(right[c.into][frame_label[c.begin : c.end]], c) for c in scoring.changes]
     return replace(

@@ -90,15 +90,12 @@ class Report:
 
     def to_json(self) -> str:
         """One object with ``recordings`` by name, ``total`` and ``states``; null where there is no value."""
-        return json.dumps(
-            {
-                "states": [s.value for s in STATES],
-                "recordings": {name: _evaluation_json(value) for name, value in self.recordings.items()},
-                "total": _evaluation_json(self.total),
-            },
-            indent=1,
-            allow_nan=False,
-        )
+        found = {
+            "states": [s.value for s in STATES],
+            "recordings": {name: _evaluation_json(value) for name, value in self.recordings.items()},
+            "total": _evaluation_json(self.total),
+        }
+        return json.dumps(_without_nan(found), indent=1, allow_nan=False)
 
 
 def evaluate(
@@ -143,6 +140,7 @@ _ACCURACY: Final = ("recording", "scored s", *(s.name.lower() for s in Subset), 
 _BELIEF: Final = ("recording", "log-loss", "Brier", "ECE", "sure & wrong")
 _CHANGE: Final = ("recording", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
 _FURTHER: Final = ("recording", "several s", "right", "open", "alone s", "false")
+_FURTHER_FIGURES: Final = ("several_s", "right", "open", "alone_s", "false")
 _GEOMETRY: Final = ("recording", "found", "angle deg", "90 %", "distance mm", "90 %", "within 3 sd")
 
 
@@ -176,35 +174,30 @@ def _belief_cells(tally: Tally) -> list[str]:
     return [number(value) for value in values]
 
 
+def _median_and_most(values: Array) -> list[str]:
+    """The median and the quantile of 90 %."""
+    return [number(quantile(values, q), 2) for q in (0.5, 0.9)]
+
+
 def _change_cells(tally: Tally) -> list[str]:
     return [
         str(len(tally.into)),
-        number(quantile(tally.boundary_s, 0.5), 2),
-        number(quantile(tally.boundary_s, 0.9), 2),
+        *_median_and_most(tally.boundary_s),
         number(tally.missed_share, 2),
-        number(quantile(tally.delay_s, 0.5), 2),
-        number(quantile(tally.delay_s, 0.9), 2),
+        *_median_and_most(tally.delay_s),
         number(tally.never_share, 2),
     ]
 
 
 def _further_cells(score: FurtherScore) -> list[str]:
-    return [
-        number(score.several_s, 1),
-        number(score.right),
-        number(score.open),
-        number(score.alone_s, 1),
-        number(score.false),
-    ]
+    return [number(getattr(score, name), 1 if name.endswith("_s") else 3) for name in _FURTHER_FIGURES]
 
 
 def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str]:
     return [
         f"{errors.found_segments}/{errors.true_segments}" if with_found else "",
-        number(quantile(errors.angle_deg, 0.5), 2),
-        number(quantile(errors.angle_deg, 0.9), 2),
-        number(quantile(errors.distance_mm, 0.5), 2),
-        number(quantile(errors.distance_mm, 0.9), 2),
+        *_median_and_most(errors.angle_deg),
+        *_median_and_most(errors.distance_mm),
         number(errors.within_3_sd, 2),
     ]
 
@@ -234,19 +227,9 @@ def _evaluation_json(value: Evaluation) -> dict[str, Any]:
             **kinds,
         },
         "further": {
-            "offline": _further_json(value.further_offline),
-            "online": _further_json(value.further_online),
+            mode: {name: getattr(score, name) for name in _FURTHER_FIGURES}
+            for mode, score in (("offline", value.further_offline), ("online", value.further_online))
         },
-    }
-
-
-def _further_json(score: FurtherScore) -> dict[str, Any]:
-    return {
-        "several_s": score.several_s,
-        "right": _finite(score.right),
-        "open": _finite(score.open),
-        "alone_s": score.alone_s,
-        "false": _finite(score.false),
     }
 
 
@@ -254,15 +237,12 @@ def _tally_json(tally: Tally) -> dict[str, Any]:
     confusion = tally.confusion_s[Subset.ALL]
     return {
         "scored_s": tally.seconds(),
-        "accuracy": {s.name.lower(): _finite(tally.accuracy(s)) for s in Subset},
+        "accuracy": {s.name.lower(): tally.accuracy(s) for s in Subset},
         "subset_s": {s.name.lower(): tally.seconds(s) for s in Subset},
-        "macro_f1": _finite(tally.macro_f1),
-        "log_loss": _finite(tally.log_loss),
-        "brier": _finite(tally.brier),
-        "calibration_error": _finite(tally.calibration_error),
-        "sure_wrong": _finite(tally.sure_wrong),
-        "boundary_s": {**_quantiles(tally.boundary_s), "missed_share": _finite(tally.missed_share)},
-        "delay_s": {**_quantiles(tally.delay_s), "never_share": _finite(tally.never_share)},
+        **{name: getattr(tally, name) for name in ("macro_f1", "log_loss", "brier")},
+        **{name: getattr(tally, name) for name in ("calibration_error", "sure_wrong")},
+        "boundary_s": {**_quantiles(tally.boundary_s), "missed_share": tally.missed_share},
+        "delay_s": {**_quantiles(tally.delay_s), "never_share": tally.never_share},
         "rows": tally.rows,
         "confusion_s": confusion[:, : len(STATES)].tolist(),
         "unanswered_s": confusion[:, len(STATES)].tolist(),
@@ -273,17 +253,16 @@ def _geometry_json(errors: GeometryErrors) -> dict[str, Any]:
     return {
         "angle_deg": _quantiles(errors.angle_deg),
         "distance_mm": _quantiles(errors.distance_mm),
-        "within_3_sd": _finite(errors.within_3_sd),
+        "within_3_sd": errors.within_3_sd,
     }
 
 
-def _quantiles(values: Array) -> dict[str, float | int | None]:
-    return {
-        "count": len(values),
-        "median": _finite(quantile(values, 0.5)),
-        "p90": _finite(quantile(values, 0.9)),
-    }
+def _quantiles(values: Array) -> dict[str, float]:
+    return {"count": len(values), "median": quantile(values, 0.5), "p90": quantile(values, 0.9)}
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _without_nan(value: Any) -> Any:
+    """The same, with None for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {key: _without_nan(one) for key, one in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value

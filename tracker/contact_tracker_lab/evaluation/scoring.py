@@ -142,9 +142,7 @@ def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
 
 def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
     """Online: index of the latest tick that is reported at each frame; -1 before the first."""
-    tick = np.searchsorted(tick_ns, frame_ns, side="right")
-    tick -= 1
-    return tick
+    return np.searchsorted(tick_ns, frame_ns, side="right") - 1
 
 
 def _edges(stamp_ns: Ints) -> Ints:

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.errors import UsageError
+from contact_tracker.formations.conditional import coefficients
 from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
-from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import lift, perturbations
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
@@ -65,6 +65,11 @@ class Touch(NamedTuple):
         direction = self.feature.span[0]
         return np.concatenate([direction, point - direction * (direction @ point), *on_plane])
 
+    @property
+    def c(self) -> Array:
+        """Coefficients (K, 25) of the residuals on the whole lifted pose."""
+        return coefficients(self.model, self.x)
+
     def geometry(self, body: Rigid, world: Rigid) -> ContactGeometry:
         """The touching elements, transformed by ``body`` and ``world``."""
         normal = world.rotation @ self.normal
@@ -85,8 +90,7 @@ def move_in_corner(
     """
     for attempt in range(_TRIES):
         first, second, base = _choose(rng, object, scenario.phases[0].contact, further.contact)
-        calm = 0.97**attempt
-        pose = _motion(rng, first, second, base, scenario, further, time_s, calm)
+        pose = _motion(rng, first, second, base, scenario, further, time_s, 0.97**attempt)
         if pose is not None and _is_outside(object, pose):
             return pose, first, second
     raise UsageError(f"scenario: a {scenario.object} cannot be moved like that between table and wall")
@@ -145,8 +149,7 @@ def _motion(
     calm: float,
 ) -> Rigid | None:
     """Poses that satisfy ``first`` always and ``second`` while it lasts; None if there are none."""
-    bandwidth = rng.uniform(*scenario.bandwidth_hz)
-    wave = band_limited(rng, time_s, 6, bandwidth)
+    wave = band_limited(rng, time_s, 6, rng.uniform(*scenario.bandwidth_hz))
     down, aside = base.T @ -TABLE, base.T @ -WALL
     room = _ROOM_SHARE * min(_room(first.feature, down), _room(second.feature, aside))
     turn = within(calm * scenario.amplitude_rad * wave[:, :3], room)
@@ -156,16 +159,15 @@ def _motion(
     place[:, 2] = -rotation[:, 2] @ first.feature.points.mean(axis=0)  # touching, up to the tilt
     away = place[:, 0] * apart + _AWAY_M * apart
     place[:, 0] = away - rotation[:, 0] @ second.feature.points.mean(axis=0)
-    start = Rigid(rotation, place)
-    on_first = _project(start, [(first, None)])
+    touching = np.zeros((len(time_s), len(first.c)))
+    on_first = _project(Rigid(rotation, place), first.c, touching)
     if on_first is None:
         return None
-    if not apart.any():
-        return _project(on_first, [(first, None), (second, None)])
-    free = _residual(second, on_first)
+    zeta = second.model.lifted(lift(on_first.rotation, on_first.translation))
+    free = zeta @ second.model.family.rows(second.x).T
     free[:, -1] = _SOFT_M * np.logaddexp(0.0, free[:, -1] / _SOFT_M)
-    gap = apart[:, None] * free
-    return _project(on_first, [(first, None), (second, gap)])
+    goals = np.concatenate([touching, apart[:, None] * free], axis=1)
+    return _project(on_first, np.concatenate([first.c, second.c]), goals)
 
 
 def _separation(further: Further, time_s: Array) -> Array:
@@ -175,24 +177,10 @@ def _separation(further: Further, time_s: Array) -> Array:
     return np.asarray(np.broadcast_to(np.maximum(before, after), time_s.shape), float)
 
 
-def _residual(touch: Touch, pose: Rigid) -> Array:
-    """(N, K)"""
-    zeta = touch.model.lifted(lift(pose.rotation, pose.translation))
-    return np.asarray(zeta @ touch.model.family.rows(touch.x).T)
-
-
-def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | None:
-    """Project to poses (N,) whose residuals are zero or as given (N, K); None if that fails for some."""
-    weight = np.repeat([1.0, _LEVER_M], 3)
-    rows = [_coefficients(touch) for touch, _ in touches]
-    goals = np.concatenate(
-        [
-            np.zeros((len(pose.translation), len(row))) if goal is None else goal
-            for row, (_, goal) in zip(rows, touches, strict=True)
-        ],
-        axis=1,
-    )
-    c, moves = np.concatenate(rows), perturbations()
+def _project(pose: Rigid, c: Array, goals: Array) -> Rigid | None:
+    """Project to poses (N,) whose residuals, of coefficients c (K, 25), are ``goals`` (N, K); None if that
+    fails for some."""
+    weight, moves = np.repeat([1.0, _LEVER_M], 3), perturbations()
     rotation, place = pose.rotation, pose.translation
     for _ in range(_STEPS):
         zeta = lift(rotation, place)
@@ -205,12 +193,6 @@ def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | 
         rotation = rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
         place = place + step[:, 3:]
     return Rigid(rotation, place) if np.abs(miss).max() < _EXACT else None
-
-
-def _coefficients(touch: Touch) -> Array:
-    """Coefficients (K, 25) of the residuals on the whole lifted pose."""
-    every = touch.model.lifted(np.eye(lifted_pose.SIZE)).T
-    return np.asarray(touch.model.family.rows(touch.x) @ every)
 
 
 def _is_outside(object: Polyhedron, pose: Rigid) -> bool:

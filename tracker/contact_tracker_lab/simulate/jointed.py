@@ -64,20 +64,17 @@ def move_in_joint(
     outwards = rng.uniform(0.0, 2.0 * np.pi)
     arm = rng.uniform(*_ARM_M[kind]) * np.array([np.cos(outwards), np.sin(outwards), 0.0])
     turn, shift = np.zeros((2, len(time_s), 3))
-    match kind:
-        case JointKind.HINGE:
-            turn[:, 2] = scenario.amplitude_rad * signal[:, 0]
-        case JointKind.SLIDER:
-            shift[:, 2] = scenario.amplitude_m * signal[:, 0]
-        case JointKind.SCREW:
-            turn[:, 2] = scenario.amplitude_rad * signal[:, 0]
-            shift[:, 2] = pitch_m * turn[:, 2]
-        case JointKind.BALL:
-            turn = scenario.amplitude_rad * signal
+    pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: pitch_m}.get(kind)
+    if kind is JointKind.SLIDER:
+        shift[:, 2] = scenario.amplitude_m * signal[:, 0]
+    elif pitch is None:
+        turn = scenario.amplitude_rad * signal
+    else:
+        turn[:, 2] = scenario.amplitude_rad * signal[:, 0]
+        shift[:, 2] = pitch * turn[:, 2]
     rotation = Rotation.from_rotvec(turn)
     # Every line along a slider's axis is one: that on which the body's origin moves stands for all.
     in_object = body.inverse().translation if kind is JointKind.SLIDER else -arm
-    pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: pitch_m}.get(kind)
     elements = _element(kind, in_object, body), _element(kind, arm + in_object, world)
     pose = Rigid(rotation.as_matrix(), rotation.apply(arm) + shift)
     return pose, TrueJoint(kind, *elements, pitch)

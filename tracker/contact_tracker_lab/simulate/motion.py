@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.geometry.polyhedron import Feature, unit
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.plan import SETTLE_S, Anchor, Chart, Leg, Rigid, sample_normal, sample_point
+from contact_tracker_lab.simulate.scenarios import Scenario
 
 Array = NDArray[np.float64]
 Weights = tuple[Array, Array, Array]
@@ -24,13 +25,31 @@ _SINUSOIDS = 24
 _LOWEST_HZ = 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hand:
-    """Motion of the hand: RMS amplitude per free direction, and bandwidth."""
+    """Random motion of the hand at times ``time_s`` (N,) since the start of a leg: root mean square per free
+    direction, and bandwidth."""
 
+    rng: np.random.Generator
+    time_s: Array
     amplitude_m: float
     amplitude_rad: float
     bandwidth_hz: float
+
+    def waves(self, count: int) -> Array:
+        """``count`` independent signals (N, count) of unit power."""
+        return band_limited(self.rng, self.time_s, count, self.bandwidth_hz)
+
+    def turn(self, feature: Feature, centre: Array) -> Array:
+        """Random normals (N, 3) around ``centre`` within the feature's cone."""
+        tangents = feature.tangents(centre)
+        wave = self.amplitude_rad * self.waves(len(tangents))
+        return _turned(centre, within(wave, _MARGIN * feature.normal_clearance(centre)) @ tangents)
+
+    def slide(self, feature: Feature, centre: Array) -> Array:
+        """Random points (N, 3) around ``centre`` within the feature."""
+        wave = self.amplitude_m * self.waves(len(feature.span))
+        return centre + within(wave, _MARGIN * feature.point_clearance(centre)) @ feature.span
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,34 +61,35 @@ class Path:
     touch_scene: Array
 
 
-def move(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
-    """The motion of ``leg`` at times (N,) since its start."""
+def move(rng: np.random.Generator, leg: Leg, rate_hz: float, scenario: Scenario) -> Path:
+    """The motion of ``leg`` at times of this rate, with the amplitudes of ``scenario``."""
+    bandwidth_hz = rng.uniform(*scenario.bandwidth_hz)
+    time_s = np.linspace(0.0, leg.duration_s, round(leg.duration_s * rate_hz), endpoint=False)
+    hand = Hand(rng, time_s, scenario.amplitude_m, scenario.amplitude_rad, bandwidth_hz)
     if leg.contact is Contact.FREE:
-        return _free_motion(rng, leg, time_s, hand)
-    if leg.motion == "normal":
-        return _touch(rng, leg, time_s, hand)
-    return _singular(rng, leg, time_s, hand)
+        return _free_motion(leg, hand)
+    return _touch(leg, hand) if leg.motion == "normal" else _singular(leg, hand)
 
 
-def _touch(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
+def _touch(leg: Leg, hand: Hand) -> Path:
     """Motion of all coordinates of the chart: from the start anchor by random motion to the end anchor."""
-    chart, start, end = leg.chart, leg.start, leg.end
+    chart, start, end, rng, time_s = leg.chart, leg.start, leg.end, hand.rng, hand.time_s
     slide = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)
-    drifts = drift(time_s, SETTLE_S)[:, None], drift(time_s - leg.duration_s, SETTLE_S)[:, None]
+    drifts = drift(time_s)[:, None], drift(time_s - leg.duration_s)[:, None]
 
     def turned(feature: Feature, first: Array, last: Array) -> Array:
         centre = sample_normal(rng, feature, unit(first + last))
         farthest = np.arccos(np.clip(min(first @ centre, last @ centre), -1.0, 1.0))
         tilt = blend(time_s, leg.duration_s, max(_TILT_RAMP_S, farthest / _TURN_RAD_S))
-        return unit(_mix(tilt, first, _turn(rng, feature, centre, time_s, hand), last))
+        return unit(_mix(tilt, first, hand.turn(feature, centre), last))
 
     def moved(feature: Feature, ends: Array, rates: Array) -> Array:
-        middle = _slide(rng, feature, sample_point(rng, feature, ends.mean(axis=0)), time_s, hand)
+        middle = hand.slide(feature, sample_point(rng, feature, ends.mean(axis=0)))
         return _mix(slide, ends[0] + drifts[0] * rates[0], middle, ends[1] + drifts[1] * rates[1])
 
     normal = turned(chart.environment, start.normal, end.normal)
     object_normal = turned(chart.object, start.object_normal, end.object_normal)
-    spin = _spin(rng, leg, time_s, hand, slide)
+    spin = _spin(leg, hand, slide)
     touch_object = moved(
         chart.object,
         np.array([start.touch_object, end.touch_object]),
@@ -83,7 +103,8 @@ def _touch(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Pat
     return _path(chart.rotation(normal, object_normal, spin), touch_object, touch_scene)
 
 
-def _spin(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand, weights: Weights) -> Array:
+def _spin(leg: Leg, hand: Hand, weights: Weights) -> Array:
+    time_s = hand.time_s
     first, last = (
         leg.chart.spin(anchor.rotation, anchor.normal, anchor.object_normal)
         for anchor in (leg.start, leg.end)
@@ -92,41 +113,35 @@ def _spin(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand, weights
     middle, room = (first + last) / 2.0, _room(leg.contact)
     if leg.contact is Contact.EE:
         middle = np.copysign(np.clip(abs(middle), *_CROSSING), middle)
-    wave = within(hand.amplitude_rad * band_limited(rng, time_s, 1, hand.bandwidth_hz), room)[:, 0]
+    wave = within(hand.amplitude_rad * hand.waves(1), room)[:, 0]
     return np.asarray(
-        weights[0] * (first + leg.start.spin_rate * drift(time_s, SETTLE_S))
+        weights[0] * (first + leg.start.spin_rate * drift(time_s))
         + weights[1] * (middle + wave)
-        + weights[2] * (last + leg.end.spin_rate * drift(time_s - leg.duration_s, SETTLE_S)),
+        + weights[2] * (last + leg.end.spin_rate * drift(time_s - leg.duration_s)),
         float,
     )
 
 
-def _singular(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
+def _singular(leg: Leg, hand: Hand) -> Path:
     """Rest, pure translation, or rotation about one axis; ends at the pose of its start."""
-    at, chart = leg.start, leg.chart
+    at, chart, time_s = leg.start, leg.chart, hand.time_s
     active = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)[1][:, None]
     still = np.zeros((len(time_s), 1))
     if leg.motion in ("one-axis", "tilt"):
-        return _rotation_about_axis(rng, leg, hand, active * band_limited(rng, time_s, 1, hand.bandwidth_hz))
+        return _rotation_about_axis(leg, hand, active * hand.waves(1))
     touch_object, touch_scene = still + at.touch_object, still + at.touch_scene
     if leg.motion == "translation":
-        wander = _slide(rng, chart.object, at.touch_object, time_s, hand)
-        touch_object += active * (wander - at.touch_object)
-        wander = _slide(rng, chart.environment, at.touch_scene, time_s, hand)
-        touch_scene += active * (wander - at.touch_scene)
+        touch_object += active * (hand.slide(chart.object, at.touch_object) - at.touch_object)
+        touch_scene += active * (hand.slide(chart.environment, at.touch_scene) - at.touch_scene)
     return _path(still[:, :, None] + at.rotation, touch_object, touch_scene)
 
 
-def _rotation_about_axis(rng: np.random.Generator, leg: Leg, hand: Hand, wave: Array) -> Path:
+def _rotation_about_axis(leg: Leg, hand: Hand, wave: Array) -> Path:
     """Rotation by ``wave`` (N, 1) about the normal, or about an axis within one of the features."""
     at, chart = leg.start, leg.chart
-    tilts = [
-        (chart.object, at.object_normal, direction) for direction in chart.object.tangents(at.object_normal)
-    ]
-    tilts += [
-        (chart.environment, at.normal, direction) for direction in chart.environment.tangents(at.normal)
-    ]
-    choice = int(rng.integers(0 if leg.motion == "tilt" else -1, len(tilts)))
+    sides = (chart.object, at.object_normal), (chart.environment, at.normal)
+    tilts = [(*side, direction) for side in sides for direction in side[0].tangents(side[1])]
+    choice = int(hand.rng.integers(0 if leg.motion == "tilt" else -1, len(tilts)))
     if choice < 0:
         axis = at.normal
         angle = within(hand.amplitude_rad * wave, _room(leg.contact))
@@ -146,14 +161,15 @@ def _room(contact: Contact) -> float:
     return _CROSSING_ROOM_RAD if contact is Contact.EE else float(np.pi)
 
 
-def _free_motion(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
+def _free_motion(leg: Leg, hand: Hand) -> Path:
     """Free motion: lift along the normal, transfer and descent, with random motion in all six directions."""
+    time_s = hand.time_s
     first = _coast(leg.chart, leg.start, time_s)
     last = _coast(leg.next_chart, leg.end, time_s - leg.duration_s)
     share = smooth_step(time_s / leg.duration_s)[:, None]
     leave, _, land = (weight[:, None] for weight in blend(time_s, leg.duration_s, _LIFT_RAMP_S))
     height = (1.0 if leg.from_air else 1.0 - leave) * (1.0 if leg.to_air else 1.0 - land)
-    wave = leg.wander * height * band_limited(rng, time_s, 6, hand.bandwidth_hz)
+    wave = leg.wander * height * hand.waves(6)
     turn = Rotation.from_matrix(np.swapaxes(first.pose.rotation, 1, 2) @ last.pose.rotation).as_rotvec()
     rotation = (
         first.pose.rotation
@@ -168,7 +184,7 @@ def _free_motion(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) 
 
 def _coast(chart: Chart, anchor: Anchor, time_s: Array) -> Path:
     """Motion with the velocity of ``anchor`` at time 0, which decays before and after."""
-    lasting = drift(time_s, SETTLE_S)
+    lasting = drift(time_s)
     spin = chart.spin(anchor.rotation, anchor.normal, anchor.object_normal) + anchor.spin_rate * lasting
     still = np.zeros((len(time_s), 1))
     return _path(
@@ -188,24 +204,10 @@ def _mix(weights: Weights, start: Array, middle: Array, end: Array) -> Array:
     return np.asarray(first * start + inner * middle + last * end, float)
 
 
-def _turn(rng: np.random.Generator, feature: Feature, centre: Array, time_s: Array, hand: Hand) -> Array:
-    """Random normals (N, 3) around ``centre`` within the feature's cone."""
-    tangents = feature.tangents(centre)
-    wave = hand.amplitude_rad * band_limited(rng, time_s, len(tangents), hand.bandwidth_hz)
-    return _turned(centre, within(wave, _MARGIN * feature.normal_clearance(centre)) @ tangents)
-
-
 def _turned(centre: Array, displacement: Array) -> Array:
     """Unit vectors reached from ``centre`` along great circles; ``displacement`` (N, 3) in rad."""
     angle = np.linalg.norm(displacement, axis=1, keepdims=True)
     return np.asarray(np.cos(angle) * centre + np.sinc(angle / np.pi) * displacement, float)
-
-
-def _slide(rng: np.random.Generator, feature: Feature, centre: Array, time_s: Array, hand: Hand) -> Array:
-    """Random points (N, 3) around ``centre`` within the feature."""
-    span = feature.span
-    wave = hand.amplitude_m * band_limited(rng, time_s, len(span), hand.bandwidth_hz)
-    return centre + within(wave, _MARGIN * feature.point_clearance(centre)) @ span
 
 
 def band_limited(rng: np.random.Generator, time_s: Array, count: int, bandwidth_hz: float) -> Array:
@@ -243,7 +245,6 @@ def blend(time_s: Array, duration_s: float, ramp_s: float) -> tuple[Array, Array
     return start, 1.0 - start - end, end
 
 
-def drift(time_s: Array, settle_s: float) -> Array:
-    """Displacement (N,) per unit of speed at time 0; the speed decays within ``settle_s`` before and
-    after."""
-    return np.asarray(settle_s * np.tanh(time_s / settle_s), float)
+def drift(time_s: Array) -> Array:
+    """Displacement (N,) per unit of speed at time 0; the speed decays before and after."""
+    return np.asarray(SETTLE_S * np.tanh(time_s / SETTLE_S), float)

@@ -29,33 +29,27 @@ _FACING = np.diag([1.0, -1.0, -1.0])  # the normals of touching surfaces are opp
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The two features of a contact, each with the reference direction of the spin.
+    """The two features of a contact; the spin is about their reference directions.
 
-    For two edges whose references are their directions, the spin is the angle at which they cross.
+    For two edges, whose references are their directions, it is the angle at which they cross.
     """
 
     contact: Contact
     object: Feature
     environment: Feature
-    object_reference: Array
-    environment_reference: Array
-
-    @classmethod
-    def of(cls, contact: Contact, object: Feature, environment: Feature) -> "Chart":
-        return cls(contact, object, environment, object.reference, environment.reference)
 
     def rotation(self, normal: Array, object_normal: Array, spin: Array) -> Array:
         """Rotations (N, 3, 3) from normals (N, 3) and spin (N,) in rad."""
         c, s, o = np.cos(spin), np.sin(spin), np.zeros_like(spin)
         about = np.stack([c, -s, o, s, c, o, o, o, o + 1.0], axis=-1).reshape(*spin.shape, 3, 3)
-        environment = _frame(normal, self.environment_reference)
-        object_frame = _frame(object_normal, self.object_reference)
+        environment = _frame(normal, self.environment.reference)
+        object_frame = _frame(object_normal, self.object.reference)
         return np.asarray(environment @ about @ _FACING @ np.swapaxes(object_frame, -1, -2), float)
 
     def spin(self, rotation: Array, normal: Array, object_normal: Array) -> float:
         """The spin (rad) whose rotation with these normals is nearest to ``rotation`` (3, 3)."""
-        environment = _frame(normal, self.environment_reference)
-        about = environment.T @ rotation @ _frame(object_normal, self.object_reference) @ _FACING
+        environment = _frame(normal, self.environment.reference)
+        about = environment.T @ rotation @ _frame(object_normal, self.object.reference) @ _FACING
         return float(np.arctan2(about[1, 0] - about[0, 1], about[0, 0] + about[1, 1]))
 
     def geometry(
@@ -78,6 +72,11 @@ class Rigid:
     def __matmul__(self, other: "Rigid") -> "Rigid":
         moved = np.einsum("...ij,...j->...i", self.rotation, other.translation)
         return Rigid(self.rotation @ other.rotation, moved + self.translation)
+
+    @classmethod
+    def join(cls, parts: Sequence["Rigid"]) -> "Rigid":
+        """The motions of all parts, one after the other."""
+        return cls(*(np.concatenate([getattr(p, key) for p in parts]) for key in ("rotation", "translation")))
 
     def inverse(self) -> "Rigid":
         back = np.swapaxes(self.rotation, -1, -2)
@@ -145,7 +144,7 @@ def choose_chart(
     ):
         fitting = [f for f in choice if f.kind == kind and (given is None or _nested(f, given))]
         features.append(fitting[rng.integers(len(fitting))])
-    return Chart.of(contact, *features)
+    return Chart(contact, *features)
 
 
 def _nested(a: Feature, b: Feature) -> bool:
@@ -327,12 +326,11 @@ def _leg(
 ) -> Leg:
     distance, angle = start.distance_to(end)
     shortest_s = max(distance / _TRAVEL_M_S, angle / _TURN_RAD_S)
-    if phase and phase.contact is not Contact.FREE:
-        seconds = max(phase.duration_s, shortest_s)
-        return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)
-    lift = 0.03 + 0.4 * (distance + angle * radius)
-    if phase:
-        seconds = max(phase.duration_s, shortest_s)
-        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift + 0.15)
-    seconds = max(0.6, 6.5 * lift, shortest_s)
-    return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift, wander=0.0)
+    lift_m = 0.03 + 0.4 * (distance + angle * radius)
+    if phase is None:
+        seconds = max(0.6, 6.5 * lift_m, shortest_s)
+        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift_m, wander=0.0)
+    seconds = max(phase.duration_s, shortest_s)
+    if phase.contact is Contact.FREE:
+        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift_m + 0.15)
+    return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)

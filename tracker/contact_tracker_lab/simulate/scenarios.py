@@ -1,6 +1,6 @@
 """Scenarios of simulated recordings: shapes, contacts, motion and measurement; and those with a name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from types import MappingProxyType
@@ -195,35 +195,68 @@ def _require(holds: bool, message: str) -> None:
         raise UsageError(f"scenario: {message}")
 
 
-def _paper_experiment(_: int) -> Scenario:
-    order = (Contact.FF, Contact.EF, Contact.VF, Contact.EE)
-    phases = (Phase(Contact.FF, 5.0, "rest"), *(Phase(contact, 10.0) for contact in order))
-    return Scenario(phases, name="paper_experiment")
+def _phases(duration_s: float, *contacts: Contact) -> tuple[Phase, ...]:
+    """One phase of this duration for each contact."""
+    return tuple(Phase(contact, duration_s) for contact in contacts)
 
 
-def _all_states(_: int) -> Scenario:
-    order = (Contact.FREE, Contact.VF, Contact.EF, Contact.FF, Contact.FE, Contact.FV, Contact.FE, Contact.EE)
-    phases = (*(Phase(contact, 5.5) for contact in order), Phase(Contact.FREE, 3.0))
-    return Scenario(phases, object="box", surroundings="block", name="all_states")
-
-
-def _robot_1khz(_: int) -> Scenario:
-    phases = (Phase(Contact.FF, 3.0), Phase(Contact.EF, 3.5), Phase(Contact.EE, 4.0))
-    return Scenario(
-        phases,
+FORMATIONS: Final[Mapping[str, Scenario]] = MappingProxyType(
+    {
+        name: Scenario(_phases(24.0, first), surroundings=CORNER, further=further, name=name)
+        for name, first, further in (
+            ("vertex_and_vertex", Contact.VF, Further(Contact.VF)),
+            ("edge_and_vertex", Contact.EF, Further(Contact.VF)),
+            ("face_and_edge", Contact.FF, Further(Contact.EF)),
+            ("face_and_face", Contact.FF, Further(Contact.FF)),
+            ("wall_in_between", Contact.VF, Further(Contact.VF, 8.0, 16.0)),
+            ("edge_then_wall", Contact.EF, Further(Contact.VF, 8.0, 16.0)),
+        )
+    }
+)
+"""Scenarios with two contacts at once: the first named on a table, the other on a wall."""
+JOINTS: Final[Mapping[str, Scenario]] = MappingProxyType(
+    {
+        kind.value: Scenario(
+            _phases(24.0, Contact.FREE),
+            amplitude_m=0.1,
+            amplitude_rad=float(np.radians(15.0 if kind is JointKind.BALL else 25.0)),
+            joint=kind,
+            name=kind.value,
+        )
+        for kind in JointKind
+    }
+)
+"""Scenarios of an object in a joint: a door, a drawer, a cap, a ball in its socket."""
+_RANDOM: Final = "random"
+_OTHERS: Final = (
+    Scenario(
+        (
+            Phase(Contact.FF, 5.0, "rest"),
+            *_phases(10.0, Contact.FF, Contact.EF, Contact.VF, Contact.EE),
+        ),
+        name="paper_experiment",
+    ),
+    Scenario(
+        (
+            *_phases(5.5, Contact.FREE, Contact.VF, Contact.EF, Contact.FF),
+            *_phases(5.5, Contact.FE, Contact.FV, Contact.FE, Contact.EE),
+            Phase(Contact.FREE, 3.0),
+        ),
+        object="box",
+        surroundings="block",
+        name="all_states",
+    ),
+    Scenario(
+        (Phase(Contact.FF, 3.0), Phase(Contact.EF, 3.5), Phase(Contact.EE, 4.0)),
         rate_hz=1000.0,
         sigma_position_m=0.00005,
         sigma_rotation_rad=float(np.radians(0.02)),
         object="wedge",
         surroundings="block",
         name="robot_1khz",
-    )
-
-
-def _vision_30hz(_: int) -> Scenario:
-    order = (Contact.VF, Contact.EF, Contact.FREE, Contact.FV, Contact.FE, Contact.FF)
-    return Scenario(
-        tuple(Phase(contact, 8.0) for contact in order),
+    ),
+    Scenario(
+        _phases(8.0, Contact.VF, Contact.EF, Contact.FREE, Contact.FV, Contact.FE, Contact.FF),
         rate_hz=30.0,
         sigma_position_m=0.0015,
         sigma_rotation_rad=float(np.radians(0.7)),
@@ -232,22 +265,34 @@ def _vision_30hz(_: int) -> Scenario:
         object="prism",
         surroundings="ridge",
         name="vision_30hz",
-    )
-
-
-def _pressed(_: int) -> Scenario:
-    """An object pivots on an edge of its own, then on one of the surroundings: motion that all six contacts
-    explain, and a wrench of the hand that few do."""
-    pivots = (Phase(contact, 6.0, "tilt") for contact in (Contact.EF, Contact.FE))
-    return Scenario(
-        tuple(phase for pivot in pivots for phase in (pivot, Phase(Contact.FREE, 6.0))),
+    ),
+    # An object pivots on an edge of its own, then on one of the surroundings: motion that all six contacts
+    # explain, and a wrench of the hand that few do.
+    Scenario(
+        (
+            Phase(Contact.EF, 6.0, "tilt"),
+            Phase(Contact.FREE, 6.0),
+            Phase(Contact.FE, 6.0, "tilt"),
+            Phase(Contact.FREE, 6.0),
+        ),
         rate_hz=100.0,
         lead_s=0.0,
         object="box",
         surroundings="block",
         has_wrench=True,
         name="pressed",
-    )
+    ),
+)
+_FIXED: Final = {one.name: one for one in (*_OTHERS, *FORMATIONS.values(), *JOINTS.values())}
+SCENARIOS: Final = (*(one.name for one in _OTHERS), _RANDOM, *FORMATIONS, *JOINTS)
+"""Names of scenarios."""
+
+
+def named_scenario(name: str, seed: int) -> Scenario:
+    """The scenario ``name``; only ``random`` depends on ``seed``. Raises UsageError if unknown."""
+    if name not in SCENARIOS:
+        raise UsageError(f"unknown scenario {name!r}: choose from {', '.join(SCENARIOS)}")
+    return _random(seed) if name == _RANDOM else _FIXED[name]
 
 
 def _random(seed: int) -> Scenario:
@@ -269,67 +314,5 @@ def _random(seed: int) -> Scenario:
         sigma_rotation_rad=float(np.radians(rng.uniform(0.1, 0.3))),
         object=str(rng.choice(list(OBJECTS))),
         surroundings=str(rng.choice(list(SURROUNDINGS))),
-        name="random",
+        name=_RANDOM,
     )
-
-
-def _formation(first: Contact, further: Further, name: str) -> Callable[[int], Scenario]:
-    def scenario(_: int) -> Scenario:
-        return Scenario((Phase(first, 24.0),), surroundings=CORNER, further=further, name=name)
-
-    return scenario
-
-
-FORMATIONS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
-    {
-        name: _formation(first, further, name)
-        for name, first, further in (
-            ("vertex_and_vertex", Contact.VF, Further(Contact.VF)),
-            ("edge_and_vertex", Contact.EF, Further(Contact.VF)),
-            ("face_and_edge", Contact.FF, Further(Contact.EF)),
-            ("face_and_face", Contact.FF, Further(Contact.FF)),
-            ("wall_in_between", Contact.VF, Further(Contact.VF, 8.0, 16.0)),
-            ("edge_then_wall", Contact.EF, Further(Contact.VF, 8.0, 16.0)),
-        )
-    }
-)
-"""Scenarios with two contacts at once: the first named on a table, the other on a wall."""
-
-
-def _jointed(kind: JointKind, amplitude_deg: float) -> Callable[[int], Scenario]:
-    def scenario(_: int) -> Scenario:
-        return Scenario(
-            (Phase(Contact.FREE, 24.0),),
-            amplitude_m=0.1,
-            amplitude_rad=float(np.radians(amplitude_deg)),
-            joint=kind,
-            name=kind.value,
-        )
-
-    return scenario
-
-
-JOINTS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
-    {kind.value: _jointed(kind, 15.0 if kind is JointKind.BALL else 25.0) for kind in JointKind}
-)
-"""Scenarios of an object in a joint: a door, a drawer, a cap, a ball in its socket."""
-
-SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
-    {
-        "paper_experiment": _paper_experiment,
-        "all_states": _all_states,
-        "robot_1khz": _robot_1khz,
-        "vision_30hz": _vision_30hz,
-        "pressed": _pressed,
-        "random": _random,
-        **FORMATIONS,
-        **JOINTS,
-    }
-)
-
-
-def named_scenario(name: str, seed: int) -> Scenario:
-    """The scenario ``name``; only ``random`` depends on ``seed``. Raises UsageError if unknown."""
-    if name not in SCENARIOS:
-        raise UsageError(f"unknown scenario {name!r}: choose from {', '.join(SCENARIOS)}")
-    return SCENARIOS[name](seed)

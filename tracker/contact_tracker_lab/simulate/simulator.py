@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +12,14 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.polyhedron import Polyhedron, unit
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
-from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
 from contact_tracker_lab.simulate.corner import move_in_corner
 from contact_tracker_lab.simulate.jointed import TrueJoint, move_in_joint
-from contact_tracker_lab.simulate.motion import Hand, Path, move
+from contact_tracker_lab.simulate.motion import Path, move
 from contact_tracker_lab.simulate.plan import Leg, Rigid, plan
 from contact_tracker_lab.simulate.scenarios import (
-    Further,
     Scenario,
     named_scenario,
     object_shape,
@@ -127,19 +124,35 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     object = object_shape(scenario.object)
     world = random_frame(frame_rng, _WORLD_M)
     body = random_frame(frame_rng, _BODY_M)
-    setting = _Setting(scenario, seed, object, body, world, motion_rng, sensor_rng)
+
+    def measured(pose: Rigid) -> tuple[NDArray[np.int64], Poses]:
+        """Stamps and measurements of the poses of the object in its surroundings."""
+        stamp_ns = stamps(sensor_rng, len(pose.translation), scenario)
+        return stamp_ns, measure(sensor_rng, stamp_ns, world @ pose @ body.inverse(), scenario)
+
+    duration_s = scenario.phases[0].duration_s  # joints and further contacts have one phase
+    time_s = np.linspace(0.0, duration_s, round(duration_s * scenario.rate_hz), endpoint=False)
+    metadata = _metadata(scenario, seed, moved_vertices(object, body), None)
+    if scenario.joint is not None:  # no contact is scored
+        pose, joint = move_in_joint(motion_rng, scenario.joint, scenario, time_s, body, world)
+        stamp_ns, poses = measured(pose)
+        truth = Truth((TruthInterval(int(stamp_ns[0]), int(stamp_ns[-1]), None),))
+        return Simulated(poses, truth, metadata | {"joint": joint.to_json()}, joint)
     if scenario.further is not None:
-        return _simulate_corner(setting, scenario.further)
-    if scenario.joint is not None:
-        return _simulate_joint(setting, scenario.joint)
+        pose, *touches = move_in_corner(motion_rng, object, scenario, scenario.further, time_s)
+        stamp_ns, poses = measured(pose)
+        on_table, on_wall = (touch.geometry(body, world) for touch in touches)
+        since_s, until_s = scenario.further.start_s or 0.0, scenario.further.end_s or duration_s
+        rows = np.minimum(np.searchsorted(time_s, (0.0, duration_s, since_s, until_s)), len(time_s) - 1)
+        start_ns, end_ns, since_ns, until_ns = stamp_ns[rows].tolist()
+        second = FurtherTruth(since_ns, until_ns, scenario.further.contact, on_wall)
+        contact = scenario.phases[0].contact
+        truth = Truth((TruthInterval(start_ns, end_ns, contact, geometry=on_table, further=(second,)),))
+        return Simulated(poses, truth, metadata)
     scene = surroundings_shape(scenario.surroundings)
     legs = plan(motion_rng, scenario.phases, object, scene, scenario.lead_s)
-    counts = [round(leg.duration_s * scenario.rate_hz) for leg in legs]
-    paths = [travel(motion_rng, leg, n, scenario) for leg, n in zip(legs, counts, strict=True)]
-    pose = Rigid(
-        np.concatenate([p.pose.rotation for p in paths]), np.concatenate([p.pose.translation for p in paths])
-    )
-    stamp_ns, poses = setting.measured(pose)
+    paths = [move(motion_rng, leg, scenario.rate_hz, scenario) for leg in legs]
+    stamp_ns, poses = measured(Rigid.join([path.pose for path in paths]))
     truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
     metadata = _metadata(scenario, seed, moved_vertices(object, body), moved_vertices(scene, world))
     wrenches = None
@@ -148,91 +161,20 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     return Simulated(poses, truth, metadata, wrenches=wrenches)
 
 
-class _Setting(NamedTuple):
-    """What a scenario is simulated with; ``body`` and ``world`` are its random frames."""
-
-    scenario: Scenario
-    seed: int
-    object: Polyhedron
-    body: Rigid
-    world: Rigid
-    motion_rng: np.random.Generator
-    sensor_rng: np.random.Generator
-
-    @property
-    def time_s(self) -> Array:
-        """Times of the poses of a scenario of one phase from the start, without jitter."""
-        duration_s = self.scenario.phases[0].duration_s
-        return np.linspace(0.0, duration_s, round(duration_s * self.scenario.rate_hz), endpoint=False)
-
-    def measured(self, pose: Rigid) -> tuple[NDArray[np.int64], Poses]:
-        """Stamps and measurements of the poses of the object in its surroundings."""
-        stamp_ns = stamps(self.sensor_rng, len(pose.translation), self.scenario)
-        moved = self.world @ pose @ self.body.inverse()
-        return stamp_ns, measure(self.sensor_rng, stamp_ns, moved, self.scenario)
-
-    @property
-    def metadata(self) -> dict[str, str]:
-        """Of the recording."""
-        return _metadata(self.scenario, self.seed, moved_vertices(self.object, self.body), None)
-
-
-def _simulate_corner(setting: _Setting, further: Further) -> Simulated:
-    """One contact on a table, and a further one on a wall."""
-    body, world, time_s = setting.body, setting.world, setting.time_s
-    contact, duration_s, _ = setting.scenario.phases[0]
-    rng, scenario = setting.motion_rng, setting.scenario
-    pose, on_table, on_wall = move_in_corner(rng, setting.object, scenario, further, time_s)
-    stamp_ns, poses = setting.measured(pose)
-    start_s, end_s = further.start_s or 0.0, further.end_s or duration_s
-    first, last = np.searchsorted(time_s, (start_s, end_s))
-    span = int(stamp_ns[first]), int(stamp_ns[min(last, len(stamp_ns) - 1)])
-    second = FurtherTruth(*span, further.contact, on_wall.geometry(body, world))
-    whole = int(stamp_ns[0]), int(stamp_ns[-1])
-    geometry = on_table.geometry(body, world)
-    truth = Truth((TruthInterval(*whole, contact, geometry=geometry, further=(second,)),))
-    return Simulated(poses, truth, setting.metadata)
-
-
-def _simulate_joint(setting: _Setting, kind: JointKind) -> Simulated:
-    """An object in a joint: no contact is scored."""
-    frames = setting.body, setting.world
-    pose, joint = move_in_joint(setting.motion_rng, kind, setting.scenario, setting.time_s, *frames)
-    stamp_ns, poses = setting.measured(pose)
-    truth = Truth((TruthInterval(int(stamp_ns[0]), int(stamp_ns[-1]), None),))
-    return Simulated(poses, truth, setting.metadata | {"joint": joint.to_json()}, joint)
-
-
-def travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:
-    hand = Hand(scenario.amplitude_m, scenario.amplitude_rad, rng.uniform(*scenario.bandwidth_hz))
-    return move(rng, leg, np.linspace(0.0, leg.duration_s, count, endpoint=False), hand)
-
-
 def _intervals(
     legs: list[Leg], paths: list[Path], stamp_ns: NDArray[np.int64], body: Rigid, world: Rigid
 ) -> list[TruthInterval]:
     """Intervals of contacts; the pose between two legs counts to the more constrained contact."""
-    result = []
-    start = 0
-    frame = 0
-    for index, (leg, path) in enumerate(zip(legs, paths, strict=True)):
+    result, start, frame = list[TruthInterval](), 0, 0
+    for leg, path, after in zip(legs, paths, (*legs[1:], None), strict=True):
         frame += len(path.touch_scene)
-        after = legs[index + 1].contact if index + 1 < len(legs) else Contact.FF
-        loses = index + 1 < len(legs) and after.codimension < leg.contact.codimension
-        end = frame + 1 if loses else frame
+        end = frame + (after is not None and after.contact.codimension < leg.contact.codimension)
         geometry = None
         if leg.contact is not Contact.FREE:
             touch = path.touch_object.mean(axis=0), path.touch_scene.mean(axis=0)
             geometry = leg.chart.geometry(body, world, *touch)
-        row = TruthInterval(
-            int(stamp_ns[start]),
-            int(stamp_ns[end - 1]),
-            leg.contact,
-            leg.motion,
-            leg.motion != "normal",
-            geometry,
-        )
-        result.append(row)
+        span, is_singular = (int(stamp_ns[start]), int(stamp_ns[end - 1])), leg.motion != "normal"
+        result.append(TruthInterval(*span, leg.contact, leg.motion, is_singular, geometry))
         start = end
     return result
 

@@ -12,11 +12,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
 from contact_tracker.ground_truth import TruthInterval
 from contact_tracker.states import Contact
-from contact_tracker_lab.simulate.plan import Rigid
+from contact_tracker_lab.simulate.plan import Chart, Rigid
 
 Array = NDArray[np.float64]
 
@@ -116,11 +115,10 @@ def intervals(
     for (touch, how), same in groupby(zip(given, motion, strict=True)):
         end = start + len(list(same))
         geometry = None
-        if touch.object is not None and touch.environment is not None:
-            pairs = (touch.object, body), (touch.environment, world)
-            geometry = ContactGeometry(
-                *(one.element(at.rotation, at.translation, one.points.mean(axis=0)) for one, at in pairs)
-            )
+        if touch.contact is not None and touch.object is not None and touch.environment is not None:
+            chart = Chart(touch.contact, touch.object, touch.environment)
+            middles = (one.points.mean(axis=0) for one in (touch.object, touch.environment))
+            geometry = chart.geometry(body, world, *middles)
         span = int(stamp_ns[start]), int(stamp_ns[end - 1])
         result.append(TruthInterval(*span, touch.contact, how, geometry=geometry))
         start = end

@@ -55,11 +55,12 @@ def measure_wrenches(
     body : from the frame of ``object`` to the body's.
     """
     time_s = np.arange(len(stamp_ns)) / rate_hz
-    rotation = np.concatenate([path.pose.rotation for path in paths])
-    translation = np.concatenate([path.pose.translation for path in paths])
-    origin = rotation @ body.inverse().translation + translation
-    masses = np.einsum("nij,vj->nvi", rotation, object.vertices) + translation[:, None]
-    pushes = MASS_KG / len(object.vertices) * (_second_derivative(masses, rate_hz) - GRAVITY_M_S2)
+    pose = Rigid.join([path.pose for path in paths])
+    origin = pose.rotation @ body.inverse().translation + pose.translation
+    masses = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
+    velocity = np.gradient(masses, axis=0, edge_order=2)
+    acceleration = np.gradient(velocity, axis=0, edge_order=2) * rate_hz**2
+    pushes = MASS_KG / len(object.vertices) * (acceleration - GRAVITY_M_S2)
     contact_force = _contact_force(rng, time_s, rate_hz, legs, paths)
     pressed = np.concatenate(
         [_pressed_points(rng, leg, path, rate_hz) for leg, path in zip(legs, paths, strict=True)]
@@ -67,7 +68,7 @@ def measure_wrenches(
     force = pushes.sum(axis=1) - contact_force
     moment = np.cross(masses - origin[:, None], pushes).sum(axis=1)
     moment -= np.cross(pressed - origin, contact_force)
-    axes = rotation @ body.rotation.T
+    axes = pose.rotation @ body.rotation.T
     force_n, moment_nm = (
         np.einsum("nji,nj->ni", axes, values)
         + rng.normal(0.0, noise, values.shape)
@@ -82,12 +83,8 @@ def _contact_force(
 ) -> Array:
     """(N, 3) of the surroundings on the object, at the touching point, in the scene."""
     normal = np.concatenate([contact_normals(leg, path) for leg, path in zip(legs, paths, strict=True)])
-    is_touching = np.concatenate(
-        [
-            np.full(len(path.touch_scene), leg.contact is not Contact.FREE)
-            for leg, path in zip(legs, paths, strict=True)
-        ]
-    )
+    touches = [leg.contact is not Contact.FREE for leg in legs]
+    is_touching = np.repeat(touches, [len(path.touch_scene) for path in paths])
     along, *across = band_limited(rng, time_s, 4, _BANDWIDTH_HZ).T
     friction = np.stack(across, axis=1)
     friction -= np.einsum("ni,ni->n", friction, normal)[:, None] * normal
@@ -142,9 +139,3 @@ def press_share(is_touching: NDArray[np.bool_], rate_hz: float) -> Array:
         begin, middle, end = blend(np.arange(len(rows)) / rate_hz, duration_s, _PRESS_RAMP_S)
         share[rows] = middle + begin * (rows[0] == 0) + end * (rows[-1] == len(is_touching) - 1)
     return share
-
-
-def _second_derivative(values: Array, rate_hz: float) -> Array:
-    return np.asarray(
-        np.gradient(np.gradient(values, axis=0, edge_order=2), axis=0, edge_order=2) * rate_hz**2, float
-    )
