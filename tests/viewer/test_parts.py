@@ -120,7 +120,7 @@ def test_joints_are_drawn_in_all_outputs(poses: Poses, tmp_path: Path) -> None:
         np.testing.assert_allclose(part.label_m[:2], element.point_m[:2], atol=1e-9)
     *_, axes = result.plot().axes
     assert {f"f-f {name}" for name in names[:1]} <= {text.get_text() for text in axes.texts}
-    rows = [row.kind for one in segments for row in segment_rows(one, 0)]
+    rows = [kind for one in segments for _, _, kind, *_ in segment_rows(one, 0)]
     assert rows == ["f-f", "= hinge", "f-f", "= hinge", "f-f", "= ball", "f-f", "= hinge"]
     write_outcome(result, tmp_path / "out.html")
     write_outcome(result, tmp_path / "out.mcap")
