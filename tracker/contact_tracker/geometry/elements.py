@@ -237,10 +237,6 @@ def shifted(element: Element, origin_m: Array) -> Element:
             return replace(element, point_m=element.point_m + origin_m)
 
 
-NONE: Final = "none"
-VERTEX: Final = "vertex"
-
-
 def flat(element: Element | None) -> dict[str, Any]:
     """``type``, ``name``, ``axis``, ``point_m``, their standard deviations and ``unobserved`` of an element.
 
@@ -249,7 +245,7 @@ def flat(element: Element | None) -> dict[str, Any]:
     All keys are always present, with values of one type, except unknown standard deviations (None).
     """
     zero, none = np.zeros(3), np.full(3, np.nan)
-    axis, point_m, axis_sd, point_sd_m, kind = zero, zero, zero, zero, NONE
+    axis, point_m, axis_sd, point_sd_m, kind = zero, zero, zero, zero, "none"
     match element:
         case Plane(normal, offset_m, covariance):
             jacobian = np.hstack([offset_m * np.eye(3), normal[:, None]])
@@ -261,7 +257,7 @@ def flat(element: Element | None) -> dict[str, Any]:
             axis_sd = none if covariance is None else _deviations(covariance[:3, :3])
             point_sd_m = none if covariance is None else _deviations(covariance[3:, 3:])
         case Point(place_m, covariance):
-            kind, point_m = VERTEX, place_m
+            kind, point_m = "vertex", place_m
             point_sd_m = none if covariance is None else _deviations(covariance)
     return {
         "type": kind,

@@ -22,6 +22,7 @@ from contact_tracker.outputs.text import joint_name
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.scene import (
     EMPTY,
+    FEW,
     LARGEST_M,
     UNKNOWN_EXTENT,
     Extent,
@@ -303,7 +304,7 @@ def _of_element(side: int, name: str, element: Element, touched: Sequence[Array]
             ends = point_m + direction * np.array([[along.min() - margin_m], [along.max() + margin_m]])
             middle = ends.mean(axis=0)
             half_m = 0.5 * float(along.max() - along.min()) + margin_m
-            return Part(side, name, rod(direction, middle, half_m, 0.2 * margin_m), (ends,), middle)
+            return Part(side, name, rod(direction, middle, half_m, 0.2 * margin_m, FEW), (ends,), middle)
         case Point(point_m):
             return Part(side, name, point(side == 0, point_m, 0.5 * margin_m), (), point_m)
 

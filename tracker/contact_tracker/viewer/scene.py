@@ -23,14 +23,15 @@ OBJECT: Final[Colour] = (244, 240, 228)
 
 SIGMAS: Final = 2.0
 _ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
+FEW: Final = _ROUND[::4]
 SQUARE: Final = 0.25 * np.pi + np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
 _CORNER: Final = np.sqrt(2.0)
 """From the middle of a square to its corners, by half its side."""
 _ROD: Final = 0.04
 _BAR: Final = 0.05
-_BALL: Final = 0.1
-_CUBE: Final = 0.1
+_VERTEX: Final = 0.1
 _RIM: Final = 0.02
+_NEEDLE: Final = 0.01
 _SPOKES: Final = 3
 _WIDEST: Final = 1.0
 
@@ -46,26 +47,20 @@ class Mesh(NamedTuple):
 EMPTY: Final = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32), np.zeros((0, 3), np.float32))
 
 
-def of_object(element: Element, centre: Array, half_m: float) -> Mesh:
-    """An object's element within ``half_m`` of ``centre``, a point on it; EMPTY where it is not finite."""
+def solid(is_round: bool, element: Element, centre: Array, half_m: float) -> Mesh:
+    """An element, of the object if it ``is_round``, within ``half_m`` of ``centre``, a point on it; EMPTY
+    where it is not finite."""
     match element:
-        case Plane(normal):
+        case Plane(normal) if is_round:
             return _wheel(normal, centre, half_m)
-        case Line(direction):
-            return _mesh(_capped(direction, centre, half_m, _ROD * half_m, _ROUND))
-        case Point():
-            return point(True, centre, _BALL * half_m)
-
-
-def of_surroundings(element: Element, centre: Array, half_m: float) -> Mesh:
-    """An element of the surroundings within ``half_m`` of ``centre``; EMPTY where it is not finite."""
-    match element:
         case Plane(normal):
             return _mesh(_disc(normal, centre, half_m, 2, SQUARE))
+        case Line(direction) if is_round:
+            return rod(direction, centre, half_m, _ROD * half_m)
         case Line(direction):
-            return _faceted(_mesh(_capped(direction, centre, half_m, _BAR * _CORNER * half_m, SQUARE)))
+            return _faceted(rod(direction, centre, half_m, _BAR * _CORNER * half_m, SQUARE))
         case Point():
-            return point(False, centre, _CUBE * half_m)
+            return point(is_round, centre, _VERTEX * half_m)
 
 
 def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = _ROUND) -> Mesh:
@@ -98,21 +93,18 @@ def distance_sd_m(plane: Plane, points: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def needle(direction: Array, centre: Array, half_m: float) -> Mesh:
-    """A thin rod along a direction in which a position is unknown."""
-    return _mesh(_capped(direction, centre, half_m, 0.5 * _RIM * half_m, _ROUND))
-
-
-def rod(direction: Array, centre: Array, half_m: float, radius_m: float) -> Mesh:
-    """A closed rod about the middle ``centre``."""
-    return _mesh(_capped(direction, centre, half_m, radius_m, _ROUND[::4]))
+def rod(direction: Array, centre: Array, half_m: float, radius_m: float, angles: Array = _ROUND) -> Mesh:
+    """A closed rod about the middle ``centre``, with corners at ``angles``."""
+    along = half_m * np.array([-1.0, -1.0, 1.0, 1.0])
+    radii = radius_m * np.array([0.0, 1.0, 1.0, 0.0])
+    return _mesh(_tube(direction, centre, along, radii[:, None, None] * np.eye(2), angles))
 
 
 def point(is_round: bool, centre: Array, radius_m: float) -> Mesh:
     """A ball, or a cube."""
     if is_round:
         return _mesh(_ball(centre, np.eye(3) * radius_m))
-    return _faceted(_mesh(_capped(UP, centre, radius_m, _CORNER * radius_m, SQUARE)))
+    return _faceted(rod(UP, centre, radius_m, _CORNER * radius_m, SQUARE))
 
 
 def patch(rim: Array, normal: Array) -> Mesh:
@@ -131,12 +123,12 @@ def _wheel(normal: Array, centre: Array, half_m: float) -> Mesh:
     basis, thick = _across(normal), _RIM * half_m
     turn = np.append(_ROUND, _ROUND[:1])
     out = np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ basis.T
-    around = _ROUND[::4, None]
+    around = FEW[:, None]
     section = np.cos(around) * out[:, None] + np.sin(around) * normal
     rim = _mesh(centre + (half_m - thick) * out[:, None] + thick * section)
     angles = np.pi * np.arange(_SPOKES) / _SPOKES
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ basis.T
-    spokes = (_mesh(_capped(way, centre, half_m, 0.5 * thick, _ROUND[::4])) for way in ways)
+    spokes = (rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)
     return joined([rim, *spokes])
 
 
@@ -160,13 +152,6 @@ def _tube(direction: Array, centre: Array, along_m: Array, sections: Array, angl
     rings = np.swapaxes(_across(direction) @ sections @ circle, -1, -2)
     tube: Array = centre + along_m[:, None, None] * direction + rings
     return tube
-
-
-def _capped(direction: Array, centre: Array, half_m: float, radius_m: float, angles: Array) -> Array:
-    """Rings of a rod that is closed at its ends."""
-    along = half_m * np.array([-1.0, -1.0, 1.0, 1.0])
-    radii = radius_m * np.array([0.0, 1.0, 1.0, 0.0])
-    return _tube(direction, centre, along, radii[:, None, None] * np.eye(2), angles)
 
 
 def _ball(centre: Array, axes: Array) -> Array:
@@ -331,21 +316,14 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
     half_m = _half_m(geometry.environment, touched, middle, radius_m)
     object_m = _half_m(geometry.object, touching, inner, radius_m)
     object_m *= _WHEEL if isinstance(geometry.object, Plane) else 1.0
+    body, world = geometry.object, geometry.environment
+    spreads = uncertainty(body, inner, object_m), uncertainty(world, middle, half_m, SQUARE)
     if is_open:
-        assert isinstance(geometry.environment, Plane)
-        open_ways = EMPTY, needle(geometry.environment.normal, middle, radius_m)
-    else:
-        open_ways = (
-            uncertainty(geometry.object, inner, object_m),
-            uncertainty(geometry.environment, middle, half_m, SQUARE),
-        )
-    meshes = (
-        of_object(geometry.object, inner, object_m),
-        open_ways[0],
-        of_surroundings(geometry.environment, middle, half_m),
-        open_ways[1],
-    )
-    return Drawing(meshes, _label_position(geometry.environment, middle, half_m, up), is_open)
+        assert isinstance(world, Plane)
+        spreads = EMPTY, rod(world.normal, middle, radius_m, _NEEDLE * radius_m)
+    solids = solid(True, body, inner, object_m), solid(False, world, middle, half_m)
+    meshes = solids[0], spreads[0], solids[1], spreads[1]
+    return Drawing(meshes, _label_position(world, middle, half_m, up), is_open)
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
