@@ -4,7 +4,7 @@ The messages are those of foxglove-sdk (extra ``foxglove``).
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from heapq import merge
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.geometry.task_frame import T_world_body, contact_frame
-from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR, Colour
 from contact_tracker.recording import (
@@ -30,8 +29,8 @@ from contact_tracker.recording import (
 )
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
-from contact_tracker.viewer.parts import SIDES, known_parts
-from contact_tracker.viewer.scene import GREY, OBJECT, Extent, Mesh, draw_all, extent_of, poses_within
+from contact_tracker.viewer.parts import SIDES, KnownParts, Part
+from contact_tracker.viewer.scene import GREY, OBJECT, Drawing, Extent, Mesh, Upward, draw_all, poses_within
 
 WORLD: Final = "world"
 BODY: Final = "object"
@@ -63,11 +62,12 @@ def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
     if len(poses) and not 0 <= poses.stamp_ns[0] + min(log_offset_ns, 0) <= poses.stamp_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
     frames = tuple(given or own for given, own in zip(outcome.trajectory.frames, (WORLD, BODY), strict=True))
-    extent = extent_of(outcome.trajectory.vertices_m)
+    known = KnownParts.of(outcome)
+    extent = known.object_extent
     added = merge(
         _beliefs(outcome),
         _frames(outcome, frames),
-        _known(outcome, frames, extent),
+        _known(outcome, frames, known.parts(outcome.touched), extent),
         _scene(outcome, frames, extent),
         key=lambda message: message.log_time_ns,
     )
@@ -152,25 +152,23 @@ def _transform(
 
 def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
     """The scene from each change on; each message replaces the previous one."""
-    channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
+    channel, poses = _channel(SCENE_TOPIC, fox.SceneUpdate), outcome.trajectory.poses
+    up = Upward.of(outcome.segments, poses, extent).direction
     for segment in outcome.segments:
         for part in segment.parts:
             deletion = fox.SceneEntityDeletion(
                 timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
             )
-            within = poses_within(outcome.trajectory.poses, part.start_ns, part.end_ns)
-            entities = _entities(segment, part, within, frames, extent)
+            drawing = draw_all(part.geometries, poses_within(poses, part.start_ns, part.end_ns), extent, up)
+            entities = [] if drawing is None else _entities(segment, part, drawing, frames, extent)
             update = fox.SceneUpdate(deletions=[deletion], entities=entities)
             yield RawMessage(channel, part.start_ns, update.encode())
 
 
 def _entities(
-    segment: Segment, part: SegmentPart, within: Poses, frames: tuple[str, ...], extent: Extent
+    segment: Segment, part: SegmentPart, drawing: Drawing, frames: tuple[str, ...], extent: Extent
 ) -> list[fox.SceneEntity]:
     """The object's element, and that of the surroundings with its name."""
-    drawing = draw_all(part.geometries, within, extent)
-    if drawing is None:
-        return []
     colour = COLOUR[segment.contact]
     colours, opacities = (OBJECT, OBJECT, colour, colour), (_OPAQUE, _PALE) * 2
     shapes = [_triangles(*one) for one in zip(drawing.meshes, colours, opacities, strict=True)]
@@ -198,10 +196,12 @@ def _entities(
     ]
 
 
-def _known(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
+def _known(
+    outcome: Outcome, frames: tuple[str, ...], parts: Sequence[Part], extent: Extent
+) -> Iterator[RawMessage]:
     """All that is known, from the first pose on, on a topic of its own, as each message on that of the scene
     replaces the previous one."""
-    (world, body), parts = frames, known_parts(outcome)
+    world, body = frames
     if not parts or not len(outcome.trajectory):
         return
     stamp_ns, size_m = int(outcome.trajectory.stamp_ns[0]), _TEXT_SIZE * extent.radius_m

@@ -90,7 +90,7 @@ class KnownParts:
     Attributes
     ----------
     bodies : the known bodies.
-    object_extent : the size of the object, if it is a known body.
+    object_extent : the size of the object, ``UNKNOWN_EXTENT`` unless it is a known body.
     """
 
     def __init__(self, known_map: Map = EMPTY_MAP, vertices_m: Array | None = None) -> None:
@@ -102,7 +102,7 @@ class KnownParts:
         self.bodies = tuple(
             Part(side, name, mesh, tuple(edges), extent.centre_m) for side, name, mesh, edges, extent in known
         )
-        self.object_extent = next((extent for side, *_, extent in known if side == 0), None)
+        self.object_extent = next((extent for side, *_, extent in known if side == 0), UNKNOWN_EXTENT)
         self._listed: dict[Hashable, tuple[int, str, Element]] = {
             (side, one.name): (side, one.name, one.element)
             for side, known in enumerate((known_map.listed_object, known_map.listed_environment))
@@ -125,9 +125,10 @@ class KnownParts:
 
     def extent(self, world: GrowingMap | None) -> Extent:
         """The size of the object by all that is known of it."""
-        touched = self._elements_of(world)
-        elements = (dict(self._listed) | touched).values()
-        return self.object_extent or _extent([one for side, _, one in elements if side == 0])
+        if self.object_extent is not UNKNOWN_EXTENT:
+            return self.object_extent
+        elements = (self._listed | self._elements_of(world)).values()
+        return _extent([one for side, _, one in elements if side == 0])
 
     def add_poses(self, poses: Poses) -> None:
         """Add poses, of which up to ten per second are kept, and fewer of a long stream."""

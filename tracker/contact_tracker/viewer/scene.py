@@ -6,9 +6,9 @@ Uncertainty is the surface at two standard deviations: a pair of bowls about a p
 a line, an ellipsoid about a point.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.text import Colour
+from contact_tracker.tracking.belief import Segment
 
 GREY: Final[Colour] = (170, 176, 186)
 OBJECT: Final[Colour] = (244, 240, 228)
@@ -419,12 +420,6 @@ def hull(vertices_m: Array) -> tuple[Mesh, Array, Extent] | None:
     return mesh, lines, Extent(centre, radius, vertices_m)
 
 
-def extent_of(vertices_m: Array | None) -> Extent:
-    """The size of an object by its vertices (V, 3), if they are known and span a solid."""
-    solid = None if vertices_m is None else hull(vertices_m)
-    return UNKNOWN_EXTENT if solid is None else solid[2]
-
-
 _BACK: Final = 3.9
 _ABOVE: Final = 2.2
 """Place of the eye relative to the object, by its radius."""
@@ -446,6 +441,16 @@ class Upward:
     def __init__(self, extent: Extent) -> None:
         self._extent = extent
         self._sum = np.zeros(3)  # of the normals on the object's side, by time (s)
+
+    @classmethod
+    def of(cls, segments: Iterable[Segment], poses: Poses, extent: Extent) -> Self:
+        """By the segments of a whole recording."""
+        found = cls(extent)
+        for one in segments:
+            if one.geometry is not None:
+                within = poses_within(poses, one.start_ns, one.end_ns)
+                found.add(one.geometry, within, one.end_ns - one.start_ns)
+        return found
 
     def add(self, geometry: ContactGeometry, poses: Poses, lasted_ns: int) -> bool:
         """Add a contact of duration ``lasted_ns``; returns whether the direction has changed."""
