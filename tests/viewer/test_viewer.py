@@ -318,7 +318,7 @@ def test_indistinguishable_contacts_are_shown(
     beliefs = [replace(b, inseparable=(Contact.VF,)) if i < 10 else b for i, b in enumerate(unsure.filtered)]
     play(tmp_path / "live.rrd", sparse, tuple(beliefs))
     lane = [v for _, v in rows(tmp_path / "some.rrd", canvas.INSEPARABLE, "StateChange:state")]
-    assert lane == [["or v-f, free"], [""], [""], [""]]
+    assert lane == [["or v-f, free"], [""]]
     lane = [v for _, v in rows(tmp_path / "live.rrd", canvas.INSEPARABLE, "StateChange:state")]
     assert lane == [["or v-f"], [""]]
     label = canvas.touching()[-1]

@@ -334,9 +334,15 @@ def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:
 
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     """Write the figure in the format of a suffix."""
-    figure = draw_figure(outcome)
-    figure.savefig(path, format=suffix.removeprefix("."), dpi=DOTS_PER_INCH)
-    pyplot.close(figure)
+    save_figure(draw_figure(outcome), path, suffix)
+
+
+def save_figure(figure: Figure, path: Path, suffix: str) -> None:
+    """Write any figure in the format of a suffix, and close it."""
+    try:
+        figure.savefig(path, format=suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH)
+    finally:
+        pyplot.close(figure)
 
 
 def figure_svg(outcome: Outcome) -> str:

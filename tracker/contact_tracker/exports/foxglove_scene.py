@@ -42,6 +42,7 @@ _PALE: Final = 0.2
 _RANGE_NS: Final = 2**32 * 1_000_000_000
 _LINE_PX: Final = 1.5
 _KNOWN: Final = (OBJECT, GREY)
+_ORIGIN: Final = fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0))
 _TEXT_SIZE: Final = 0.2
 """Size relative to the object's radius."""
 
@@ -186,12 +187,12 @@ def _entities(
                 fox.KeyValuePair(key="contact", value=segment.contact.value),
                 fox.KeyValuePair(key="probability", value=f"{segment.probability:.3f}"),
             ],
-            triangles=[one for one in triangles if one is not None],
+            triangles=[*solid, *spread],
             texts=texts,
         )
-        for name, frame, triangles, texts in (
-            ("object element", body, shapes[:2], []),
-            ("environment element", world, shapes[2:], [text]),
+        for name, frame, solid, spread, texts in (
+            ("object element", body, *shapes[:2], []),
+            ("environment element", world, *shapes[2:], [text]),
         )
     ]
 
@@ -211,9 +212,7 @@ def _known(
             frame_id=world if one.side else body,
             id=f"{number} {SIDES[one.side]} {one.name}",
             frame_locked=True,
-            triangles=[
-                shape for shape in [_triangles(one.mesh, _KNOWN[one.side], _PALE)] if shape is not None
-            ],
+            triangles=_triangles(one.mesh, _KNOWN[one.side], _PALE),
             lines=[_line(strip, _KNOWN[one.side]) for strip in one.outline],
             texts=[_text(one.label_m, size_m, _KNOWN[one.side], one.name)],
         )
@@ -223,21 +222,20 @@ def _known(
     yield RawMessage(channel, stamp_ns, fox.SceneUpdate(entities=entities).encode())
 
 
-def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> Any:
-    """The triangles of a mesh; None if it is empty."""
+def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> list[fox.TriangleListPrimitive]:
+    """The triangles of a mesh, if it has any."""
     if not len(mesh.triangles):
-        return None
-    return fox.TriangleListPrimitive(
-        pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
-        points=[_point(vertex) for vertex in mesh.vertices],
-        color=_rgba(colour, opacity),
-        indices=[int(index) for index in mesh.triangles.ravel()],
+        return []
+    points, indices = [*map(_point, mesh.vertices)], mesh.triangles.ravel().tolist()
+    shape = fox.TriangleListPrimitive(
+        pose=_ORIGIN, points=points, color=_rgba(colour, opacity), indices=indices
     )
+    return [shape]
 
 
 def _line(strip: Array, colour: Colour) -> fox.LinePrimitive:
     return fox.LinePrimitive(
-        pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
+        pose=_ORIGIN,
         type=fox.LinePrimitiveLineType.LineStrip,
         thickness=_LINE_PX,
         scale_invariant=True,

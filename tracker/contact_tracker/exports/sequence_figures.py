@@ -13,12 +13,12 @@ from matplotlib.patches import FancyArrowPatch, Polygon
 
 from contact_tracker.errors import printable
 from contact_tracker.exports.figure import (
-    DOTS_PER_INCH,
     NAME_SIZE,
     PLAIN_TEXT,
     draw_segment,
     fraction,
     open_patch,
+    save_figure,
     shade,
     write_name,
 )
@@ -138,25 +138,17 @@ def draw_graph(graph: ContactGraph) -> Figure:
 
 def write_comparison(found: Comparison, path: Path, check: Callable[[], None] = accept_any) -> None:
     """Write a CSV with a row per step, or the figure, atomically; raises OSError."""
-    if path.suffix.lower() != ".csv":
-        write_drawn(lambda: draw_comparison(found), path, check)
-        return
-    with whole_file(path, check) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, found.columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(one.to_json() for one in found.steps)
+    with whole_file(path, check) as temporary:
+        if path.suffix.lower() != ".csv":
+            save_figure(draw_comparison(found), temporary, path.suffix)
+            return
+        with open(temporary, "w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, found.columns, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(one.to_json() for one in found.steps)
 
 
 def write_contact_graph(outcome: Outcome, path: Path, check: Callable[[], None] = accept_any) -> None:
-    """Write the figure of the contacts of a recording; raises OSError."""
-    write_drawn(lambda: draw_graph(ContactGraph.of(outcome)), path, check)
-
-
-def write_drawn(draw: Callable[[], Figure], path: Path, check: Callable[[], None] = accept_any) -> None:
-    """Write a figure in the format of the suffix, atomically; raises OSError."""
+    """Write the figure of the contacts of a recording, atomically; raises OSError."""
     with whole_file(path, check) as temporary:
-        figure = draw()
-        try:
-            figure.savefig(temporary, format=path.suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH)
-        finally:
-            pyplot.close(figure)
+        save_figure(draw_graph(ContactGraph.of(outcome)), temporary, path.suffix)

@@ -118,7 +118,7 @@ class Canvas:
         self.most_further = 0
         self._labelled: set[str] = set()
         self._named: list[str] = []
-        self._shown: dict[str, Contact | str | None] = {}
+        self._shown: dict[str, str | None] = {}
 
     def pose(self, pose: Pose) -> None:
         """Draw one pose, with the least cost per row."""
@@ -183,13 +183,17 @@ class Canvas:
         self._send(TRAIL, stamp_ns, columns)
 
     def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
-        """The contact from each stamp on, written where it changes; None if unknown."""
-        before = [self._shown.get(entity, "none yet"), *contacts]
-        changes = [i for i, contact in enumerate(contacts) if contact is not before[i]]
-        self._shown[entity] = before[-1]
+        """The contact from each stamp on; None if unknown."""
         # for rerun an empty text ends a state
-        names = ["" if (contact := contacts[i]) is None else contact.value for i in changes]
-        self._send(entity, stamp_ns[changes], lambda rows: rr.StateChange.columns(state=names[rows]))
+        self._texts(entity, stamp_ns, ["" if one is None else one.value for one in contacts])
+
+    def _texts(self, entity: str, stamp_ns: Stamps, texts: Sequence[str]) -> None:
+        """The text of a state from each stamp on, written where it changes."""
+        before = [self._shown.get(entity), *texts]
+        changes = [i for i, text in enumerate(texts) if text != before[i]]
+        self._shown[entity] = before[-1]
+        new = [texts[i] for i in changes]
+        self._send(entity, stamp_ns[changes], lambda rows: rr.StateChange.columns(state=new[rows]))
 
     def further(self, stamp_ns: Stamps, held: Sequence[Sequence[FurtherContact | None]]) -> None:
         """State, label and opacity of the further contacts that hold from each stamp on, in their order; None
@@ -221,7 +225,7 @@ class Canvas:
             greys = [GREY] * len(self._named)
             names = self._named
             self._static(INSEPARABLE, rr.StateConfiguration(values=names, labels=names, colors=greys))
-        self._send(INSEPARABLE, stamp_ns, lambda rows: rr.StateChange.columns(state=texts[rows]))
+        self._texts(INSEPARABLE, stamp_ns, texts)
 
     def centre(self, centre_m: Array) -> None:
         """Set the middle (3,) of the object in the body frame."""

@@ -233,7 +233,6 @@ class LiveViewer:
         self._upward = Upward(self._extent)
         self._changes = Changes()
         self._contact: Contact | None = None
-        self._inseparable: tuple[Contact, ...] = ()
         self._is_open = False
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
@@ -282,9 +281,7 @@ class LiveViewer:
         for one, is_new in [*((one, True) for one in joins), *((one, False) for one in leaves)]:
             text = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
             sheet.events(stamp, [one.contact], [text])
-        if belief.inseparable != self._inseparable:
-            self._inseparable = belief.inseparable
-            sheet.inseparable(stamp, [belief.inseparable])
+        sheet.inseparable(stamp, [belief.inseparable])
         if changed or joins or leaves or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
             self._draw(sheet, belief, tick)
             self._drawn_ns = belief.stamp_ns
