@@ -19,7 +19,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.viewer.parts import Part
-from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, joined
+from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, circle, joined
 
 Stamps = NDArray[np.int64]
 
@@ -313,11 +313,8 @@ class Canvas:
 
 def _arc(turn_rad: Array, radius_m: float) -> Array:
     """Points (16, 3) of the path that a rotation vector turns a point at a distance from its axis."""
-    axis = turn_rad / np.linalg.norm(turn_rad)
-    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    first *= radius_m / np.linalg.norm(first)
-    angle = np.linspace(0.0, float(np.linalg.norm(turn_rad)), 16)[:, None]
-    return np.asarray(np.cos(angle) * first + np.sin(angle) * np.cross(axis, first))
+    angle = float(np.linalg.norm(turn_rad))
+    return radius_m * circle(turn_rad / angle, np.linspace(0.0, angle, 16))
 
 
 def _mesh_columns(all_meshes: Sequence[Mesh], rows: slice) -> Columns:

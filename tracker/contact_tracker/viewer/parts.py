@@ -12,7 +12,16 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, flat
+from contact_tracker.geometry.elements import (
+    Array,
+    ContactGeometry,
+    Element,
+    Line,
+    Plane,
+    Point,
+    flat,
+    nearest,
+)
 from contact_tracker.map.elements import KINDS, kind_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
@@ -28,6 +37,7 @@ from contact_tracker.viewer.scene import (
     Extent,
     Mesh,
     across,
+    circle,
     hull,
     patch,
     point,
@@ -222,7 +232,7 @@ def _bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
 
 def _extent(elements: Sequence[Element]) -> Extent:
     """The size of an object of which these elements are known (in the body frame)."""
-    feet = [_foot(one, np.zeros(3)) for one in elements if not _is_open(one)]
+    feet = [nearest(one, np.zeros(3)) for one in elements if not _is_open(one)]
     if len(feet) < 2:
         return UNKNOWN_EXTENT
     centre = 0.5 * (np.min(feet, axis=0) + np.max(feet, axis=0))
@@ -238,23 +248,12 @@ def _is_open(element: Element) -> bool:
     return float(np.sqrt(np.max(np.diag(own)))) > UNKNOWN_EXTENT.radius_m
 
 
-def _foot(element: Element, near_m: Array) -> Array:
-    """The point (3,) of an element nearest to a point."""
-    match element:
-        case Plane(normal, offset_m):
-            return np.asarray(near_m + (offset_m - near_m @ normal) * normal)
-        case Line(direction, point_m):
-            return np.asarray(point_m + direction * (direction @ (near_m - point_m)))
-        case Point(point_m):
-            return point_m
-
-
 def _own(element: Element, near_m: Array, extent: Extent) -> Array:
     """Points (N, 3) about the part of an element within the object's radius of ``near_m``."""
-    foot, radius_m = _foot(element, near_m), extent.radius_m
+    foot, radius_m = nearest(element, near_m), extent.radius_m
     match element:
         case Plane(normal):
-            return foot + radius_m * np.stack([np.cos(_RING), np.sin(_RING)], axis=-1) @ across(normal).T
+            return foot + radius_m * circle(normal, _RING)
         case Line(direction):
             return foot + radius_m * np.array([[-1.0], [1.0]]) * direction
         case Point():
@@ -327,7 +326,7 @@ def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Ite
             ((joint.object, extent.centre_m), (joint.environment, centre_m))
         ):
             name, placed = joint_name(joint), replace(element, covariance=None)
-            away_m = float(np.linalg.norm(_foot(placed, near_m) - near_m))
+            away_m = float(np.linalg.norm(nearest(placed, near_m) - near_m))
             if away_m > LARGEST_M:
                 yield Part(side, f"{name} ({away_m:.0f} m away)", EMPTY, (), near_m, spans)
             else:

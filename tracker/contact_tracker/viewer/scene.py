@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, nearest
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.text import Colour
 from contact_tracker.tracking.belief import Segment
@@ -78,10 +78,10 @@ def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = 
             shift = np.minimum(SIGMAS * distance_sd_m(element, disc), widest)[..., None] * normal
             return joined((_mesh(disc + shift), _mesh(disc - shift)))
         case Line(direction):
-            along, across = np.linspace(-half_m, half_m, 7), _across(direction)
+            along, basis = np.linspace(-half_m, half_m, 7), across(direction)
             dd, dp, pp = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
             spread = pp + along[:, None, None] * (dp + dp.T) + along[:, None, None] ** 2 * dd
-            return _mesh(_tube(direction, centre, along, _root(across.T @ spread @ across, widest), _ROUND))
+            return _mesh(_tube(direction, centre, along, _root(basis.T @ spread @ basis, widest), _ROUND))
         case Point():
             return _mesh(_ball(centre, _root(covariance, widest)))
 
@@ -115,20 +115,12 @@ def patch(rim: Array, normal: Array) -> Mesh:
     return Mesh(rim.astype(np.float32), np.array(fan, np.uint32), normals.astype(np.float32))
 
 
-def across(axis: Array) -> Array:
-    """Two unit vectors (3, 2) towards the corners of a square across the unit vector ``axis``."""
-    return np.asarray(_across(axis) @ (np.array([[1.0, 1.0], [1.0, -1.0]]) / _CORNER))
-
-
 def _wheel(normal: Array, centre: Array, half_m: float) -> Mesh:
-    basis, thick = _across(normal), _RIM * half_m
-    turn = np.append(_ROUND, _ROUND[:1])
-    out = np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ basis.T
-    around = FEW[:, None]
+    thick, around = _RIM * half_m, FEW[:, None]
+    out = circle(normal, np.append(_ROUND, _ROUND[:1]))
     section = np.cos(around) * out[:, None] + np.sin(around) * normal
     rim = _mesh(centre + (half_m - thick) * out[:, None] + thick * section)
-    angles = np.pi * np.arange(_SPOKES) / _SPOKES
-    ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ basis.T
+    ways = circle(normal, np.pi * np.arange(_SPOKES) / _SPOKES)
     spokes = (rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)
     return joined([rim, *spokes])
 
@@ -143,14 +135,13 @@ def _root(covariance: Array, widest: float) -> Array:
 
 def _disc(normal: Array, centre: Array, radius_m: float, rings: int, angles: Array) -> Array:
     """Rings (K, M, 3) of a disc about ``centre``, the first of them a point; with four angles a square."""
-    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ _across(normal).T
-    return centre + np.linspace(0.0, radius_m, rings)[:, None, None] * circle
+    return centre + np.linspace(0.0, radius_m, rings)[:, None, None] * circle(normal, angles)
 
 
 def _tube(direction: Array, centre: Array, along_m: Array, sections: Array, angles: Array) -> Array:
     """Rings (K, M, 3) at ``along_m`` (K,): the unit circle through ``sections`` (K or 1, 2, 2)."""
-    circle = np.stack([np.cos(angles), np.sin(angles)])
-    rings = np.swapaxes(_across(direction) @ sections @ circle, -1, -2)
+    unit_circle = np.stack([np.cos(angles), np.sin(angles)])
+    rings = np.swapaxes(across(direction) @ sections @ unit_circle, -1, -2)
     tube: Array = centre + along_m[:, None, None] * direction + rings
     return tube
 
@@ -167,7 +158,12 @@ def _ball(centre: Array, axes: Array) -> Array:
     return ball
 
 
-def _across(axis: Array) -> Array:
+def circle(axis: Array, angles: Array) -> Array:
+    """Points (N, 3) of the unit circle about the unit vector ``axis``."""
+    return np.asarray(np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ across(axis).T)
+
+
+def across(axis: Array) -> Array:
     """Two unit vectors (3, 2) that complete the unit vector ``axis`` to a basis."""
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     first = first / np.linalg.norm(first)
@@ -378,18 +374,14 @@ def _half_m(element: Element, partner: Array, centre: Array, radius_m: float) ->
 
 def _centre(element: Element, partner: Array) -> Array:
     """The centre of a drawn element, for a ``partner`` at positions (N, 3) in the element's frame."""
-    if not isinstance(element, Plane):
-        return element.point_m
-    middle = partner.mean(axis=0)
-    centre: Array = middle + (element.offset_m - middle @ element.normal) * element.normal
-    return centre
+    return nearest(element, partner.mean(axis=0)) if isinstance(element, Plane) else element.point_m
 
 
 def _label_position(element: Element, centre: Array, half_m: float, up: Array) -> Array:
     """The label's position: a corner of a sheet, an end of a bar, or below a cube."""
     match element:
         case Plane(normal):
-            away: Array = _CORNER_LABEL * across(normal)[:, 0]
+            away = _CORNER_LABEL * circle(normal, SQUARE)[0]
         case Point():
             away = -_CUBE_ABOVE * up
         case _:
