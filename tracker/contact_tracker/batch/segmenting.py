@@ -24,15 +24,7 @@ from contact_tracker.errors import (
     UnreadableRecording,
     printable,
 )
-from contact_tracker.exports.columns import (
-    BELIEF_COLUMNS,
-    PROBABILITIES,
-    SEGMENT_COLUMNS,
-    Columns,
-    Kind,
-    belief_columns,
-    segment_columns,
-)
+from contact_tracker.exports.columns import PROBABILITIES, TABLES, Kind, Rows
 from contact_tracker.exports.parquet import open_parquet
 from contact_tracker.files import whole_file
 from contact_tracker.map.map import Map
@@ -174,11 +166,6 @@ def failure(name: str, settings: Settings, exit_code: int, error: str, content_h
     return base(name, settings) | found
 
 
-_RECORDING: Final[dict[str, Kind]] = {"recording": "text"}
-SEGMENTS: Final = _RECORDING | SEGMENT_COLUMNS
-TICKS: Final = _RECORDING | BELIEF_COLUMNS
-
-
 Known = tuple[str, str]
 """Signature and hash of the content of a recording at the time of its existing result."""
 
@@ -277,22 +264,23 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         settings.model, settings.known_map, wrenches=evidence, read_as=log.source.read_as
     )
     counts, ticks, outliers, file, recording = Counter[str](), 0, 0, file_of(name), shown(name)
-    targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})
+    targets: list[Rows] = ["segments", "ticks"] if settings.with_ticks else ["segments"]
     with ExitStack() as stack:
-        append = {}
-        for kind, columns in targets.items():
-            target = folder / kind / file
-            require_no_link(folder, f"{kind}/{file}")
+        appends = []
+        for rows in targets:
+            target = folder / rows / file
+            require_no_link(folder, f"{rows}/{file}")
             target.parent.mkdir(parents=True, exist_ok=True)
             temporary = stack.enter_context(whole_file(target))
-            append[kind] = stack.enter_context(open_parquet(columns, temporary, kind == "segments"))
+            columns: dict[str, Kind] = {"recording": "text", **TABLES[rows][0]}
+            appends.append(stack.enter_context(open_parquet(columns, temporary, rows == "segments")))
         for piece in tracker.pieces(log, None, Detail.WEIGHTS):
             count(piece.segments, counts)
             ticks += len(piece.beliefs)
             outliers += piece.outliers
-            append["segments"](_of(recording, segment_columns(piece.segments)))
-            if settings.with_ticks:
-                append["ticks"](_of(recording, belief_columns(piece.beliefs)))
+            for rows, append in zip(targets, appends, strict=True):
+                entries: Any = piece.beliefs if rows == "ticks" else piece.segments
+                append({"recording": [recording] * len(entries), **TABLES[rows][1](entries)})
         if not log.valid:
             raise log.no_poses(name)
     if not settings.with_ticks:
@@ -327,10 +315,6 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
 def _open(path: str, settings: Settings) -> PoseLog:
     frame, relative_to = settings.frame, settings.relative_to
     return open_log(path, settings.topic, frame, relative_to=relative_to, table=settings.table)
-
-
-def _of(recording: str, columns: Columns) -> Columns:
-    return {"recording": [recording] * len(columns["contact"]), **columns}
 
 
 def require_no_link(folder: Path, name: str) -> None:

@@ -187,12 +187,12 @@ def _entities(
                 fox.KeyValuePair(key="contact", value=segment.contact.value),
                 fox.KeyValuePair(key="probability", value=f"{segment.probability:.3f}"),
             ],
-            triangles=[*solid, *spread],
+            triangles=triangles,
             texts=texts,
         )
-        for name, frame, solid, spread, texts in (
-            ("object element", body, *shapes[:2], []),
-            ("environment element", world, *shapes[2:], [text]),
+        for name, frame, triangles, texts in (
+            ("object element", body, shapes[0] + shapes[1], []),
+            ("environment element", world, shapes[2] + shapes[3], [text]),
         )
     ]
 
