@@ -43,9 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ticks", action="store_true", help="write the beliefs of all ticks, too: some ten times as much"
     )
-    arguments.add_source(parser)
-    arguments.add_model(parser)
-    arguments.add_known(parser)
+    arguments.add_recording(parser, has_interval=False)
     arguments.add_wrench(parser)
     where = parser.add_mutually_exclusive_group()
     arguments.add_processes(where, 1024, None, "recordings at once (default: as many as there are cores)")
