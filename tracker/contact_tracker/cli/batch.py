@@ -80,12 +80,9 @@ def run(args: argparse.Namespace) -> int:
     read = [*(one.name for one in recordings), *arguments.files_read([], args.model, args.known)]
     for name in OWN_FILES:
         check_output(args.output / name, True, read)
-    shown = 0
 
     def report(line: str) -> None:
-        nonlocal shown
-        shown += 1
-        if shown <= _MOST_SHOWN:
+        if batch.bad + batch.damaged <= _MOST_SHOWN:
             warn(line)
 
     with (
@@ -94,8 +91,8 @@ def run(args: argparse.Namespace) -> int:
     ):
         batch = Batch(settings, dataset, report, set_done, args.rehash)
         batch.run(recordings, lambda: _workers(args))
-    if shown > _MOST_SHOWN:
-        warn(f"{shown - _MOST_SHOWN} more cannot be used or are damaged: the summary names them")
+    if (more_bad := batch.bad + batch.damaged - _MOST_SHOWN) > 0:
+        warn(f"{more_bad} more cannot be used or are damaged: the summary names them")
     say(
         f"recordings: {batch.total}, of which {batch.done} new or changed, "
         f"{batch.unchanged} unchanged; {batch.bad} unusable, {batch.damaged} damaged; "

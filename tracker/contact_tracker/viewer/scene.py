@@ -226,18 +226,13 @@ UP: Final = np.array([0.0, 0.0, 1.0])
 class Extent:
     """Size of the object: ``centre_m`` (3,) in the body frame, ``radius_m`` around it.
 
-    ``vertices_m`` (V, 3) of its hull in the body frame; without any the extent is an estimate.
+    ``vertices_m`` (V, 3) of its hull in the body frame; without any the extent is an estimate, which is
+    enlarged to reach contacts.
     """
 
     centre_m: Array
     radius_m: float
     vertices_m: Array | None = None
-
-    def reaching(self, distance_m: float) -> "Extent":
-        """The same; an estimated extent is enlarged to reach a contact at ``distance_m`` from the centre."""
-        if self.vertices_m is not None or not self.radius_m < distance_m <= LARGEST_M:
-            return self
-        return replace(self, radius_m=distance_m)
 
 
 UNKNOWN_EXTENT: Final = Extent(np.zeros(3), 0.1)
@@ -309,7 +304,9 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
         reach_m = float(np.median(np.linalg.norm(touching - extent.centre_m, axis=1)))
     else:
         reach_m = float(np.linalg.norm(inner - extent.centre_m))
-    radius_m = extent.reaching(reach_m).radius_m
+    radius_m = extent.radius_m
+    if extent.vertices_m is None and radius_m < reach_m <= LARGEST_M:  # it is an estimate
+        radius_m = reach_m
     half_m = _half_m(geometry.environment, touched, middle, radius_m)
     object_m = _half_m(geometry.object, touching, inner, radius_m)
     object_m *= _WHEEL if isinstance(geometry.object, Plane) else 1.0
