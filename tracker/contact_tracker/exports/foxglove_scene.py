@@ -77,41 +77,33 @@ def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
 
 
 def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
-    number = {"type": "number"}
-    numbers = {"type": "array", "items": number}
-    element = {
-        "type": "object",
-        "properties": {
-            "type": {"type": "string"},
-            "name": {"type": "string"},
-            "axis": numbers,
-            "point_m": numbers,
-            "axis_sd": numbers,
-            "point_sd_m": numbers,
-            "unobserved": {"type": "string"},
-        },
+    text, number, integer, item = ({"type": one} for one in ("string", "number", "integer", "object"))
+    texts, numbers, items = ({"type": "array", "items": one} for one in (text, number, item))
+    points = dict.fromkeys(("axis", "point_m", "axis_sd", "point_sd_m"), numbers)
+    element = _object({"type": text, "name": text, **points, "unobserved": text})
+    properties = {
+        "stamp_ns": integer,
+        "contact": text,
+        "probability": _object({state.value: number for state in STATES}),
+        "onset_ns": integer,
+        "inseparable": texts,
+        "geometry": item,
+        "contacts": items,
+        "constraints": integer,
+        "joint": item,
+        "inseparable_names": text,
+        "object": element,
+        "environment": element,
     }
-    schema: dict[str, Any] = {
-        "type": "object",
-        "properties": {
-            "stamp_ns": {"type": "integer"},
-            "contact": {"type": "string"},
-            "probability": {"type": "object", "properties": {state.value: number for state in STATES}},
-            "onset_ns": {"type": "integer"},
-            "inseparable": {"type": "array", "items": {"type": "string"}},
-            "geometry": {"type": "object"},
-            "contacts": {"type": "array", "items": {"type": "object"}},
-            "constraints": {"type": "integer"},
-            "joint": {"type": "object"},
-            "inseparable_names": {"type": "string"},
-            "object": element,
-            "environment": element,
-        },
-    }
-    encoded = json.dumps(schema).encode()
+    encoded = json.dumps(_object(properties)).encode()
     channel = Channel(BELIEF_TOPIC, "json", "contact_tracker.Belief", "jsonschema", encoded)
     for belief in outcome.beliefs:
         yield RawMessage(channel, belief.stamp_ns, json.dumps(belief.to_json(), allow_nan=False).encode())
+
+
+def _object(properties: dict[str, Any]) -> dict[str, Any]:
+    """The schema of a JSON object."""
+    return {"type": "object", "properties": properties}
 
 
 def _frames(outcome: Outcome, frames: tuple[str, ...]) -> Iterator[RawMessage]:
