@@ -4,12 +4,12 @@ import csv
 from collections.abc import Callable
 from math import cos, pi, sin
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, Polygon
+from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from contact_tracker.errors import printable
 from contact_tracker.exports.figure import (
@@ -54,18 +54,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     for step in comparison.steps:
         _draw_step(axes, step)
     shown = dict.fromkeys(one.verdict for one in comparison.steps)
-    for verdict in shown:
-        colour, hatch = _BAND[verdict]
-        axes.fill(
-            [],
-            [],
-            facecolor=colour,
-            hatch=hatch,
-            edgecolor="grey",
-            linewidth=0.3,
-            label=f"step {verdict.value}",
-        )
-    handles, _ = axes.get_legend_handles_labels()
+    handles = [Patch(**_style(verdict), label=f"step {verdict.value}") for verdict in shown]
     if any(one.is_open for steps in takes for one in steps):
         handles.append(open_patch())
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
@@ -96,10 +85,12 @@ def _draw_step(axes: Axes, one: ComparedStep) -> None:
         ends = upper or lower
         middle_s = 0.5 * (ends[0][0] + ends[1][0])
         (lower if upper else upper).append((middle_s, 0.5 * (top + bottom)))
-    colour, hatch = _BAND[one.verdict]
-    axes.add_patch(
-        Polygon([*upper, *lower], closed=True, facecolor=colour, hatch=hatch, edgecolor="grey", linewidth=0.3)
-    )
+    axes.add_patch(Polygon([*upper, *lower], closed=True, **_style(one.verdict)))
+
+
+def _style(verdict: Verdict) -> dict[str, Any]:
+    colour, hatch = _BAND[verdict]
+    return {"facecolor": colour, "hatch": hatch, "edgecolor": "grey", "linewidth": 0.3}
 
 
 @PLAIN_TEXT
