@@ -19,15 +19,13 @@ from contact_tracker.exports.figure import (
     fraction,
     open_patch,
     save_figure,
-    shade,
-    write_name,
 )
 from contact_tracker.files import accept_any, whole_file
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR
 from contact_tracker.sequences.comparison import ComparedStep, Comparison, Verdict
 from contact_tracker.sequences.graph import ContactGraph
-from contact_tracker.sequences.steps import Step, steps_of
+from contact_tracker.sequences.steps import steps_of
 
 _BAND: Final = {
     Verdict.SAME: ("0.85", ""),
@@ -50,7 +48,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     axes.set(xlim=(0.0, max(steps[-1].end_s for steps in takes)), ylim=(-0.02, 1.27), xlabel="time (s)")
     for steps, ribbon in zip(takes, _RIBBONS, strict=True):
         for one in steps:
-            _draw_segment(axes, one, ribbon)
+            draw_segment(axes, one.segment, one.start_s, one.end_s - one.start_s, ribbon)
     for step in comparison.steps:
         _draw_step(axes, step)
     shown = dict.fromkeys(one.verdict for one in comparison.steps)
@@ -67,13 +65,6 @@ def draw_comparison(comparison: Comparison) -> Figure:
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
     return figure
-
-
-def _draw_segment(axes: Axes, one: Step, ribbon: tuple[float, float]) -> None:
-    duration_s = one.end_s - one.start_s
-    draw_segment(axes, one.segment, one.start_s, duration_s, ribbon)
-    background = shade(one.segment)
-    write_name(axes, one.start_s, duration_s, ribbon, one.contact.value, background=background)
 
 
 def _draw_step(axes: Axes, one: ComparedStep) -> None:
